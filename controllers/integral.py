@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..model.law import gain_names
 from ..readers.errors import BadInput
 from .controller import Controller
 
@@ -96,9 +97,9 @@ def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw |
 class IntegralAction:
     """The outputs of a law that have integral action, and how it is added to the reference.
 
-    `rows` (K): their names, `ki` (K): their gains, 1/s^3 for relative degree 2, 1/s^2 for 1. ki z is added to the desired
-    derivative of highest order, which the law adds to v: the characteristic polynomial of the output becomes
-    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): indices of the rows among the outputs; `desired` and `highest`:
+    `rows` (K): their names, `ki` (K): their gains, 1/s^(k + 1) for relative degree k. ki z is added to the desired derivative of
+    highest order, which the law adds to v: the characteristic polynomial of the output becomes s^2 + kv s + ki, s^3 + kd s^2 +
+    kp s + ki, and likewise for longer chains. `acting` (K): indices of the rows among the outputs; `desired` and `highest`:
     the indices in the reference of their desired values and of the derivatives of highest order; `limit` (K): of ki |z|, 0 is
     none.
     """
@@ -130,7 +131,8 @@ class IntegralAction:
     def error(self, controller: Controller, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return y_d - y (K), with y computed by the law at a state; of an angle the smallest difference.
 
-        Zeros if the law returns an error, as it then does for the inputs too.
+        `state` ends with the states of a dynamic extension. Zeros if the law returns an error, as it then does for the inputs
+        too.
         """
         found = controller.evaluate(state, reference)
         if found.status != "ok":
@@ -147,19 +149,37 @@ class IntegralAction:
         return made
 
 
+def hurwitz(coefficients: Sequence[float | np.ndarray]) -> np.ndarray:
+    """Return whether all roots of a polynomial have negative real parts, by Routh's array; numbers, or arrays of them, the
+    coefficient of the highest power first, which is positive.
+    """
+    above, below = list(coefficients[::2]), list(coefficients[1::2])
+    stable = np.asarray(coefficients[0]) > 0.0
+    with np.errstate(all="ignore"):
+        while below:
+            stable = stable & (np.asarray(below[0]) > 0.0)
+            ratio, padded = np.divide(above[0], below[0]), [*below[1:], 0.0]
+            above, below = below, [one - ratio * other for one, other in zip(above[1:], padded, strict=False)]
+    return stable
+
+
 def _check(row: str, degree: int, ki: float, gains: Mapping[str, float]) -> None:
-    """Check Routh's conditions. Raises BadInput if they do not hold."""
+    """Check that s^(k + 1) + ... + kp s + ki is stable. Raises BadInput if not."""
     if not (math.isfinite(ki) and ki > 0):
         raise BadInput(f"gains: ki_{row} = {ki:g} must be nonnegative and finite")
     if degree == 0:
         raise BadInput(f"gains: ki_{row}: a kinematic law commands {row} as it is; leave it out")
-    if degree == 1:
-        if not gains[f"kv_{row}"] > 0:
-            raise BadInput(f"gains: ki_{row} requires kv_{row} > 0: otherwise s^2 + kv s + ki is not stable")
+    own = [gains[f"{name}_{row}"] for name in gain_names(degree)]
+    if hurwitz([1.0, *own[::-1], ki]):
         return
-    bound = gains[f"kp_{row}"] * gains[f"kd_{row}"]
-    if not ki < bound:
-        raise BadInput(f"gains: ki_{row} = {ki:g} makes {row} unstable: s^3 + kd s^2 + kp s + ki requires ki < kp kd = {bound:g}")
+    if degree == 1:
+        raise BadInput(f"gains: ki_{row} requires kv_{row} > 0: otherwise s^2 + kv s + ki is not stable")
+    if degree == 2:
+        raise BadInput(
+            f"gains: ki_{row} = {ki:g} makes {row} unstable: s^3 + kd s^2 + kp s + ki requires ki < kp kd = {own[0] * own[1]:g}"
+        )
+    terms = " + ".join(f"{name} s^{order}" for order, name in reversed(list(enumerate(gain_names(degree), 1))))
+    raise BadInput(f"gains: ki_{row} = {ki:g} makes {row} unstable: s^{degree + 1} + {terms} + ki; make it smaller")
 
 
 def _limits(given: Sequence[float], rows: Sequence[str]) -> list[float]:

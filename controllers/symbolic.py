@@ -46,7 +46,7 @@ class CasadiController:
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """Return all quantities, including those of the model (M, V, A, S, Mbar, bias, lam)."""
         check_point(self.law, state, reference)
-        status, _ = self._unlimited(state, reference)
+        status, *_ = self._unlimited(state, reference)
         if status != "ok":
             return Evaluation(status)
         function = evaluation_function(self.law)
@@ -59,9 +59,8 @@ class CasadiController:
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and what the law gives, see Controller, within the limits; zeros if the status is an error."""
         check_point(self.law, state, reference)
-        status, tau = self._unlimited(state, reference)
-        if not (status == "ok" and (np.abs(tau) <= self._limits).all()):
-            self.extension_rate = np.zeros_like(self.extension_rate)
+        status, tau, rate = self._unlimited(state, reference)
+        self.extension_rate = rate if status == "ok" and (np.abs(tau) <= self._limits).all() else np.zeros_like(rate)
         if self._grip and status == "ok":
             return self._grip(state, tau, self._slope(state, reference))
         if (np.abs(tau) <= self._limits).all():
@@ -84,18 +83,19 @@ class CasadiController:
     def _slope(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return np.asarray(slope_function(self.law)(*self._fixed, state, reference)).ravel()
 
-    def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        zero = np.zeros(len(self.law.inputs))
+    def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray, np.ndarray]:
+        """Return status, inputs and the rates of the states of the extension; zeros if the status is an error."""
+        zero = np.zeros(len(self.law.inputs)), np.zeros(len(self.law.extension))
         if not (np.isfinite(state).all() and np.isfinite(reference).all()):
-            return "nonfinite", zero
-        tau, measure, angles, self.extension_rate = self._step(*self._fixed, state, reference)
+            return "nonfinite", *zero
+        tau, measure, angles, rate = self._step(*self._fixed, state, reference)
         if not (np.abs(angles) <= ANGLE_MAX).all():
-            return "range", zero
+            return "range", *zero
         if not measure[0] > SINGULAR * measure[1]:
-            return "singular", zero
-        if not (np.isfinite(tau).all() and np.isfinite(self.extension_rate).all()):
-            return "nonfinite", zero
-        return "ok", tau
+            return "singular", *zero
+        if not (np.isfinite(tau).all() and np.isfinite(rate).all()):
+            return "nonfinite", *zero
+        return "ok", tau, rate
 
 
 def slowed(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> np.ndarray:

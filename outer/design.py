@@ -6,7 +6,7 @@ After the second feedback (20) each output is a chain of as many integrators as 
     relative degree 1:  v = ydot_d + kv (y_d - y) + ki z                            s^2 + kv s + ki
 
 with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root less. Longer chains,
-those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on, and no integral action.
+those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on.
 """
 
 import math
@@ -23,7 +23,6 @@ from .exponential import exponential
 
 SETTLED = 0.02  # an error has settled if it stays within this part of its initial value
 DEGREES = range(1, len(GAINS) + 1)
-MOST_INTEGRATED = 2  # largest relative degree with integral action
 SAMPLES = 4000  # instants at which an error is evaluated to find its settling time
 
 
@@ -240,7 +239,7 @@ def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: st
     except (TypeError, ValueError) as error:
         raise BadInput(f"{where}: poles {poles!r} are not numbers") from error
     if len(roots) > count:
-        better = ", or use integral action" if len(roots) == count + 1 <= MOST_INTEGRATED + 1 and not integral else ""
+        better = ", or use integral action" if len(roots) == count + 1 and not integral else ""
         raise BadInput(
             f"{where}: {len(roots)} poles make the controller improper, it would require a derivative more than is measured; "
             f"give {count}{better}"
@@ -264,6 +263,4 @@ def _order(degree: int, integral: bool, where: str) -> int:
     """Return the number of poles of a channel. Raises BadInput for a relative degree that no law has."""
     if degree not in DEGREES:
         raise BadInput(f"{where}: relative degree {degree}; gains exist for {DEGREES[0]} to {DEGREES[-1]}")
-    if integral and degree > MOST_INTEGRATED:
-        raise BadInput(f"{where}: relative degree {degree}; integral action applies up to {MOST_INTEGRATED}: leave it out")
     return degree + integral

@@ -113,6 +113,8 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
     if loop.drive.commands:
         raise BadInput("these systems take torques: not with drives that take velocities")
     law, controller = loop.law, loop.guidance.leg.controller
+    if law.extension and loop.integral.rows:
+        raise BadInput(f"{law.name} has a dynamic extension: its closed loop has no integral action here; leave ki out")
     if law.extension:
         return _extended_loop(loop, period, name)
     robot = sampled_robot_system(loop.plant, period) if period else robot_system(loop.plant)

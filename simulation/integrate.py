@@ -59,7 +59,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
         status, tau = command(t, state)
         if status not in RUNNING:
             raise Refused(status, t, state[:n])
-        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n]), loop.extension_rate])
+        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n], state[m:]), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
     solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance)
@@ -111,7 +111,7 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
             xi = xi + period * loop.extension_rate
         loop.sense(t, x)
         loop.guidance.update(t, loop.seen(x))
-        add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x), strict=True)])
+        add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x, xi), strict=True)])
         z = np.array([one.z for one in integrators])
         status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add, xi))
         if status not in RUNNING:

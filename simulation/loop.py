@@ -11,7 +11,7 @@ from ..controllers.backends import SCALAR, make_controller
 from ..controllers.controller import RUNNING, Controller, Friction, Limits
 from ..controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from ..controllers.ground.slip import Noticed
-from ..controllers.integral import IntegralAction
+from ..controllers.integral import IntegralAction, hurwitz
 from ..controllers.odometry import vehicle_wheels
 from ..controllers.tracking import Tracker, TrackerOptions, make_tracker
 from ..controllers.velocity import VehicleLimits
@@ -110,12 +110,12 @@ class Loop:
         if self.learning:
             self.learning.step(t, self.seen(x), self.guidance.leg.controller)
 
-    def error(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Return y_d - y of the outputs with integral action, as the controller sees it."""
+    def error(self, t: float, x: np.ndarray, xi: np.ndarray) -> np.ndarray:
+        """Return y_d - y of the outputs with integral action, as the controller sees it; `xi` as for `command`."""
         if not self.integral.rows:
             return np.zeros(0)
         seen = self.seen(x)
-        return self.integral.error(self.guidance.leg.controller, seen, self.reference(t, seen))
+        return self.integral.error(self.guidance.leg.controller, np.append(seen, xi), self.reference(t, seen))
 
     def command(self, t: float, x: np.ndarray, add: np.ndarray, xi: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and inputs (N, N m) of the controller at time t in state x; zeros on an error.
@@ -427,7 +427,7 @@ def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:
     given = iter(gains)
     for row, degree in zip(law.output.rows[:2], law.linearization.relative_degree, strict=False):
         own = [next(given) for _ in range(degree)]
-        if not np.all(np.roots([1.0, *own[:0:-1]]).real < 0.0):
+        if not hurwitz([1.0, *own[:0:-1]]):
             raise BadInput(
                 f'[reference] course: with follow = "path" the gains of {row.name} other than kp must place poles of their own; '
                 "change them"

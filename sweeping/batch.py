@@ -9,6 +9,7 @@ from ..codegen.derivation.grip import is_wide
 from ..controllers import SCALAR
 from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
+from ..controllers.integral import hurwitz
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..model.contacts import GRAVITY
@@ -334,8 +335,6 @@ class Batch:
         return np.where(good, 0, self._program.lib.NOSLIP_BAD_PARAMETER)
 
     def _stable(self, row: str, ki: np.ndarray, made: np.ndarray) -> np.ndarray:
-        """Routh's conditions for an output with integral action."""
-        gains = {gain.name: made["gains"][:, k] for k, gain in enumerate(self.law.gains)}
-        if f"kv_{row}" in gains:
-            return (ki >= 0) & ((ki == 0) | (gains[f"kv_{row}"] > 0))
-        return (ki >= 0) & ((ki == 0) | (ki < gains[f"kp_{row}"] * gains[f"kd_{row}"]))
+        """Whether an output with integral action is stable."""
+        own = [made["gains"][:, k] for k, gain in enumerate(self.law.gains) if gain.name.partition("_")[2] == row]
+        return (ki == 0) | hurwitz([np.ones_like(ki), *own[::-1], ki])

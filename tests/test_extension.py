@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import shutil
 import subprocess
 from pathlib import Path
@@ -21,6 +22,7 @@ from noslip.codegen.files import law_program
 from noslip.controllers.backends import make_controller
 from noslip.controllers.compiled import CompiledController, library
 from noslip.controllers.controller import Limits
+from noslip.controllers.integral import hurwitz
 from noslip.model import Mechanism, ModelError, control_law, reduce
 from noslip.model.law import ControlLaw, default_gains
 from noslip.model.mechanism import values_of
@@ -28,6 +30,7 @@ from noslip.model.outputs import output_map
 from noslip.model.robots.mobile_manipulator import mobile_manipulator
 from noslip.model.robots.steered import car
 from noslip.model.robots.tractor_trailer import tractor_trailer
+from noslip.outer.design import from_discrete_poles, from_lqr, from_poles, sampled_chain
 from noslip.outer.interop import closed_loop_system
 from noslip.outer.motion import steady_motion
 from noslip.outer.setting import setting_of
@@ -149,6 +152,25 @@ def test_errors_have_the_poles_that_were_placed(name, backend, tmp_path):
         A = chain([next(gains) for _ in range(degree)])
         expected = [(expm(A * t) @ error)[0] for t in run.t]
         np.testing.assert_allclose(run.y_d[:, k] - run.y[:, k], expected, rtol=0, atol=1e-6)
+
+
+INTEGRAL = "gains = { ki = 0.5, ki_x_l = 0.25 }\n"
+
+
+@pytest.mark.parametrize(("backend", "period"), [("c", 0.0), ("casadi", 0.0), ("cf", 0.001)])
+def test_integral_action_adds_a_pole(backend, period, tmp_path):
+    """The error beside a line and its integral: a chain whose characteristic polynomial is s^4 + ka s^3 + kd s^2 + kp s + ki."""
+    run = run_of(AXLE + INTEGRAL, tmp_path, backend=backend, period=period)
+    loop = make_loop(run.spec)
+    start, reference = np.append(run.x[0], loop.extension), loop.guidance.reference(0, run.x[0])
+    found = make_controller("casadi", run.law, loop.believed, run.config[0], loop.gains).evaluate(start, reference).values
+    for k, (ki, gains) in enumerate(zip((0.25, 0.5), np.reshape(loop.gains, (2, 3)), strict=True)):
+        actual = [found["h"][k], *found["ydot"][2 * k : 2 * k + 2]]
+        z = np.append(0.0, reference[4 * k : 4 * k + 3] - actual)
+        expected = np.array([expm(chain([ki, *gains]) * t) @ z for t in run.t])
+        tolerance = 2e-4 if period else 1e-6
+        np.testing.assert_allclose(-run.error[:, k], expected[:, 1], rtol=0, atol=tolerance)
+        np.testing.assert_allclose(run.integral[:, k], expected[:, 0], rtol=0, atol=tolerance)
 
 
 def test_a_point_on_a_circle_has_all_its_derivatives():
@@ -336,6 +358,14 @@ def test_trailers_back_along_an_s(N):
         expected = [np.arctan2(1.2, R) * np.sign(-curvature) for R in radii][::-1]
         row = np.searchsorted(run.t, (begin + 2.0) / course.speed - 1e-9)
         np.testing.assert_allclose(run.q[row, 3 : 3 + N], expected, atol=1e-8)
+
+
+def test_a_car_backs_along_clothoids():
+    """From beside the course and at half its speed; on the arc the steering angle is that of its radius."""
+    run = simulate(read_varied(BACKING / "clothoids.toml", {"simulation.period": 0.02}))
+    assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-4 and run.nu[-1, 0] == pytest.approx(-1.0 / 0.3, abs=1e-4)
+    delta = run.q[:, [c.name for c in run.law.system.mechanism.coordinates].index("delta")]
+    assert delta.min() == pytest.approx(-np.arctan(0.2 * 2.6), abs=1e-3)
 
 
 def test_the_train_is_the_tractor_with_trailers():
@@ -584,11 +614,13 @@ def test_start_values_are_those_of_the_reference():
         make_loop(many)
 
 
-@pytest.mark.parametrize(("name", "backend"), [("line", "c"), ("car", "cf"), ("path", "c"), ("train", "c"), ("arm", "c")])
+@pytest.mark.parametrize(
+    ("name", "backend"), [("line", "c"), ("integral", "c"), ("car", "cf"), ("path", "c"), ("train", "c"), ("arm", "c")]
+)
 def test_a_sweep_runs_the_same_loop(name, backend, tmp_path):
     """Also with other parameters, where the axle, and P_l with it, is somewhere else."""
     (tmp_path / "robots.py").write_text(ROBOTS)
-    spec = spec_of(SPECS[name], tmp_path / "spec.toml")
+    spec = spec_of((SPECS | {"integral": AXLE + INTEGRAL})[name], tmp_path / "spec.toml")
     simulation = dataclasses.replace(spec.simulation, period=0.02, backend=backend, tolerance=1e-12, duration=3.0)
     batch = Batch(dataclasses.replace(spec, simulation=simulation))
     first = next(name for name in batch.inputs if name.startswith("parameters."))
@@ -649,6 +681,26 @@ def test_systems_of_python_control_have_the_states_of_the_extension():
 
 
 OUTER_LOOP = ["outer-loop", "labmate", "--output", "type_iv_circle_extended", "--period", "0.01", "--json"]
+
+
+def test_poles_of_a_chain_with_integral_action():
+    """(s + 1)(s + 2)(s + 3)(s + 4) = s^4 + 10 s^3 + 35 s^2 + 50 s + 24; LQR and discrete poles have as many."""
+    gains = from_poles(3, [-1.0, -2.0, -3.0, -4.0], integral=True)
+    named = gains.named("y")
+    assert [named[f"{name}_y"] for name in ("ki", "kp", "kd", "ka")] == pytest.approx([24.0, 50.0, 35.0, 10.0])
+    A, B = sampled_chain(3, 0.1, integral=True)
+    placed = from_discrete_poles(3, [0.9, 0.8, 0.7, 0.6], 0.1, integral=True).vector
+    np.testing.assert_allclose(sorted(np.linalg.eigvals(A - B * placed).real), [0.6, 0.7, 0.8, 0.9], atol=1e-9)
+    assert len(from_lqr(4, [1.0] * 6, integral=True).poles) == 5
+
+
+def test_rouths_array_is_where_the_roots_are():
+    random = np.random.default_rng(9)
+    for degree in range(1, 8):
+        coefficients = random.uniform(-0.2, 2.0, (50, degree)) * [math.comb(degree, k + 1) for k in range(degree)]
+        expected = [bool(np.all(np.roots([1.0, *each]).real < 0)) for each in coefficients]
+        assert [bool(hurwitz([1.0, *each])) for each in coefficients] == expected
+        np.testing.assert_array_equal(hurwitz([np.ones(50), *coefficients.T]), expected)
 
 
 @pytest.mark.nightly
@@ -718,7 +770,7 @@ REFUSED = {
     "no extension": (AXLE.replace(", extension = true", ""), "extension = true"),
     "standstill": (AXLE.replace("speed = 0.5", "speed = 0.0"), "start with a speed"),
     "not on the axle": (AXLE.replace("L = -0.3", "L = 0.1"), "L = -0.3 m; L is 0.1"),
-    "integral action": (AXLE + "gains = { ki = 0.1 }", "does not go with a gain ki"),
+    "integral action": (AXLE + "gains = { ki_x_l = 12.5 }", "kp s.1 . ki; make it smaller"),
     "slow": (AXLE + 'limits = { torque = 3.0, mode = "slow" }', 'set mode = "cut"'),
     "drive": (
         AXLE.replace("output_step = 0.5 }", "period = 0.01 }") + 'drive = { kind = "velocity", bandwidth = 5.0 }',

@@ -183,7 +183,6 @@ def test_deadbeat():
         (lambda: from_poles(2, [NAN, -1]), "not finite"),
         (lambda: from_poles(2, ["a", -1]), "not numbers"),
         (lambda: from_poles(7, [-1] * 7), "relative degree 7"),
-        (lambda: from_poles(3, [-1] * 4, True), "integral action applies up to 2"),
         (lambda: from_settling(2, 0.0), "must be positive"),
         (lambda: from_settling(2, -1.0), "must be positive"),
         (lambda: from_settling(2, 1.0, NAN), "must be positive and finite"),

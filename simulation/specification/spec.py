@@ -752,8 +752,6 @@ class Spec:
     def _check_extension(self) -> None:
         """Raise BadInput for what a dynamic extension is not there for yet."""
         without = "[output] extension = true does not go with"
-        if any(name[:2] == "ki" for name in self.gains):
-            raise BadInput(f"{without} a gain ki: integral action applies to outputs of relative degree 1 and 2")
         if self.reference.approach:
             raise BadInput(f"{without} [reference] approach, whose reference has no third derivative")
         if self.limits and self.limits.mode != "cut":

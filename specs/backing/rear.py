@@ -1,0 +1,11 @@
+"""The shipped car with the middle of its rear axle as output, which follows the path forward and in reverse."""
+
+from noslip.model import Mechanism
+from noslip.model.robots.steered import car
+
+
+def rear() -> Mechanism:
+    """The middle of the rear axle is a flat output of a car: it leaves no zero dynamics in either direction."""
+    robot = car()
+    robot.output("rear", "middle of the rear axle", [("x_r", "m", robot["x"]), ("y_r", "m", robot["y"])])
+    return robot
