@@ -15,6 +15,7 @@ from .stepping import installed
 
 FREE, HINGE = 0, 3  # mjtJoint
 ON_JOINT = 0  # mjtTrn
+ELLIPSOID, CYLINDER = 4, 5  # mjtGeom
 WHERE = "[scene]"
 
 
@@ -98,7 +99,9 @@ class SceneFile:
         return [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in bodies and touches[g]]
 
     def pave(self, wheels: Iterable[int], mu: float) -> None:
-        """Set the friction of what stands on a floor that the file did not have: shapes of wheels `mu`, the others none."""
+        """Set the friction of what stands on a floor that the file did not have: shapes of wheels `mu`, the others none.
+        Cylinders of wheels touch as the ellipsoids in them do, in the middle.
+        """
         model, wheels = self.model, set(wheels)
         for g in range(model.ngeom):
             if model.geom_bodyid[g]:
@@ -106,6 +109,9 @@ class SceneFile:
                 model.geom_condim[g] = 3 if g in wheels else 1
                 model.geom_friction[g] = mu, 0.0, 0.0
                 model.geom_solref[g] = STIFF, DAMPED
+                if g in wheels and model.geom_type[g] == CYLINDER:
+                    model.geom_type[g] = ELLIPSOID
+                    model.geom_size[g] = model.geom_size[g, [0, 0, 1]]  # radius, and half its length
                 model.geom_solimp[g, :3] = [float(part) for part in HARD.split()]
 
 
