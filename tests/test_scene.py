@@ -213,6 +213,23 @@ BAD = {
     "unknown element": (*scene("<freejoint/>", "<freejoin/>"), "MuJoCo cannot read it: XML Error: Schema violation"),
     "xacro": ('<robot name="${a}"/>', NAMED, "a xacro file; expand it"),
     "no link": ('<robot name="a"><joint name="a" type="fixed"/></robot>', NAMED, "<joint> has no <parent>"),
+    "circle": (
+        turtlebot3("burger").text.replace(
+            "</robot>", '<joint name="a" type="fixed"><parent link="base_scan"/><child link="base_link"/></joint></robot>'
+        ),
+        WHEELS,
+        "every link has a parent",
+    ),
+    "no mass": (
+        re.sub('(name="wheel_left_link">)<inertial>.*?</inertial>', r"\1", turtlebot3("burger").text),
+        WHEELS,
+        "link 'wheel_left_link' moves, and has no <inertial>",
+    ),
+    "zero mass": (
+        turtlebot3("burger").text.replace('mass value="0.114"', 'mass value="0"'),
+        WHEELS,
+        "link 'base_scan': its mass is 0 kg",
+    ),
     "mesh": (
         turtlebot3("burger").text.replace('<cylinder length="0.018" radius="0.033"/>', '<mesh filename="package://a/b.stl"/>'),
         WHEELS,
