@@ -142,7 +142,7 @@ def read_scene(file: str) -> SceneFile:
 
 
 def _of_urdf(file: str) -> Any:
-    """Return the MuJoCo model, not yet compiled, of a URDF that `read` accepts. Its base is free; links without <inertial> have no
+    """Return the MuJoCo model, not compiled, of a URDF that `read` accepts. Its base is free; links without <inertial> have no
     mass. Raises BadInput, also for a body that moves without a mass, and for a mesh that is not found.
     """
     from lxml import etree
