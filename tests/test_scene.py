@@ -152,9 +152,8 @@ def test_a_car_with_four_wheels_moves_as_the_bicycle(tmp_path):
 
 
 def urdf(tmp_path) -> str:
-    """The TurtleBot3 Burger, with spheres as wheels."""
-    text = turtlebot3("burger").text.replace('<cylinder length="0.018" radius="0.033"/>', '<sphere radius="0.033"/>')
-    (tmp_path / "burger.urdf").write_text(text)
+    """The TurtleBot3 Burger, whose wheels are cylinders."""
+    (tmp_path / "burger.urdf").write_text(turtlebot3("burger").text)
     return str(tmp_path / "burger.urdf")
 
 
@@ -169,23 +168,37 @@ def test_a_urdf_gets_a_floor_and_moves(tmp_path):
     scene = simulate(read_varied(spec, brief | {"scene": {"file": urdf(tmp_path), **WHEELS}}), engine="mujoco")
     assert not scene.warnings and scene.floor.mu == 0.5
     assert np.abs(scene.q[:, :2] - own.q[:, :2]).max() < SAME
-    broad = turtlebot3("burger").text
-    (tmp_path / "broad.urdf").write_text(broad.replace('mass value="0.825', 'mass value="1.825'))
+    (tmp_path / "heavy.urdf").write_text(turtlebot3("burger").text.replace('mass value="0.825', 'mass value="1.825'))
     scene = SceneEngine(
         plant("turtlebot3_burger"),
         SceneSection(
-            file=str(tmp_path / "broad.urdf"), joints={"theta_r": ("wheel_right_joint",), "theta_l": ("wheel_left_joint",)}
+            file=str(tmp_path / "heavy.urdf"), joints={"theta_r": ("wheel_right_joint",), "theta_l": ("wheel_left_joint",)}
         ),
         ContactSection(),
         Floor(),
         np.zeros(7),
     )
-    for said in (
-        "the mass is 2.002 kg, that of turtlebot3_burger 1.002 kg",
-        "the mass matrix of the rolling robot differs",
-        "touches at points 0.018 m apart",
-    ):
+    for said in ("the mass is 2.002 kg, that of turtlebot3_burger 1.002 kg", "the mass matrix of the rolling robot differs"):
         assert any(said in warning for warning in scene.warnings), said
+    assert len(scene.warnings) == 2
+
+
+def test_warnings_say_where_the_file_differs(tmp_path):
+    """Cylinders that touch with both edges, a larger radius, a place, and sides that are interchanged."""
+    text = cart().replace('type="ellipsoid" size="0.15 0.15 0.15"', 'type="cylinder" size="0.16 0.02" euler="0 90 0"')
+    text = text.replace("-0.25", "-0.24").replace('<body name="left" pos="-0.65', '<body name="left" pos="-0.68')
+    (tmp_path / "cart.xml").write_text(text)
+    section = SceneSection(file=str(tmp_path / "cart.xml"), joints={"theta_r": ("right axle",), "theta_l": ("left axle",)})
+    made = SceneEngine(plant("labmate"), section, ContactSection(), Floor(), np.zeros(7))
+    joints = ("joints are 0.015 m away from where labmate has its wheels",)
+    radii = [f"the wheel on '{side} axle' has a radius of 0.16 m, that of labmate 0.15 m" for side in ("right", "left")]
+    edges = [f"the wheel on '{side} axle' touches at points 0.04 m apart along its axle" for side in ("right", "left")]
+    for said in (*joints, *radii, *edges):
+        assert any(said in warning for warning in made.warnings), (said, made.warnings)
+    (tmp_path / "own.xml").write_text(scene_of(plant("labmate"), ContactSection(share=0.7), Floor()))
+    section = SceneSection(file=str(tmp_path / "own.xml"), joints={"theta_r": ("theta_l",), "theta_l": ("theta_r",)})
+    made = SceneEngine(plant("labmate"), section, ContactSection(), Floor(), np.zeros(7))
+    assert any("left and right may be interchanged" in warning for warning in made.warnings)
 
 
 def scene(old: str = "", new: str = "", **section):
@@ -200,6 +213,23 @@ BAD = {
     "unknown element": (*scene("<freejoint/>", "<freejoin/>"), "MuJoCo cannot read it: XML Error: Schema violation"),
     "xacro": ('<robot name="${a}"/>', NAMED, "a xacro file; expand it"),
     "no link": ('<robot name="a"><joint name="a" type="fixed"/></robot>', NAMED, "<joint> has no <parent>"),
+    "circle": (
+        turtlebot3("burger").text.replace(
+            "</robot>", '<joint name="a" type="fixed"><parent link="base_scan"/><child link="base_link"/></joint></robot>'
+        ),
+        WHEELS,
+        "every link has a parent",
+    ),
+    "no mass": (
+        re.sub('(name="wheel_left_link">)<inertial>.*?</inertial>', r"\1", turtlebot3("burger").text),
+        WHEELS,
+        "link 'wheel_left_link' moves, and has no <inertial>",
+    ),
+    "zero mass": (
+        turtlebot3("burger").text.replace('mass value="0.114"', 'mass value="0"'),
+        WHEELS,
+        "link 'base_scan': its mass is 0 kg",
+    ),
     "mesh": (
         turtlebot3("burger").text.replace('<cylinder length="0.018" radius="0.033"/>', '<mesh filename="package://a/b.stl"/>'),
         WHEELS,

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from ...readers.errors import BadInput, suggestion
-from ...readers.urdf.document import checked, parsed
+from ...readers.urdf.document import checked, parsed, read
 from ...readers.urdf.rims import mesh_file
 from .mjcf import DAMPED, HARD, IMPRATIO, STIFF
 from .stepping import installed
 
 FREE, HINGE = 0, 3  # mjtJoint
 ON_JOINT = 0  # mjtTrn
+ELLIPSOID, CYLINDER = 4, 5  # mjtGeom
 WHERE = "[scene]"
 
 
@@ -98,7 +98,9 @@ class SceneFile:
         return [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in bodies and touches[g]]
 
     def pave(self, wheels: Iterable[int], mu: float) -> None:
-        """Set the friction of what stands on a floor that the file did not have: shapes of wheels `mu`, the others none."""
+        """Set the friction of what stands on a floor that the file did not have: shapes of wheels `mu`, the others none.
+        Cylinders of wheels touch as the ellipsoids in them do, in the middle.
+        """
         model, wheels = self.model, set(wheels)
         for g in range(model.ngeom):
             if model.geom_bodyid[g]:
@@ -106,31 +108,20 @@ class SceneFile:
                 model.geom_condim[g] = 3 if g in wheels else 1
                 model.geom_friction[g] = mu, 0.0, 0.0
                 model.geom_solref[g] = STIFF, DAMPED
+                if g in wheels and model.geom_type[g] == CYLINDER:
+                    model.geom_type[g] = ELLIPSOID
+                    model.geom_size[g] = model.geom_size[g, [0, 0, 1]]  # radius, and half its length
                 model.geom_solimp[g, :3] = [float(part) for part in HARD.split()]
 
 
 def read_scene(file: str) -> SceneFile:
     """Read an MJCF or a URDF. A URDF gets a free joint; a file without anything that stands still gets a level floor.
 
-    Raises BadInput for a file that is missing, and with MuJoCo's reason for one that it cannot read.
+    Raises BadInput for a file that is missing, and with the reason for one that is not a robot or that MuJoCo cannot read.
     """
-    from lxml import etree
-
     mujoco = installed()
     try:
-        root = parsed(file)
-    except (BadInput, OSError) as error:
-        said = f"{error.strerror}; check the path" if isinstance(error, OSError) else str(error).removeprefix(f"{file}: ")
-        raise BadInput(f"{WHERE} file = {file}: {said}") from error
-    try:
-        if root.tag == "robot":
-            checked(file, root)
-            spec = mujoco.MjSpec.from_string(etree.tostring(root, encoding="unicode"))
-            _find_meshes(spec, file)
-            for body in spec.worldbody.bodies:
-                body.add_freejoint()
-        else:
-            spec = mujoco.MjSpec.from_file(file)
+        spec = _of_urdf(file) if parsed(file).tag == "robot" else mujoco.MjSpec.from_file(file)
         model = spec.compile()
         stands_still = model.body_weldid[model.geom_bodyid] == 0
         paved = not (model.npair or (stands_still & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))).any())
@@ -138,19 +129,37 @@ def read_scene(file: str) -> SceneFile:
             spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
             spec.option.impratio = IMPRATIO
             model = spec.compile()
-    except ValueError as error:
-        raise BadInput(
-            f"{WHERE} file = {file}: MuJoCo cannot read it: {' '.join(str(error).removeprefix('Error: ').split())}"
-        ) from error
+    except (BadInput, OSError, ValueError) as error:
+        said = " ".join(str(error).removeprefix(f"{file}: ").removeprefix("Error: ").split())
+        if isinstance(error, OSError):
+            said = f"{error.strerror}; check the path"
+        elif not isinstance(error, BadInput):
+            said = f"MuJoCo cannot read it: {said}"
+        raise BadInput(f"{WHERE} file = {file}: {said}") from error
     model.opt.integrator, model.opt.cone = mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtCone.mjCONE_ELLIPTIC
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return SceneFile(file, model, paved)
 
 
-def _find_meshes(spec: Any, file: str) -> None:
-    """Name the files of meshes by their paths, those in packages too. Raises BadInput for one that is not found."""
+def _of_urdf(file: str) -> Any:
+    """Return the MuJoCo model, not compiled, of a URDF that `read` accepts. Its base is free; links without <inertial> have no
+    mass. Raises BadInput, also for a body that moves without a mass, and for a mesh that is not found.
+    """
+    from lxml import etree
+
+    document, root = read(file), parsed(file)
+    checked(file, root)
+    for top in (document.root, *(joint.child for joint in document.joints.values() if joint.type != "fixed")):
+        if not any([document.inertial(link) for link in document.subtree(top, lambda joint: joint.type == "fixed")]):
+            raise BadInput(f"{file}: link {top!r} moves, and has no <inertial>; give its mass and inertia")
+    spec = installed().MjSpec.from_string(etree.tostring(root, encoding="unicode"))
     for mesh in spec.meshes:
-        found = mesh_file(Path(file), mesh.file)
+        found = mesh_file(document.path, mesh.file)
         if found is None:
-            raise BadInput(f"{WHERE} file = {file}: its mesh {mesh.file} is not found; give the file, or a shape without one")
+            raise BadInput(f"{file}: its mesh {mesh.file} is not found; give the file, or a shape without one")
         mesh.file = str(found)
+    for geom in spec.geoms:
+        geom.mass = 0.0
+    for body in spec.worldbody.bodies:
+        body.add_freejoint()
+    return spec
