@@ -1,11 +1,11 @@
 /*
- * follower.c - the follower of a robot for EVA, in the scalar REAL with SUFFIX: whatever its parts return, commands are finite and
- * within the limits of the motors, zero after a stop, and nothing but the follower and the command is written.
+ * follower.c - the follower of a robot for EVA, in the scalar REAL with SUFFIX: whatever its parts return, commands are
+ * finite and within the limits of the motors, and zero after a stop, and only the follower and the command are written.
  *
- * The parts are replaced by functions that return any status and write any bits to what the programs path.c, law.c, runtime.c and
- * drives.c prove that they write to; of the law and the motors also the bounds that are proved there. The follower keeps the
- * properties in make_follower, which init establishes, so that the results hold for any sequence of calls. Periods, and limits of
- * torque, are specific numbers.
+ * The parts are replaced by functions that return any status and write any bits to what the programs path.c, law.c,
+ * runtime.c and drives.c prove that they write to; of law, motors and watchdog with the bounds that are proved there.
+ * The follower keeps the properties in make_follower, which init establishes, so that the results hold for any
+ * sequence of calls. Periods and limits of torque are specific numbers.
  */
 #include "eva.h"
 #include HEADER
@@ -58,7 +58,8 @@ static int any_odometry_unwind(OF(noslip_odometry) *self)
     return any_odometry_correct(self, &self->pose, NOSLIP_RESET);
 }
 
-static int any_velocity_step(OF(noslip_velocity) *self, const REAL *u, const REAL *nu, int status, REAL dt, REAL *command)
+static int any_velocity_step(OF(noslip_velocity) *self, const REAL *u, const REAL *nu, int status, REAL dt,
+    REAL *command)
 {
     int k;
     (void)(u[0] + u[1] + nu[0] + nu[1] + dt);
@@ -115,8 +116,8 @@ static noslip_watchdog_state any_watchdog_step(noslip_watchdog *self, int status
     return self->state;
 }
 
-int OF_LAW(_init)(OF(LAW) *self, const OF_ROBOT(_params) *params, const OF_LAW(_config) *config, const OF_LAW(_gains) *gains,
-    const OF_ROBOT(_options) *options)
+int OF_LAW(_init)(OF(LAW) *self, const OF_ROBOT(_params) *params, const OF_LAW(_config) *config,
+    const OF_LAW(_gains) *gains, const OF_ROBOT(_options) *options)
 {
     (void)(params->r + config->L + gains->kv_speed + options->limit[0]);
     ANY(*self);
