@@ -168,9 +168,14 @@ trig-sweep:
 dist: $(READY_DEV)
 	rm -rf dist
 	$(VENV)/bin/python -m build --quiet --outdir dist .
-	version=$$($(VENV)/bin/noslip --version | cut -d' ' -f2); git archive --format=zip --prefix=noslip-c-$$version/ \
-	  -o dist/noslip-c-$$version.zip HEAD LICENSE README.md docs/paths.md docs/firmware.md generated runtime_c
+	version=$$($(VENV)/bin/noslip --version | cut -d' ' -f2); $(MAKE) --no-print-directory dist/noslip-c-$$version.zip
 	@ls dist
+
+# The same bytes wherever it is made: the times in it are those of the commit, in UTC.
+dist/noslip-c-%.zip:
+	@mkdir -p dist
+	TZ=UTC0 git -c core.autocrlf=false archive --format=zip --prefix=noslip-c-$*/ -o $@ HEAD LICENSE README.md docs/paths.md \
+	  docs/firmware.md generated runtime_c
 
 clean:
 	rm -rf dist build $(VENV) *.egg-info .pytest_cache .ruff_cache

@@ -16,10 +16,12 @@ OPTIONS = (
 ).split()
 PROGRAMS = HERE / "c" / "eva"
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
+GROUPED = re.compile(r"((?<=[{;])\s*){([^{}]*)}")  # members that Frama-C groups without a name
 FILES = {"HEADER": "h", "SOURCE": "c"}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
 ESTIMATED = {f"self.filter.{member}" for member in ("state", "rounded", "factors")}
-NOT_OF_THE_C = {"__fc_errno", "kept"}  # errno of sqrt, which is an instruction here; what the program of grip counts
+# errno of sqrt, which is an instruction here; what the program of grip counts; what ANY depends on
+NOT_OF_THE_C = {"__fc_errno", "kept", "Frama_C_entropy_source"}
 MAY_WRITE = {  # function -> objects and members, named as in the programs, that it may write to
     "init": {"law"},
     "reset": {"law.held"},
@@ -51,9 +53,21 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "noslip_path_look": {"guide"},
     "noslip_path_update": {"self.current", "self.saved", "self.guide", "self.started", "guide"},
 }
+FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts are replaced; the objects only
+    "labmate_follower_init": {"self"},
+    "labmate_follower_tick": {"self", "command"},
+    "labmate_follower_tick_angles": {"self", "command"},
+    "labmate_follower_update": {"self"},
+    "labmate_follower_correct": {"self"},
+    "labmate_follower_reset": {"self"},
+    "labmate_follower_twist": {"twist"},
+}
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
 MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
+MOST_IN_FOLLOWER = {"labmate_follower_init": 2000, "init_drives": 20, "set_params": 20} | dict.fromkeys(
+    ("init_encoders", "init_path", "init_laws", "init_law", "init_approach", "init_integrals", "set_wheels"), 0
+)
 MOST_IN_FRAMES = {"noslip_crc32": 0, "noslip_frame_begin": 0, "noslip_frame_word": 20}  # the bytes are arbitrary
 MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_init": 2000, "check_update": 3000, "main": 10000}
 
@@ -78,12 +92,13 @@ class AnalysedProgram:
         """
         suffix = SCALARS[self.scalar][0]
         of_frames = MOST_IN_FRAMES if self.source == "telemetry" else {}
-        own = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "course": MOST_IN_COURSE}.get(self.source, {})
+        own = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "course": MOST_IN_COURSE, "follower": MOST_IN_FOLLOWER}
+        own = own.get(self.source, {})
         most = {"noslip_limit": 0, "noslip_abs": 0} | own
-        most = {f"{name}{suffix if name.startswith('noslip') else ''}": n for name, n in most.items()} | of_frames
+        most = {f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()} | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
         split = ["-eva-split-return", "full", "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
-        level = {"path": "100", "slip": "20", "course": "300", "telemetry": "300"}.get(self.source, "2000")
+        level = {"path": "100", "slip": "20", "course": "300", "telemetry": "300", "follower": "100"}.get(self.source, "2000")
         return ["-eva-slevel", level, "-eva-slevel-function", each, *split]
 
     def sources(self, task: Task) -> list[Path]:
@@ -93,7 +108,7 @@ class AnalysedProgram:
         more += [task.generated / f"{self.law}{suffix}.c"] if self.source == "law" else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
-        more += [task.runtime / "noslip_watchdog.c"] if self.source == "drives" else []
+        more += [task.runtime / "noslip_watchdog.c"] if self.source in ("drives", "follower") else []
         if self.source == "telemetry":
             parts = [task.runtime / f"noslip_{part}.c" for part in ("telemetry", "image")]
             more = [task.generated / f"labmate_telemetry{suffix}.c", *parts]
@@ -115,7 +130,8 @@ class AnalysedProgram:
             return macros | {"ROBOT": "labmate", "HEADER": f'"labmate_telemetry{suffix}.h"'}
         if not self.law:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
-        law = {"ROBOT": "labmate", "LAW": self.law} | {name: f'"{self.law}{suffix}.{end}"' for name, end in FILES.items()}
+        analysed = "labmate_follower" if self.source == "follower" else self.law
+        law = {"ROBOT": "labmate", "LAW": self.law} | {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
         return macros | law | {"FOLLOWS": str(int(task.follows(self.law)))}
 
 
@@ -127,6 +143,7 @@ def programs(task: Task) -> list[AnalysedProgram]:
     parts += [("telemetry", "")]
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
     named = [("law", law) for law in laws] + ([] if task.short else grips) + parts[: 2 if task.short else None]
+    named += [] if task.short else [("follower", task.laws[-1])]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
 
@@ -169,12 +186,15 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
         wrong = [f"{program}: alarms that are not listed"]
     reached = set(re.findall(r"Frama_C_show_each_reached_(\w+)", text))
     wrong += [f"{program}: {place} is not reached" for place in program.places(task) if place not in reached]
+    whole = program.source == "follower"
+    may_write = FOLLOWER_MAY_WRITE if whole else MAY_WRITE
     for function, written in re.findall(r"Out \(external\) for function (\w+):\n((?: +.*\n)+)", text):
-        allowed = MAY_WRITE.get(function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0]))
+        allowed = may_write.get(function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0]))
         written = re.sub(r"\[[^]]*\]", "", written)
-        while (plain := re.sub(r"([\w.]+){([^{}]*)}", _members, written)) != written:
+        while (plain := re.sub(r"([\w.]+){([^{}]*)}", _members, re.sub(GROUPED, r"\1\2", written))) != written:
             written = plain
         places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - NOT_OF_THE_C
+        places = {place.split(".")[0] for place in places} if whole else places
         if allowed is not None and not places <= allowed:
             wrong.append(f"{program}: {function} writes to {' '.join(written.split())}")
     return int(shown[1]), wrong

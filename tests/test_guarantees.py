@@ -230,6 +230,36 @@ def test_eva_finds_in_frames(wrong, tmp_path):
     assert any("out of bounds" in line for line in lines), lines
 
 
+FOLLOWER = "generated/labmate/labmate_follower_f.c"
+EVA_FINDS_IN_THE_FOLLOWER = {
+    "a command that stays after a stop": (
+        "        command[0] = 0;\n        command[1] = 0;\n    }\n    return status;",
+        "    }\n    return status;",
+    ),
+    "a torque of no law": ("self->torque[0] = torque[0];", "self->torque[0] = self->rate[0];"),
+    "a time that may be infinite": ("if (noslip_is_positive_f(dt) && dt <=", "if (dt > 0 || dt <="),
+    "a stop that is good": ("self->watchdog.status : NOSLIP_NOT_READY;", "self->watchdog.status : NOSLIP_OK;"),
+    "a follower that is ready too early": (
+        "    self->ready = 0;\n    if (config == NULL)",
+        "    self->ready = NOSLIP_READY;\n    if (config == NULL)",
+    ),
+    "a config that is changed": (
+        "    self->waited = 0;\n    if (noslip_abs_f(odometry",
+        "    ((labmate_follower_config_f *)self->config)->period = 1;\n    if (noslip_abs_f(odometry",
+    ),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("wrong", EVA_FINDS_IN_THE_FOLLOWER)
+@with_eva
+def test_eva_finds_in_the_follower(wrong, tmp_path):
+    law = "labmate_type_iv_segment"
+    task = changed(tmp_path, FOLLOWER, *EVA_FINDS_IN_THE_FOLLOWER[wrong], law)
+    _, lines = eva.analyse(task, eva.AnalysedProgram("follower", "float", law))
+    assert any(word in line for line in lines for word in ("assertion got status", "writes to", "non-finite", "overflow")), lines
+
+
 SEGMENTS = ("#define SEGMENTS 3", "#define SEGMENTS 1")  # of the paths analysed: with one it is quicker
 
 

@@ -289,6 +289,7 @@ def test_too_fast_in_a_curve_brakes_and_says_so():
     one.reset(start)
     _, command = one.follow(start, start, "ok", PERIOD)
     assert command == pytest.approx(start * command[0] / start[0], rel=1e-12), "both go to zero together"
+    assert twist(start - command)[0] == pytest.approx(VEHICLE.along * PERIOD, rel=1e-9), "as fast as they may, no faster"
 
 
 def test_what_a_step_says():

@@ -1,11 +1,14 @@
 """Packages: those that can be built here are built in a fresh folder; the others are compared with what their formats ask for."""
 
+import io
 import json
+import os
 import re
 import shutil
 import subprocess
 from functools import cache
 from pathlib import Path
+from zipfile import ZipFile
 
 import noslip.cli.export as export
 import pytest
@@ -14,6 +17,7 @@ from noslip.cli.main import main
 from noslip.codegen.packages.packages import PACKAGES
 from noslip.tests.tools import need
 
+ROOT = Path(__file__).resolve().parents[1]
 LAW, HEADER = "type_iv_circle", "labmate_type_iv_circle_f.h"
 USES = f"""#include "{HEADER}"
 int main(void)
@@ -223,6 +227,47 @@ def test_platformio_description(exported):
     assert all((folder / found["build"]["includeDir"] / header).is_file() for header in found["headers"])
     for example in found["examples"]:
         assert all((folder / example["base"] / file).is_file() for file in example["files"])
+
+
+def test_platformio_reads_it(exported):
+    """PlatformIO's own parser and schema, where it is installed; the list of licenses would come from the network."""
+    parser = pytest.importorskip("platformio.package.manifest.parser")
+    schema = pytest.importorskip("platformio.package.manifest.schema")
+
+    class Known(schema.ManifestSchema):
+        @staticmethod
+        def load_spdx_licenses(*_: object) -> dict:
+            return {"licenses": [{"licenseId": "MIT"}]}
+
+    found = parser.ManifestParserFactory.new_from_dir(str(exported("platformio"))).as_dict()
+    assert Known().load_manifest(found)["version"] == __version__
+    with pytest.raises(schema.ManifestValidationError):
+        Known().load_manifest({**found, "version": "latest"})
+
+
+def test_the_zip_has_the_same_bytes_everywhere(tmp_path):
+    """`make dist` in two clones, umasks and time zones; it has what git has, and its C builds in a fresh folder."""
+    need("git"), need("make")
+    zips = []
+    for zone, umask in (("Asia/Tokyo", 0o022), ("America/New_York", 0o077)):
+        clone = tmp_path / zone.replace("/", "_")
+        run("git", "clone", "--quiet", ROOT, clone)
+        env = {**os.environ, "TZ": zone}
+        run("make", "-s", f"dist/noslip-c-{__version__}.zip", cwd=clone, env=env, umask=umask)
+        zips.append((clone / f"dist/noslip-c-{__version__}.zip").read_bytes())
+    assert zips[0] == zips[1]
+    with ZipFile(io.BytesIO(zips[0])) as packed:
+        packed.extractall(tmp_path / "fresh")
+    folder = tmp_path / f"fresh/noslip-c-{__version__}"
+    assert {each.name for each in folder.iterdir()} == {"LICENSE", "README.md", "docs", "generated", "runtime_c"}
+    for file in [path.relative_to(folder) for path in folder.rglob("*.[ch]")]:
+        assert (folder / file).read_bytes() == (clone / file).read_bytes()
+    robot = folder / "generated/labmate"
+    (tmp_path / "x.c").write_text(USES)
+    sources = [robot / "labmate_f.c", robot / "labmate_type_iv_circle_f.c", folder / "runtime_c/noslip_status.c"]
+    program = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{folder / 'runtime_c'}", f"-I{robot}", tmp_path / "x.c"]
+    run(*program, *sources, "-o", tmp_path / "x")
+    run(tmp_path / "x")
 
 
 # What the build systems of Zephyr and ESP-IDF define, as far as the packages use it.

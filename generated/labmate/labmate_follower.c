@@ -595,7 +595,7 @@ int labmate_follower_tick_angles(labmate_follower *self, const double turned[2],
     if (self == NULL || turned == NULL || command == NULL || self->ready != NOSLIP_READY) {
         return reject(self, turned, command);
     }
-    if (dt > 0 && dt <= LONGEST * self->config->period) { /* false for NaN */
+    if (noslip_is_positive(dt) && dt <= LONGEST * self->config->period) {
         const double periods = dt / self->config->period - 0.5;
         missed = periods > 1 ? (uint32_t)periods : 0;
         set_interval(self->config, dt, &time);

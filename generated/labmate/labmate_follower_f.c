@@ -597,7 +597,7 @@ int labmate_follower_tick_angles_f(labmate_follower_f *self, const float turned[
     if (self == NULL || turned == NULL || command == NULL || self->ready != NOSLIP_READY) {
         return reject(self, turned, command);
     }
-    if (dt > 0 && dt <= LONGEST * self->config->period) { /* false for NaN */
+    if (noslip_is_positive_f(dt) && dt <= LONGEST * self->config->period) {
         const float periods = dt / self->config->period - 0.5f;
         missed = periods > 1 ? (uint32_t)periods : 0;
         set_interval(self->config, dt, &time);

@@ -767,7 +767,7 @@ int @{ f("tick_angles") }(@{ self } *self, const @{ real } turned[2], @{ real } 
     if (self == NULL || turned == NULL || command == NULL || self->ready != NOSLIP_READY) {
         return reject(self, turned, command);
     }
-    if (dt > 0 && dt <= LONGEST * self->config->period) { /* false for NaN */
+    if (@{ n("is_positive") }(dt) && dt <= LONGEST * self->config->period) {
         const @{ real } periods = dt / self->config->period - @{ literal(0.5) };
         missed = periods > 1 ? (uint32_t)periods : 0;
         set_interval(self->config, dt, &time);
