@@ -16,6 +16,7 @@ from noslip.identification.fit import identify, predicted
 from noslip.identification.log import FEWEST, Log, read_log
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.drawing import panels
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import spec_of_table
 from noslip.simulation.specification.vary import read_varied
@@ -88,6 +89,12 @@ def deviations(count: int) -> tuple[np.ndarray, np.ndarray]:
     results = [identify(log_of(NOISE, seed), DYNAMICS, list(PLANT), VALUES, True).estimates for seed in range(count)]
     errors = np.array([[e[name].value - PLANT[name] for name in PLANT] for e in results])
     return errors, np.array([[e[name].sd for name in PLANT] for e in results])
+
+
+def test_panels_of_many_outputs_have_rows_of_three():
+    _, axes = panels(*"abcde", most=3)
+    places = [(each.get_subplotspec().rowspan.start, each.get_subplotspec().colspan.start) for each in axes]
+    assert places == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
 
 
 def test_values_lie_within_their_deviations():
