@@ -67,7 +67,7 @@ def result_of(
     alone = {c.pivot for c in basis if not c.others} - set(fit.unseen) - set(tied)
     sd = fit.deviations()
     for name in sorted(alone, key=names.index):
-        may_be_zero = fit.quantities[name].sign == "any" and not fit.quantities[name].default
+        may_be_zero = fit.quantities[name].sign != "positive" and not fit.quantities[name].default
         if sd[name] > DOUBTFUL * abs(fit.value(name)) and not may_be_zero:
             sentences.append(
                 f"{name}: its standard deviation, {sd[name]:.3g}, is more than half of its value, {fit.value(name):.3g}"

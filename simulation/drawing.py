@@ -49,11 +49,16 @@ STYLE = matplotlib.RcParams(
 )
 
 
-def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = ()) -> tuple[Figure, np.ndarray]:
-    """Return a figure with a row of panels, one for each title, and the panels."""
+def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = (), most: int | None = None) -> tuple[Figure, np.ndarray]:
+    """Return a figure with a panel for each title, and the panels: in one row, or in rows of at most so many."""
     layout = ConstrainedLayoutEngine(w_pad=0.08)  # inches: equal scales may widen the labels of an axis after the layout
-    figure = Figure(figsize=(12.0, height), layout=layout)
-    axes = figure.subplots(1, len(titles), squeeze=False, width_ratios=tuple(widths) or None)[0]
+    columns = min(most or len(titles), len(titles))
+    rows = -(-len(titles) // columns)
+    figure = Figure(figsize=(12.0, rows * height), layout=layout)
+    axes = figure.subplots(rows, columns, squeeze=False, width_ratios=tuple(widths) or None).ravel()
+    for panel in axes[len(titles) :]:
+        panel.remove()
+    axes = axes[: len(titles)]
     for panel, title in zip(axes, titles, strict=True):
         panel.set_title(title, loc="left")
     return figure, axes

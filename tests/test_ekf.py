@@ -1,5 +1,6 @@
 """The generated extended Kalman filter: beside one in 50 digits, its statistics, missed, late and wrong measurements."""
 
+import json
 import math
 import re
 from pathlib import Path
@@ -501,3 +502,11 @@ def test_a_filter_that_is_not_the_model_is_not_written(name, tmp_path, monkeypat
     assert code == 1 and not folder.exists() and "nothing is written" in err
     assert err.startswith(f"noslip: labmate, ekf, double: {quantity} differs: the C gives ") and "the model gives " in err
     assert "sensed thetadot_r = " in err
+
+
+def test_what_a_tick_costs():
+    """On a Cortex-M4F in float, as the guarantees counted: 600 instructions without a pose, 512 bytes of stack."""
+    numbers = json.loads((ROOT / "guarantees/budget.json").read_text())["cortex-m4f"]["modules"]
+    assert max(numbers["noslip_ekf_f"][f"most {kind}"] for kind in ("gyro", "wheels")) <= 600
+    stack = {name: size for name, size in numbers["runtime_f"].items() if "_ekf_" in name}
+    assert len(stack) > 10 and max(stack.values()) <= 512

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from functools import cache
 from pathlib import Path
 
@@ -15,9 +16,11 @@ from noslip.identification.fit import identify, predicted
 from noslip.identification.log import FEWEST, Log, read_log
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.drawing import panels
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import spec_of_table
 from noslip.simulation.specification.vary import read_varied
+from scipy.signal import lfilter
 
 PLANT = {"m_c": 47.0, "I_c": 11.0}
 SYSTEM = system_of(find_robot("labmate"))
@@ -88,6 +91,12 @@ def deviations(count: int) -> tuple[np.ndarray, np.ndarray]:
     return errors, np.array([[e[name].sd for name in PLANT] for e in results])
 
 
+def test_panels_of_many_outputs_have_rows_of_three():
+    _, axes = panels(*"abcde", most=3)
+    places = [(each.get_subplotspec().rowspan.start, each.get_subplotspec().colspan.start) for each in axes]
+    assert places == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
+
+
 def test_values_lie_within_their_deviations():
     off = np.divide(*deviations(6))
     assert np.abs(off).max() < 4.0 and 0.3 < off.std() < 1.8
@@ -95,16 +104,31 @@ def test_values_lie_within_their_deviations():
 
 
 @pytest.mark.nightly
+def test_correlated_errors_have_larger_deviations():
+    """Errors with a correlation of 0.7 from row to row: as for independent ones, deviations would be half of what they are."""
+    results = []
+    for seed in range(40):
+        white = np.random.default_rng(seed).normal(size=(len(run().t) + 100, 2))
+        errors = NOISE * math.sqrt(1 - 0.7**2) * lfilter([1.0], [1.0, -0.7], white, axis=0)[100:]
+        log = Log(run().t, np.hstack([run().q, run().nu + errors]), run().tau, (range(len(errors)),), ())
+        estimates = identify(log, DYNAMICS, list(PLANT), VALUES, True).estimates
+        results.append([(estimates[name].value - value) / estimates[name].sd for name, value in PLANT.items()])
+    inside = np.mean(np.abs(results) < 1.96, axis=0)
+    print(inside)
+    assert (inside > 0.8).all()
+
+
+@pytest.mark.nightly
 def test_values_lie_in_their_intervals_in_most_logs():
-    """In 93 % of 1000 logs or more, with errors, and deviations that are said, within 1.2 times the bound of Cramer and
-    Rao for the whole log. (The larger of two estimates is taken for a deviation, so that it may be more than 95 %.)
+    """In 93 to 97 % of 1000 logs, with errors, and stated deviations, within 1.2 times the bound of Cramer and Rao for the whole
+    log.
     """
     errors, sd = deviations(1000)
     every = DYNAMICS.values(VALUES | PLANT)
     bound = predicted(log_of(), DYNAMICS, list(PLANT), every, True).expected_deviations(np.full(2, NOISE))
     inside, size = np.mean(np.abs(errors) < 1.96 * sd, axis=0), np.sqrt(np.mean(errors**2, axis=0))
     print(dict(zip(PLANT, zip(inside, size / list(bound.values()), strict=True), strict=True)))
-    assert (inside > 0.93).all()
+    assert (inside > 0.93).all() and (inside < 0.97).all()
     assert (np.stack([size, np.mean(sd, axis=0)]) < 1.2 * np.array(list(bound.values()))).all()
 
 

@@ -3,9 +3,13 @@
 import csv
 from pathlib import Path
 
+import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.identification.plausibility import _Motion
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.specification.spec import read_spec
 from noslip.tests import test_calibration as geometry
 from noslip.tests import test_identification as dynamics
 
@@ -102,6 +106,18 @@ def test_the_remedy_is_one(write, capsys):
         right = capsys.readouterr().out
         assert main([*arguments(log), write(change(log())), *options]) == 0
         assert capsys.readouterr().out.splitlines()[1:4] == right.splitlines()[1:4]
+
+
+@pytest.mark.parametrize("spec", ["turntable_ball", "tractor_trailer"])
+def test_right_logs_of_other_robots_are_not_refused(spec, write):
+    """Robots on a moving surface and with joints: what `noslip simulate` writes agrees with itself within 1 %."""
+    run = simulate(read_spec(str(Path(noslip.__file__).parent / f"specs/robots/{spec}.toml")), "c")
+    system = run.law.system
+    columns = dict(zip((q.name for q in system.state), run.x.T, strict=True))
+    values = [float(value) for value in run.plant.parameters]
+    motion = _Motion(system, values, list(columns), [])
+    assert len(motion.compared) == len(system.mechanism.coordinates)
+    assert motion.misfit({"t": run.t, **columns}, [range(len(run.t))]) < 0.01
 
 
 def test_right_logs_of_other_numbers_are_not_refused(write, capsys):

@@ -547,7 +547,9 @@ def test_columns_are_what_the_vehicle_did(c, dumped, tmp_path):
 
 
 def test_a_log_identifies_the_vehicle(c, dumped, capsys):
-    """The wheel radius of its own odometry; the mass, with what the back EMF over a held voltage adds: see noslip_motor.h."""
+    """The wheel radius of its own odometry; the mass from torques, with what the back EMF over a held voltage adds, and from the
+    voltages of the motors, without: see noslip_motor.h.
+    """
     telling = drive(c, 2000)
     file = dumped(telling.sent)
     assert main(["log", file, "-o", f"{file}.mcap"]) == 0
@@ -561,6 +563,14 @@ def test_a_log_identifies_the_vehicle(c, dumped, capsys):
     emf = motor.torque_constant * motor.gear
     added = 2 * motor.efficiency * emf**2 * PERIOD / (motor.resistance * params.r**2)
     assert mass == pytest.approx(params.m_c + added, rel=0.01) and added > 2
+    names = ("gear", "efficiency", "back_efficiency", "torque_constant", "resistance", "friction", "dry_friction", "moving")
+    given = [each for name in names for each in ("--set", f"{name}={getattr(motor, name)}")]
+    voltages = ["--drive", "voltage", "--map", "voltage_tau_r=command_tau_r", "--map", "voltage_tau_l=command_tau_l"]
+    arguments = ["identify", f"{file}.mcap", "--robot", "labmate", "--fit", "m_c", "I_c", "--inputs", "held", "--json"]
+    assert main([*arguments, *voltages, *given]) == 0
+    fitted = json.loads(capsys.readouterr().out)["parameters"]["m_c"]
+    faster = motor.efficiency * emf**2 * PERIOD / 4 / (motor.resistance * params.r**2)  # four steps of simulated.c in a tick
+    assert abs(fitted["value"] - (params.m_c - faster)) < 4 * fitted["sd"] < 0.02 * params.m_c
 
 
 def test_units_in_headers(tmp_path, bad_input):
