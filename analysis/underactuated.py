@@ -9,7 +9,7 @@ the motion, or a place that only manoeuvres reach, because rolling is nonholonom
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import casadi as ca
 import numpy as np
@@ -18,10 +18,13 @@ from scipy.linalg import solve_continuous_are
 from ..controllers.controller import RUNNING
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.errors import ModelError
-from ..model.mechanism import Mechanism
+from ..model.mechanism import Mechanism, Quantity
 from ..model.underactuated import PartialLinearization, at_rest, partial_linearization
 from ..readers.errors import BadInput
 from ..simulation.plant import Plant
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 RESTS = 1e-9  # N or N m, of forces that inputs leave at an equilibrium
 REACHED = 1e-9  # relative: singular values at or below this count as zero
@@ -225,12 +228,15 @@ class Balanced:
 class Region:
     """A region of attraction by sampling, no proof: the `starts` (N, 2n-m), whether each `returned`, and the cost of each.
 
-    `level` is the least cost of one that did not return: all `inside` samples with a smaller one returned.
+    `level` is the least cost of one that did not return: all `inside` samples with a smaller one returned. X, (2n-m) x (2n-m),
+    is the form of the cost about the state `rest` (2n-m).
     """
 
     starts: np.ndarray
     returned: np.ndarray
     cost: np.ndarray
+    X: np.ndarray
+    rest: np.ndarray
 
     @property
     def level(self) -> float:
@@ -242,6 +248,30 @@ class Region:
         """How many samples have a smaller cost than `level`."""
         return int(np.sum(self.cost < self.level))
 
+    def boundary(self, first: int, second: int) -> np.ndarray:
+        """Return where two states, by their numbers, have the cost `level` with all others at rest, (N, 2)."""
+        of = [first, second]
+        root = np.linalg.cholesky(self.X[np.ix_(of, of)])
+        angle = np.linspace(0.0, 2 * np.pi, 200)
+        circle = np.sqrt(self.level) * np.array([np.cos(angle), np.sin(angle)])
+        return self.rest[of] + np.linalg.solve(root.T, circle).T
+
+    def draw(self, quantities: Sequence[Quantity], first: int, second: int) -> "Figure":
+        """Return a picture of the starts in the plane of two states; `quantities` are all states."""
+        from matplotlib.figure import Figure  # slow to import
+
+        figure = Figure(figsize=(7.5, 5.5), layout="constrained")
+        axes = figure.add_subplot()
+        for returned, colour, marker, name in ((True, "#0b61a4", "o", "returned"), (False, "#c2570c", "x", "did not return")):
+            chosen = self.starts[self.returned == returned]
+            axes.plot(chosen[:, first], chosen[:, second], marker, color=colour, markersize=4, linestyle="", label=name)
+        if np.isfinite(self.level):
+            axes.plot(*self.boundary(first, second).T, color="black", label=f"level {self.level:.3g}: all inside returned")
+        for label, number in ((axes.set_xlabel, first), (axes.set_ylabel, second)):
+            label(f"{quantities[number].name} ({quantities[number].unit})")
+        figure.legend(loc="outside lower center", ncols=3)
+        return figure
+
 
 def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count: int, duration: float, seed: int = 0) -> Region:
     """Return the region from `count` runs of `duration` (s), from random starts with the states named up to `sizes` off rest."""
@@ -252,7 +282,7 @@ def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count:
     off = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(wide))) * wide
     middle = np.array([*rest.q, *[0.0] * rest.partial.system.dof])
     returned = np.array([balanced.returns(middle + each, duration, 1e-3) for each in off], bool)
-    return Region(middle + off, returned, np.sum((off @ X) * off, axis=1))
+    return Region(middle + off, returned, np.sum((off @ X) * off, axis=1), X, middle)
 
 
 def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, parameters: Sequence[float] | None = None) -> AtRest:

@@ -302,6 +302,13 @@ def test_a_region_of_attraction_by_sampling(count):
     found = region(loop, X, {"pitch": 0.8, "pitch_rate": 4.0}, count, 6.0)
     assert found.returned.any() and not found.returned.all()
     assert found.returned[found.cost < found.level].all() and found.inside >= 0.1 * count
+    of = [loop.rest.names.index(name) for name in ("pitch", "pitch_rate")]
+    edge = found.boundary(*of)
+    np.testing.assert_allclose(np.sum(edge @ X[np.ix_(of, of)] * edge, axis=1), found.level, rtol=1e-9)
+    (axes,) = found.draw(loop.rest.partial.system.state, *of).axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("pitch (rad)", "pitch_rate (rad/s)")
+    shown = [len(line.get_xdata()) for line in axes.lines[:2]]
+    assert shown == [found.returned.sum(), count - found.returned.sum()]
     again = region(loop, X, {"pitch": 0.1, "pitch_rate": 0.5}, 6, 6.0)
     assert again.returned.all() and again.level == np.inf and again.inside == 6
 
