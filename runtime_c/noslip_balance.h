@@ -172,6 +172,9 @@ NOSLIP_NODISCARD static inline int noslip_balance_step(const noslip_balance *sel
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
+    for (k = 0; k < NOSLIP_BALANCE_INPUTS; k++) {
+        own[k] = 0;
+    }
     status = state == NULL || desired == NULL ? NOSLIP_NULL
                                               : noslip_balance_inputs(&self->options, state, desired, own);
     for (k = 0; k < self->options.inputs; k++) {
@@ -332,6 +335,9 @@ NOSLIP_NODISCARD static inline int noslip_balance_step_f(const noslip_balance_f 
     }
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
+    }
+    for (k = 0; k < NOSLIP_BALANCE_INPUTS; k++) {
+        own[k] = 0;
     }
     status = state == NULL || desired == NULL ? NOSLIP_NULL
                                               : noslip_balance_inputs_f(&self->options, state, desired, own);
