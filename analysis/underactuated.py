@@ -8,20 +8,28 @@ the motion, or a place that only manoeuvres reach, because rolling is nonholonom
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
 
 import casadi as ca
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
+from ..controllers.controller import RUNNING
+from ..model.algebra.trigonometry import sine_cosine
 from ..model.errors import ModelError
-from ..model.mechanism import Mechanism
+from ..model.mechanism import Mechanism, Quantity
 from ..model.underactuated import PartialLinearization, at_rest, partial_linearization
 from ..readers.errors import BadInput
 from ..simulation.plant import Plant
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 RESTS = 1e-9  # N or N m, of forces that inputs leave at an equilibrium
 REACHED = 1e-9  # relative: singular values at or below this count as zero
 STILL = 1e-4  # 1/s: real parts at or below this in size count as zero: rounding moves a double 0 by its root
+DIGITS = 10  # of gains
 PERIOD, TOLERANCE = 0.01, 1e-9  # s, of the calls of a feedback; of the integration between them
 FALLEN = np.pi / 2  # rad or m: a deviation of a weighed state beyond this ends a run
 
@@ -110,16 +118,87 @@ class AtRest:
         K = np.diag(1.0 / R) @ B.T @ X
         if not np.all(np.linalg.eigvals(A - B @ K).real < -STILL):
             raise BadInput("lqr: no gains: weigh further states, so that every mode is seen")
-        return K @ T.T, T @ X @ T.T
+        return _tidy(K @ T.T), T @ X @ T.T
+
+    def without(self, K: np.ndarray, *names: str) -> np.ndarray:
+        """Return gains, r x (2n-m), that do the same to what the inputs reach and do not use these states, such as the angles of
+        wheels where the position is known. Raises BadInput for an unknown name, and if no others tell as much.
+        """
+        if unknown := [name for name in names if name not in self.names]:
+            raise BadInput(f"lqr: unknown state {unknown[0]!r}; states are {', '.join(self.names)}")
+        kept = [k for k, name in enumerate(self.names) if name not in names]
+        own, made = K @ self.reached, np.zeros_like(K)
+        made[:, kept] = own @ np.linalg.pinv(self.reached[kept])
+        if not np.abs(made @ self.reached - own).max() <= RESTS * np.abs(own).max():
+            raise BadInput(f"lqr: without {', '.join(names)} the other states do not tell enough: leave one of them in")
+        return _tidy(made)
+
+
+class Feedback(Protocol):
+    """What gives inputs (N or N m) at a state, of which another is desired, with a status."""
+
+    def step(self, state: np.ndarray, desired: np.ndarray) -> tuple[str, np.ndarray]:
+        """Return status and inputs; zeros with an error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The rigid robot with tau = tau_e - K (x - x_d), called every PERIOD and held between; at most `limit` (N or N m) each."""
+    """The rigid robot with tau = tau_e - K (x - x_d), called every PERIOD and held between; at most `limit` (N or N m) each.
+
+    A position in the plane is compared in axes along the desired heading, and headings by their smallest difference. `feedback`
+    gives the inputs instead of this one: the same in C.
+    """
 
     rest: AtRest
     K: np.ndarray
     limit: float = np.inf
+    feedback: Feedback | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the robot."""
+        return self.rest.partial.system.mechanism.name
+
+    @property
+    def limits(self) -> np.ndarray:
+        """Of each input; 0: none."""
+        return np.full(len(self.K), self.limit if np.isfinite(self.limit) else 0.0)
+
+    @cached_property
+    def fallen(self) -> np.ndarray:
+        """Deviation of each state beyond which the robot has fallen: FALLEN of coordinates that K weighs; 0: any."""
+        coordinates = np.arange(self.K.shape[1]) < len(self.rest.q)
+        return np.where(coordinates & (np.abs(self.K).max(axis=0) > 0.0), FALLEN, 0.0)
+
+    @cached_property
+    def place(self) -> tuple[int, int, int] | None:
+        """The numbers of the states that are the vehicle's position and heading; None if they are no coordinates, or the
+        robot rests at another heading than 0.
+        """
+        mechanism = self.rest.partial.system.mechanism
+        if mechanism.vehicle is None:
+            return None
+        of = (mechanism.vehicle.x, mechanism.vehicle.y, mechanism.vehicle.heading)
+        found = [[k for k, c in enumerate(mechanism.coordinates) if ca.is_equal(c.symbol, each)] for each in of]
+        if not all(found) or self.rest.q[found[2][0]] != 0.0:
+            return None
+        return found[0][0], found[1][0], found[2][0]
+
+    def step(self, state: np.ndarray, desired: np.ndarray) -> tuple[str, np.ndarray]:
+        """See Feedback; "astray" where it has fallen."""
+        if self.feedback:
+            return self.feedback.step(state, desired)
+        off = state - desired
+        if self.place:
+            x, y, heading = self.place
+            s, c = sine_cosine(float(desired[heading]))
+            off[[x, y]] = c * off[x] + s * off[y], c * off[y] - s * off[x]
+            off[heading] -= 2 * np.pi * np.round(off[heading] / (2 * np.pi))
+        if ((self.fallen > 0.0) & ~(np.abs(off) <= self.fallen)).any():
+            return "astray", np.zeros(len(self.K))
+        tau = np.asarray(self.rest.tau) - np.sum(self.K * off, axis=1)
+        limited = np.clip(tau, -self.limit, self.limit)
+        return ("ok" if (limited == tau).all() else "saturated"), limited
 
     def run(self, start: np.ndarray, duration: float, desired: Callable[[float], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return states at the calls, (N, 2n-m), and inputs from there on, (N, r), from `start`; `desired` is x_d(t).
@@ -127,13 +206,12 @@ class Balanced:
         Ends early where the robot has fallen: a state that K weighs is more than FALLEN off, or one is not finite.
         """
         plant, x = Plant(self.rest.partial.system, self.rest.parameters), np.asarray(start, float)
-        seen, states, inputs = np.abs(self.K).max(axis=0) > 0.0, [], []
+        states, inputs = [], []
         for k in range(round(duration / PERIOD) + 1):
-            off = x - desired(k * PERIOD)
-            tau = np.clip(np.asarray(self.rest.tau) - np.sum(self.K * off, axis=1), -self.limit, self.limit)
+            status, tau = self.step(x, desired(k * PERIOD))
             states.append(x)
             inputs.append(tau)
-            if not np.abs(off[seen][: len(self.rest.q)]).max() <= FALLEN:
+            if status not in RUNNING:
                 break
             x = plant.step(x, tau, PERIOD, TOLERANCE)[0]
         return np.array(states), np.array(inputs)
@@ -150,12 +228,15 @@ class Balanced:
 class Region:
     """A region of attraction by sampling, no proof: the `starts` (N, 2n-m), whether each `returned`, and the cost of each.
 
-    `level` is the least cost of one that did not return: all `inside` samples with a smaller one returned.
+    `level` is the least cost of one that did not return: all `inside` samples with a smaller one returned. X, (2n-m) x (2n-m),
+    is the form of the cost about the state `rest` (2n-m).
     """
 
     starts: np.ndarray
     returned: np.ndarray
     cost: np.ndarray
+    X: np.ndarray
+    rest: np.ndarray
 
     @property
     def level(self) -> float:
@@ -167,6 +248,30 @@ class Region:
         """How many samples have a smaller cost than `level`."""
         return int(np.sum(self.cost < self.level))
 
+    def boundary(self, first: int, second: int) -> np.ndarray:
+        """Return where two states, by their numbers, have the cost `level` with all others at rest, (N, 2)."""
+        of = [first, second]
+        root = np.linalg.cholesky(self.X[np.ix_(of, of)])
+        angle = np.linspace(0.0, 2 * np.pi, 200)
+        circle = np.sqrt(self.level) * np.array([np.cos(angle), np.sin(angle)])
+        return self.rest[of] + np.linalg.solve(root.T, circle).T
+
+    def draw(self, quantities: Sequence[Quantity], first: int, second: int) -> "Figure":
+        """Return a picture of the starts in the plane of two states; `quantities` are all states."""
+        from matplotlib.figure import Figure  # slow to import
+
+        figure = Figure(figsize=(7.5, 5.5), layout="constrained")
+        axes = figure.add_subplot()
+        for returned, colour, marker, name in ((True, "#0b61a4", "o", "returned"), (False, "#c2570c", "x", "did not return")):
+            chosen = self.starts[self.returned == returned]
+            axes.plot(chosen[:, first], chosen[:, second], marker, color=colour, markersize=4, linestyle="", label=name)
+        if np.isfinite(self.level):
+            axes.plot(*self.boundary(first, second).T, color="black", label=f"level {self.level:.3g}: all inside returned")
+        for label, number in ((axes.set_xlabel, first), (axes.set_ylabel, second)):
+            label(f"{quantities[number].name} ({quantities[number].unit})")
+        figure.legend(loc="outside lower center", ncols=3)
+        return figure
+
 
 def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count: int, duration: float, seed: int = 0) -> Region:
     """Return the region from `count` runs of `duration` (s), from random starts with the states named up to `sizes` off rest."""
@@ -177,7 +282,7 @@ def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count:
     off = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(wide))) * wide
     middle = np.array([*rest.q, *[0.0] * rest.partial.system.dof])
     returned = np.array([balanced.returns(middle + each, duration, 1e-3) for each in off], bool)
-    return Region(middle + off, returned, np.sum((off @ X) * off, axis=1))
+    return Region(middle + off, returned, np.sum((off @ X) * off, axis=1), X, middle)
 
 
 def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, parameters: Sequence[float] | None = None) -> AtRest:
@@ -218,6 +323,12 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
         _modes(rest.T @ A @ rest),
         _modes(zero),
     )
+
+
+def _tidy(gains: np.ndarray) -> np.ndarray:
+    """Return gains with DIGITS digits, and 0 for those that are rounding errors: the same ones on every processor."""
+    exact = np.where(np.abs(gains) > 10.0**-DIGITS * np.abs(gains).max(), gains, 0.0)
+    return np.array([[float(f"{gain:.{DIGITS}g}") for gain in row] for row in exact])
 
 
 def _refuse_undefined(robot: Mechanism, *arrays: np.ndarray) -> None:

@@ -139,7 +139,7 @@ def programs(task: Task) -> list[AnalysedProgram]:
     """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", "")]
+    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", ""), ("balance", "")]
     parts += [("telemetry", "")]
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
     named = [("law", law) for law in laws] + ([] if task.short else grips) + parts[: 2 if task.short else None]

@@ -21,6 +21,7 @@ RUNTIME = (
     "approach",
     "slip",
     "course",
+    "balance",
 )
 SCALARS = {"double": "", "float": "_f"}
 CORPUS = HERE / "corpus.txt"  # one input per line, base64

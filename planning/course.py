@@ -18,7 +18,7 @@ from ..model.algebra.trigonometry import sine_cosine
 NEAR = 0.2  # m: between the places from which the search of the nearest one begins
 STEPS, ENOUGH = 50, 1e-13  # of Newton's method; relative change at which it ends
 FLATTEST = 0.2  # least slope that is taken for its steps
-LEAST = 3  # intervals of the quadrature, and one more for each radian of a turn: an error of 2e-14 m (300 random courses)
+LEAST = 3  # intervals of the quadrature, 1 on clothoids, and one more for each radian: an error of 2e-14 m (300 random courses)
 NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: place, weight
     (0.18343464249564980494, 0.36268378337836198297),
     (0.52553240991632898582, 0.31370664587788728734),
@@ -37,14 +37,14 @@ def value(coefficients: Sequence[float], u: float, order: int = 0) -> float:
     """Return the derivative of an order of a polynomial at u; order -1: its integral from 0."""
     total = 0.0
     for power in range(len(coefficients) - 1, max(order, 0) - 1, -1):
-        factor = 1.0 / (power + 1) if order < 0 else float(math.perm(power, order))
+        factor = 1.0 / (power + 1) if order < 0 else math.perm(power, order)
         total = total * u + factor * coefficients[power]
     return total * u if order < 0 else total
 
 
 def blended(first: float, last: float) -> Polynomial:
     """Return the coefficients of a change from `first` at 0 to `last` at 1."""
-    return (first, *[(last - first) * c for c in BLEND[1:]])
+    return (first, *[(last - first) * c for c in BLEND[1:]]) if last != first else (first,)
 
 
 def rounded(first: float, before: float, after: float) -> Polynomial:
@@ -174,7 +174,7 @@ class SmoothCurve:
     def _moved(stretch: Stretch, length: float) -> complex:
         """Return how far the course goes within a part, by the quadrature of Gauss and Legendre."""
         largest = max(abs(stretch.curvature(0.0)), abs(stretch.curvature(length)))
-        count = LEAST + int(abs(length) * largest)
+        count = (LEAST if len(stretch.coefficients) > 2 else 1) + int(abs(length) * largest)
         half, total = length / count / 2, 0j
         for k in range(count):
             middle = (2 * k + 1) * half

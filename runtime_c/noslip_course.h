@@ -122,7 +122,10 @@ static inline void noslip_course_place(const noslip_stretch *stretch, double alo
         return;
     }
     half = noslip_abs(along) * noslip_course_bend(stretch, along / stretch->length);
-    pieces = stretch->terms > 2 ? 3 : 1;
+    pieces = 1;
+    if (stretch->terms > 2) {
+        pieces = 3;
+    }
     if (noslip_is_finite(half) && half >= 0 && half < NOSLIP_COURSE_TURN) {
         pieces += (int)half;
     } else {
@@ -482,7 +485,10 @@ static inline void noslip_course_place_f(const noslip_stretch_f *stretch, float 
         return;
     }
     half = noslip_abs_f(along) * noslip_course_bend_f(stretch, along / stretch->length);
-    pieces = stretch->terms > 2 ? 3 : 1;
+    pieces = 1;
+    if (stretch->terms > 2) {
+        pieces = 3;
+    }
     if (noslip_is_finite_f(half) && half >= 0 && half < NOSLIP_COURSE_TURN) {
         pieces += (int)half;
     } else {

@@ -87,6 +87,8 @@ NIGHTLY = {
         r"the_c_is_the_model\[type_i_offset",
         r"runs_the_same_loop\[(?!line)",
         r"steady_motion\[train",
+        r"follows_a_clothoid\[3\.0-cf",
+        r"integral_action_adds_a_pole\[c-",
     ),
     "test_faults": (r"may_not_be_is_found\[supplies",),
     "test_figures": (

@@ -1,6 +1,8 @@
 """Underactuated robots: equations against textbooks, partial feedback linearization, verdicts at rest, LQR on the rigid model."""
 
+import dataclasses
 import re
+import subprocess
 from pathlib import Path
 
 import casadi as ca
@@ -8,6 +10,7 @@ import noslip
 import numpy as np
 import pytest
 from noslip.analysis.answers import analyse, as_json
+from noslip.analysis.balance import BalanceInC, differences
 from noslip.analysis.report import report
 from noslip.analysis.text import as_text
 from noslip.analysis.underactuated import AtRest, Balanced, analyse_at_rest, region
@@ -16,6 +19,8 @@ from noslip.model import Mechanism, ModelError
 from noslip.model.underactuated import PartialLinearization, partial_linearization
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot
+from noslip.tests.test_runtime import RUNTIME, STRICT
+from noslip.tests.tools import need
 
 NAMES = ("balancer", "roller_racer", "sleigh", "snakeboard")
 WEIGHTS = {"pitch": 10.0, "x": 40.0, "phi": 20.0, "speed": 1.0, "pitch_rate": 0.1, "yaw_rate": 0.5}
@@ -191,6 +196,95 @@ def test_the_balancer_stands_drives_a_line_and_stops():
     assert len(fell) < 601  # it falls: 4 N m are not enough from 1.2 rad
 
 
+WITHOUT = ("theta_r", "theta_l")
+LQR = ["generate", "balancer", "--lqr", *(f"{name}={weight}" for name, weight in WEIGHTS.items()), "--effort", "0.2"]
+
+
+def in_c(scalar: str) -> tuple[AtRest, Balanced]:
+    """The balancer that does not use the angles of its wheels, with the feedback of the C."""
+    rest, loop, _ = balanced()
+    own = Balanced(rest, rest.without(loop.K, *WITHOUT), 4.0)
+    return rest, dataclasses.replace(own, feedback=BalanceInC(own, scalar))
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_the_balancer_turns_drives_and_stops_by_the_c(scalar):
+    """From a tilt, turned by 2 rad on the spot, then 1.5 m along the heading that it has: the gains hold for every heading."""
+    rest, loop = in_c(scalar)
+    at = {name: k for k, name in enumerate(rest.names)}
+
+    def desired(t: float) -> np.ndarray:
+        made, turned, gone = np.zeros(9), np.clip(t / 4.0, 0.0, 1.0), np.clip((t - 6.0) / 6.0, 0.0, 1.0)
+        made[at["phi"]] = 2.0 * turned**2 * (3 - 2 * turned)
+        made[at["yaw_rate"]] = 12.0 * turned * (1 - turned) / 4.0
+        way, speed = 1.5 * gone**3 * (10 - 15 * gone + 6 * gone**2), 1.5 * 30 * (gone * (1 - gone)) ** 2 / 6.0
+        made[at["x"]], made[at["y"]], made[at["speed"]] = way * np.cos(2.0), way * np.sin(2.0), speed
+        return made
+
+    run, inputs = loop.run(np.eye(9)[at["pitch"]] * 0.1, 18.0, desired)
+    end = run[-1] - desired(18.0)
+    ahead, beside = np.array([[np.cos(2.0), np.sin(2.0)], [-np.sin(2.0), np.cos(2.0)]]) @ end[[at["x"], at["y"]]]
+    assert len(run) == 1801 and np.abs(inputs).max() <= 4.0 and abs(ahead) < 1e-5
+    assert np.abs(end[[at[name] for name in ("phi", "pitch", "speed")]]).max() < 1e-5
+    assert abs(beside) < 0.01  # no input moves it sideways at rest: what the turn while it rights itself left stays
+    assert np.abs(run[:, at["pitch"]]).max() < 0.2
+
+
+def test_the_c_of_a_feedback_is_the_feedback():
+    """At random states, with its limits, what has fallen, and headings by whole turns; a wrong gain is found."""
+    _, loop, _ = balanced()
+    assert differences(loop) == {"double": pytest.approx(0.0, abs=1e-14), "float": pytest.approx(0.0, abs=2e-6)}
+    wrong = dataclasses.replace(loop, K=loop.K * (1 + 1e-9), feedback=None)
+    x = np.full(9, 0.05)
+    assert BalanceInC(loop).step(x, 0 * x)[1] == pytest.approx(loop.step(x, 0 * x)[1], abs=1e-14)
+    assert not np.abs(BalanceInC(loop).step(x, 0 * x)[1] - wrong.step(x, 0 * x)[1]).max() < 1e-12
+    turned = x + 2 * np.pi * (np.arange(9) == loop.rest.names.index("phi"))
+    np.testing.assert_allclose(BalanceInC(loop).step(turned, 0 * x)[1], loop.step(x, 0 * x)[1], atol=1e-12)
+    for state, status in ((20 * x, "ok"), (40 * x, "astray"), (x * np.nan, "nonfinite"), (1e9 * x, "range")):
+        found, tau = BalanceInC(loop).step(state, 0 * x)
+        assert found == status or (found, status) == ("saturated", "ok")
+        assert np.isfinite(tau).all() and (status == "ok" or not tau.any())
+
+
+def test_gains_without_states_do_the_same():
+    rest, loop, _ = balanced()
+    kept = rest.without(loop.K, *WITHOUT)
+    np.testing.assert_allclose(kept @ rest.reached, loop.K @ rest.reached, atol=1e-8)
+    assert not kept[:, [rest.names.index(name) for name in WITHOUT]].any()
+    with pytest.raises(BadInput, match="without speed the other states do not tell enough"):
+        rest.without(loop.K, "speed")
+    with pytest.raises(BadInput, match="unknown state 'tilt'"):
+        rest.without(loop.K, "tilt")
+
+
+def test_the_command_writes_the_feedback(tmp_path, capsys, bad_input):
+    """It compiles with strict warnings, alone and with gcc and clang; bad options are refused in a line."""
+    assert main([*LQR, "--limit", "4", "--without", "theta_r", "--without", "theta_l", "-o", str(tmp_path)]) == 0
+    assert "compared at random states" in capsys.readouterr().out
+    written = tmp_path / "balancer" / "balancer_lqr.h"
+    assert written.read_text().startswith(
+        "/* balancer_lqr.h - generated by noslip: state feedback of balancer at rest, --lqr pitch"
+    )
+    (tmp_path / "main.c").write_text(
+        '#include "balancer_lqr.h"\nint main(void)\n{\n    noslip_balance_f self;\n'
+        "    float state[BALANCER_LQR_STATES] = {0}, tau[BALANCER_LQR_INPUTS];\n"
+        "    return balancer_lqr_init_f(&self) + noslip_balance_step_f(&self, state, state, tau);\n}\n"
+    )
+    for cc in ("gcc", "clang"):
+        command = [need(cc), "-std=c99", *STRICT, f"-I{RUNTIME}", f"-I{written.parent}", str(tmp_path / "main.c")]
+        subprocess.run([*command, "-o", str(tmp_path / "main")], check=True)
+        assert subprocess.run([tmp_path / "main"]).returncode == 0
+    for arguments, message in (
+        (["generate", "labmate", "--lqr", "x=1"], "it is not underactuated"),
+        (["generate", "balancer", "--lqr", "pitch"], "give NAME=WEIGHT"),
+        (["generate", "balancer", "--lqr", "pitch=1", "pitch=2"], "pitch has a weight already"),
+        ([*LQR, "--limit", "-2"], "--limit -2: must be positive"),
+        ([*LQR, "--output", "type_i"], "--lqr does not go with --output"),
+        (["generate", "balancer", "--limit", "3"], "apply to --lqr"),
+    ):
+        assert message in bad_input(arguments)
+
+
 def test_gains_are_those_of_the_riccati_equation():
     """The cost X satisfies A'X + XA - X B R^-1 B'X + Q = 0 for what the inputs reach, and K = R^-1 B'X."""
     rest, loop, X = balanced()
@@ -208,6 +302,13 @@ def test_a_region_of_attraction_by_sampling(count):
     found = region(loop, X, {"pitch": 0.8, "pitch_rate": 4.0}, count, 6.0)
     assert found.returned.any() and not found.returned.all()
     assert found.returned[found.cost < found.level].all() and found.inside >= 0.1 * count
+    of = [loop.rest.names.index(name) for name in ("pitch", "pitch_rate")]
+    edge = found.boundary(*of)
+    np.testing.assert_allclose(np.sum(edge @ X[np.ix_(of, of)] * edge, axis=1), found.level, rtol=1e-9)
+    (axes,) = found.draw(loop.rest.partial.system.state, *of).axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("pitch (rad)", "pitch_rate (rad/s)")
+    shown = [len(line.get_xdata()) for line in axes.lines[:2]]
+    assert shown == [found.returned.sum(), count - found.returned.sum()]
     again = region(loop, X, {"pitch": 0.1, "pitch_rate": 0.5}, 6, 6.0)
     assert again.returned.all() and again.level == np.inf and again.inside == 6
 

@@ -1,0 +1,146 @@
+"""State feedback about rest as C: a header with the gains of an LQR for noslip_balance.h, compiled and compared."""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import cffi
+import numpy as np
+
+from ..codegen.printing.scalar import SCALARS, Scalar
+from ..controllers.runtime import InC, declarations, load
+from ..readers.errors import BadInput
+from .underactuated import Balanced
+
+HEADER, WIDTH = "noslip_balance.h", 116
+STATES, SEED, FAR = 200, 0, 2.0  # of a comparison; largest deviation of its states, SI: some have fallen
+ROUNDING = {"double": 1e-12, "float": 1e-5}  # relative to the largest input
+
+
+def header(balanced: Balanced, about: str) -> str:
+    """Return the text of ROBOT_lqr.h, for both scalars; `about` says how it was made, on one line."""
+    name, system = f"{balanced.name}_lqr", balanced.rest.partial.system
+    upper = name.upper()
+    states = ", ".join(f"{q.name} ({q.unit})" for q in system.state)
+    inputs = ", ".join(f"{q.name} ({q.unit})" for q in system.mechanism.inputs)
+    sizes = f"{upper}_STATES = {len(system.state)}, {upper}_INPUTS = {len(system.mechanism.inputs)}"
+    lines = [
+        f"/* {name}.h - {about} */",
+        f"#ifndef {upper}_H",
+        f"#define {upper}_H",
+        "",
+        f'#include "{HEADER}"',
+        "",
+        *_wrapped(f"/* The state is {states}; the inputs are {inputs}. */", " * "),
+        f"enum {{ {sizes} }};",
+        "",
+        *[line for scalar in SCALARS.values() for line in _init(balanced, name, scalar)],
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _init(balanced: Balanced, name: str, scalar: Scalar) -> list[str]:
+    """Return the function that initializes the feedback in one scalar."""
+    tables: dict[str, Sequence[float] | np.ndarray] = {
+        "K": balanced.K.ravel(),
+        "rest": balanced.rest.tau,
+        "limit": balanced.limits,
+        "fallen": balanced.fallen,
+    }
+    place = balanced.place or (0, 0, -1)
+    own = scalar.name
+    return [
+        "/* Initializes; returns the status of noslip_balance_init. */",
+        f"NOSLIP_NODISCARD static inline int {own(f'{name}_init')}({own('noslip_balance')} *self)",
+        "{",
+        *[line for table, values in tables.items() for line in _table(scalar, table, values)],
+        f"    {own('noslip_balance_options')} options;",
+        f"    options.states = {len(balanced.rest.names)};",
+        f"    options.inputs = {len(balanced.K)};",
+        *[f"    options.{table} = {table};" for table in tables],
+        *[f"    options.{field} = {number};" for field, number in zip(("x", "y", "heading"), place, strict=True)],
+        f"    return {own('noslip_balance_init')}(self, &options);",
+        "}",
+        "",
+    ]
+
+
+def _table(scalar: Scalar, name: str, values: Sequence[float] | np.ndarray) -> list[str]:
+    text = ", ".join(scalar.literal(float(value)) for value in values)
+    return _wrapped(f"    static const {scalar.real} {name}[{len(values)}] = {{{text}}};", " " * 8)
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    """Return the text as lines of at most WIDTH characters, broken at spaces."""
+    lines = []
+    while len(text) > WIDTH:
+        at = text.rindex(" ", len(indent) + 1, WIDTH)
+        lines.append(text[:at])
+        text = indent + text[at + 1 :]
+    return [*lines, text]
+
+
+DECLARED = """
+int make({type} *self);
+int give(const {type} *self, const {real} *state, const {real} *desired, {real} *tau);
+"""
+DEFINED = """#include "{name}.h"
+{declared}
+int make({type} *self)
+{{
+    return {init}(self);
+}}
+
+int give(const {type} *self, const {real} *state, const {real} *desired, {real} *tau)
+{{
+    return {step}(self, state, desired, tau);
+}}
+"""
+
+
+class BalanceInC(InC):
+    """The header of a feedback, compiled in one scalar. Raises BadInput without a C compiler."""
+
+    def __init__(self, balanced: Balanced, scalar: str = "double"):
+        name, own = f"{balanced.name}_lqr", SCALARS[scalar]
+        words = {"type": own.name("noslip_balance"), "real": own.real}
+        functions = {"init": own.name(f"{name}_init"), "step": own.name("noslip_balance_step")}
+        source = DEFINED.format(name=name, declared=DECLARED.format(**words), **functions, **words)
+        self.ffi = cffi.FFI()
+        self.ffi.cdef(declarations(HEADER) + DECLARED.format(**words))
+        self.lib = load(self.ffi, {"library.c": source, f"{name}.h": header(balanced, "compiled to be called")})
+        self._self = self.ffi.new(f"{own.name('noslip_balance')} *")
+        if (status := self.lib.make(self._self)) != 0:
+            raise BadInput(f"{name}: init returns {self.status(status)!r}")
+        sizes = len(balanced.rest.names), len(balanced.rest.names), len(balanced.K)
+        self._arrays = [self.ffi.new(f"{own.real}[]", size) for size in sizes]
+
+    @cached_property
+    def _numbers(self) -> list[np.ndarray]:
+        return [np.frombuffer(self.ffi.buffer(array), f"f{self.ffi.sizeof(array) // len(array)}") for array in self._arrays]
+
+    def step(self, state: np.ndarray, desired: np.ndarray) -> tuple[str, np.ndarray]:
+        """Return status and inputs, N or N m."""
+        for numbers, values in zip(self._numbers, (state, desired), strict=False):
+            numbers[:] = values
+        status = self.status(self.lib.give(self._self, *self._arrays))
+        return status, self._numbers[2].astype(float)
+
+
+def differences(balanced: Balanced) -> dict[str, float]:
+    """Return by scalar the largest difference between the C and `Balanced.step` at random states, relative to the largest input;
+    infinite where a status differs.
+    """
+    random = np.random.default_rng(SEED)
+    size = (STATES, len(balanced.rest.names))
+    states, desired = random.uniform(-FAR, FAR, size), random.uniform(-FAR, FAR, size) * (random.uniform(size=(STATES, 1)) < 0.5)
+    near = states * random.uniform(size=(STATES, 1)) ** 3 + desired
+    expected = [balanced.step(x, x_d) for x, x_d in zip(near, desired, strict=True)]
+    largest = max(float(np.abs(tau).max()) for _, tau in expected)
+    found = {}
+    for scalar in SCALARS:
+        c = BalanceInC(balanced, scalar)
+        pairs = [(c.step(x, x_d), other) for x, x_d, other in zip(near, desired, expected, strict=True)]
+        same = all(one[0] == other[0] for one, other in pairs)
+        found[scalar] = max(float(np.abs(one[1] - other[1]).max()) for one, other in pairs) / largest if same else np.inf
+    return found
