@@ -31,9 +31,10 @@ TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy._
 
 
 @lru_cache(maxsize=64)
-def law_program(law: ControlLaw) -> Program:
-    """The law as a program, the same for both scalars; derived once, and cached between runs."""
-    return remembered(("law", TOOLS, fingerprint(law.system, law)), lambda: compile_law(law), law, law.system)
+def law_program(law: ControlLaw, target: str = "") -> Program:
+    """The law as a program, the same for both scalars, for a target of COSTS; derived once, and cached between runs."""
+    key = ("law", TOOLS, fingerprint(law.system, law), target)
+    return remembered(key, lambda: compile_law(law, target=target), law, law.system)
 
 
 @lru_cache(maxsize=16)
@@ -65,16 +66,19 @@ def robot_files(
     lanes: bool = False,
     scaled: Sequence[str] | None = None,
     adapted: Sequence[str] = (),
+    target: str = "",
 ) -> dict[str, str]:
     """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
 
     `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one. `lanes` says whether
     the batch laws are, in a folder of their own; `scaled`, of what the filter estimates the scale (None: no filter);
-    `adapted`, the parameters that are learned, which requires the dynamics (empty: none).
+    `adapted`, the parameters that are learned, which requires the dynamics (empty: none). `target`: one of COSTS, for which the
+    laws are optimized; empty: for no particular one.
     """
     files: dict[str, str] = {}
     manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
-    programs = [law_program(law) for law in laws]
+    manifest |= {"target": target} if target else {}
+    programs = [law_program(law, target) for law in laws]
     plant = dynamics_program(system) if dynamics else None
     for scalar in (SCALARS[name] for name in scalars):
         files.update(shared_files(system, scalar))
@@ -119,7 +123,8 @@ def shared_files(system: ReducedSystem, scalar: Scalar) -> dict[str, str]:
 
 def law_text(program: Program, scalar: Scalar) -> LawC:
     """The C of one law with its banner."""
-    return LawC(program, scalar, banner(fingerprint(program.law.system, program.law)))
+    optimized = [f"Optimized for {program.target}"] if program.target else []
+    return LawC(program, scalar, [*banner(fingerprint(program.law.system, program.law)), *optimized])
 
 
 def text_files(text: LawC | DynamicsC) -> dict[str, str]:

@@ -87,6 +87,7 @@ typedef struct labmate_type_i {
     double k21;               /* 1/m^2: 1e-10/b^2 */
     double k22;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     double k23;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double regular_margin;    /* m^2: of L, b, d, r; positive if Phi is regular at all angles */
     double k24;               /* 1/m: 1/b */
     double k25;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k26;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */

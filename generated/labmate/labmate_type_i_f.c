@@ -132,23 +132,26 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     /* kg m^2: (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(2 r) */
     const float t28 = self->k1 * t11 - self->k6 * t1;
     self->k23 = t5 * (t5 * t28);
+    const float t29 = noslip_abs_f(self->k20); /* m^2: abs(b^2 - (L + d)^2) */
+    self->regular_margin = self->k8 - noslip_abs_f(self->k21) * (t29 + noslip_abs_f(self->k8)) *
+        (noslip_abs_f(self->k5) + t29) * 2.0f;
     self->k24 = 1.0f / t4 * 2.0f;
     self->k25 = params->b * params->I_w * params->d * params->m_c / t10 * 2.0f * self->k14;
-    const float t29 = t5 * t5; /* r^2/(4 b^2) */
-    self->k26 = params->d * params->I_w * params->m_c / t3 * t29;
-    const float t30 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t30) > 0)) {
+    const float t30 = t5 * t5; /* r^2/(4 b^2) */
+    self->k26 = params->d * params->I_w * params->m_c / t3 * t30;
+    const float t31 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t31) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k27 = (t13 + t14 + t15 + t16 + t17 * 2.0f + t18 + t21 + t22 + t23) / t30 * 2.0f * self->k14;
+    self->k27 = (t13 + t14 + t15 + t16 + t17 * 2.0f + t18 + t21 + t22 + t23) / t31 * 2.0f * self->k14;
     self->k28 = self->k14 * t27;
-    self->k29 = t29 * t28;
-    self->k30 = t29 * t1;
+    self->k29 = t30 * t28;
+    self->k30 = t30 * t1;
     self->k31 = self->k4 * self->k14;
     if (!noslip_is_finite_f(self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 + self->k8 +
         self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 + self->k17 +
-        self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 + self->k26 +
-        self->k27 + self->k28 + self->k29 + self->k30 + self->k31)) {
+        self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->regular_margin + self->k24 +
+        self->k25 + self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -404,10 +407,11 @@ static int labmate_type_i_feedback_f_law(const labmate_type_i_f *self, const lab
     /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     /* k23 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* regular_margin (m^2) of L, b, d, r; positive if Phi is regular at all angles */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * self->k20 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
-    if (!(self->k8 > self->k21 * (self->k8 + t1) * (self->k5 - t1))) {
+    if (!(self->regular_margin > 0) && !(self->k8 > self->k21 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
@@ -583,6 +587,7 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     /* k19 (m) = r^2 (L + d)/(4 b^2) */
     /* k20 (m^2) = b^2 - (L + d)^2 */
     /* k21 (1/m^2) = 1e-10/b^2 */
+    /* regular_margin (m^2) of L, b, d, r; positive if Phi is regular at all angles */
     /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     /* k30 (m) = r^2 (L + d)/(4 b^2) */
@@ -590,7 +595,7 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * self->k20 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
-    if (!(self->k8 > self->k21 * (self->k8 + t1) * (self->k5 - t1))) {
+    if (!(self->regular_margin > 0) && !(self->k8 > self->k21 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
@@ -689,10 +694,11 @@ static int labmate_type_i_step_f_law(const labmate_type_i_f *self, const labmate
     /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     /* k23 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* regular_margin (m^2) of L, b, d, r; positive if Phi is regular at all angles */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * self->k20 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
-    if (!(self->k8 > self->k21 * (self->k8 + t1) * (self->k5 - t1))) {
+    if (!(self->regular_margin > 0) && !(self->k8 > self->k21 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
