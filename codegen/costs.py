@@ -48,7 +48,8 @@ COSTS = {
 
 def cycles(roots: Iterable[Node], costs: Costs) -> float:
     """Return the estimated cycles of what a step computes: its operations, in the order of the graph, and what they load."""
-    total, loaded, last = 0.0, set(), None
+    total, last = 0.0, None
+    loaded: set[Node] = set()
     for node in executed(roots):
         if isinstance(node, Applied):
             total += costs.of(node.operation) + (costs.wait if last in node.arguments else 0)

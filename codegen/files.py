@@ -84,8 +84,8 @@ def robot_files(
         files.update(shared_files(system, scalar))
         for program in programs:
             text = law_text(program, scalar)
-            files.update(text.files())
-            files.update(LanesC(program, scalar, text.banner).files() if lanes and not program.law.kinematic else {})
+            files.update(text_files(text))
+            files.update(text_files(LanesC(program, scalar, text.banner)) if lanes and not program.law.kinematic else {})
             manifest["laws"][program.law.name] = {
                 "relative_degree": list(program.law.linearization.relative_degree),
                 "model_sha256": fingerprint(system, program.law),
@@ -93,7 +93,7 @@ def robot_files(
             }
         if plant:
             of_plant = dynamics_text(plant, scalar)
-            files.update(of_plant.files())
+            files.update(text_files(of_plant))
             for program in (program for program in programs if has_follower(program.law)):
                 model = fingerprint(system, program.law)
                 files.update(follower_files(program.law, scalar, banner(model)))
@@ -129,7 +129,7 @@ def law_text(program: Program, scalar: Scalar) -> LawC:
 
 def text_files(text: LawC | DynamicsC) -> dict[str, str]:
     """File name -> text of a law or of dynamics; written once, and cached between runs."""
-    return remembered(("text", text.type, *text.banner), text.files)
+    return remembered(("text", type(text).__name__, text.type, *text.banner), text.files)
 
 
 def dynamics_text(program: DynamicsProgram, scalar: Scalar) -> DynamicsC:
