@@ -3,6 +3,7 @@
 import casadi as ca
 
 from ..model.law import ControlLaw
+from .costs import COSTS, DEFAULT, cycles
 from .derivation.stages import inner_velocities
 from .graph import count, executed
 from .optimize import Optimizer
@@ -11,14 +12,15 @@ from .program import STEP, compile_law
 COLUMNS = ("mul", "add", "sub", "neg", "div", "sqrt", "sincos")
 
 
-def explain(law: ControlLaw) -> str:
-    """A table of operations after every pass, and what was found about the law."""
+def explain(law: ControlLaw, target: str = "") -> str:
+    """A table of operations after every pass, and what was found about the law. `target`: of COSTS, for which it is optimized."""
     plain, staged = (compile_law(law, stages=stages, optimize=False).entries[STEP].roots for stages in (False, True))
     program = compile_law(law, stages=True, optimize=False)
     rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
     optimizer = Optimizer(program.graph, {})
     rows += list(optimizer.passes(program.entries[STEP].roots))
-    rows.append(("in the C, where entry points share nodes", compile_law(law).entries[STEP].roots))
+    optimized = compile_law(law, target=target)
+    rows.append(("in the C, where entry points share nodes", optimized.entries[STEP].roots))
     width = max(len(name) for name, _ in rows)
     lines = [f"{law.name}: {law.output.about}", *(f"  {line}" for line in _facts(law)), ""]
     lines.append("  " + "step, operations after".ljust(width) + "".join(column.rjust(7) for column in COLUMNS) + "    sum")
@@ -28,7 +30,9 @@ def explain(law: ControlLaw) -> str:
         lines.append(
             "  " + name.ljust(width) + "".join(str(counted[column]).rjust(7) for column in COLUMNS) + str(total).rjust(7)
         )
-    lines.append(f"  constants made by init: {len(compile_law(law).constants)}")
+    lines.append(f"  constants made by init: {len(optimized.constants)}")
+    of_step, named = cycles(optimized.entries[STEP].roots, COSTS[target or DEFAULT]), target or DEFAULT
+    lines.append(f"  estimated cycles of a step on {named}, without sines, cosines and guards: {of_step:.0f}")
     return "\n".join(lines)
 
 

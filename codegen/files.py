@@ -31,9 +31,10 @@ TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy._
 
 
 @lru_cache(maxsize=64)
-def law_program(law: ControlLaw) -> Program:
-    """The law as a program, the same for both scalars; derived once, and cached between runs."""
-    return remembered(("law", TOOLS, fingerprint(law.system, law)), lambda: compile_law(law), law, law.system)
+def law_program(law: ControlLaw, target: str = "") -> Program:
+    """The law as a program, the same for both scalars, for a target of COSTS; derived once, and cached between runs."""
+    key = ("law", TOOLS, fingerprint(law.system, law), target)
+    return remembered(key, lambda: compile_law(law, target=target), law, law.system)
 
 
 @lru_cache(maxsize=16)
@@ -65,23 +66,26 @@ def robot_files(
     lanes: bool = False,
     scaled: Sequence[str] | None = None,
     adapted: Sequence[str] = (),
+    target: str = "",
 ) -> dict[str, str]:
     """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
 
     `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one. `lanes` says whether
     the batch laws are, in a folder of their own; `scaled`, of what the filter estimates the scale (None: no filter);
-    `adapted`, the parameters that are learned, which requires the dynamics (empty: none).
+    `adapted`, the parameters that are learned, which requires the dynamics (empty: none). `target`: one of COSTS, for which the
+    laws are optimized; empty: for no particular one.
     """
     files: dict[str, str] = {}
     manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
-    programs = [law_program(law) for law in laws]
+    manifest |= {"target": target} if target else {}
+    programs = [law_program(law, target) for law in laws]
     plant = dynamics_program(system) if dynamics else None
     for scalar in (SCALARS[name] for name in scalars):
         files.update(shared_files(system, scalar))
         for program in programs:
             text = law_text(program, scalar)
-            files.update(text.files())
-            files.update(LanesC(program, scalar, text.banner).files() if lanes and not program.law.kinematic else {})
+            files.update(text_files(text))
+            files.update(text_files(LanesC(program, scalar, text.banner)) if lanes and not program.law.kinematic else {})
             manifest["laws"][program.law.name] = {
                 "relative_degree": list(program.law.linearization.relative_degree),
                 "model_sha256": fingerprint(system, program.law),
@@ -89,7 +93,7 @@ def robot_files(
             }
         if plant:
             of_plant = dynamics_text(plant, scalar)
-            files.update(of_plant.files())
+            files.update(text_files(of_plant))
             for program in (program for program in programs if has_follower(program.law)):
                 model = fingerprint(system, program.law)
                 files.update(follower_files(program.law, scalar, banner(model)))
@@ -119,12 +123,13 @@ def shared_files(system: ReducedSystem, scalar: Scalar) -> dict[str, str]:
 
 def law_text(program: Program, scalar: Scalar) -> LawC:
     """The C of one law with its banner."""
-    return LawC(program, scalar, banner(fingerprint(program.law.system, program.law)))
+    optimized = [f"Optimized for {program.target}"] if program.target else []
+    return LawC(program, scalar, [*banner(fingerprint(program.law.system, program.law)), *optimized])
 
 
 def text_files(text: LawC | DynamicsC) -> dict[str, str]:
     """File name -> text of a law or of dynamics; written once, and cached between runs."""
-    return remembered(("text", text.type, *text.banner), text.files)
+    return remembered(("text", type(text).__name__, text.type, *text.banner), text.files)
 
 
 def dynamics_text(program: DynamicsProgram, scalar: Scalar) -> DynamicsC:

@@ -62,11 +62,13 @@ class Term:
 
 
 class Optimizer:
-    """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value."""
+    """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value. `order`: of
+    the passes; by default that of PASSES."""
 
-    def __init__(self, graph: Graph, labels: dict[Node, str]):
+    def __init__(self, graph: Graph, labels: dict[Node, str], order: "Sequence[tuple[str, Pass]] | None" = None):
         self.graph = graph
         self.labels = labels
+        self.order = PASSES if order is None else order
 
     def _name(self, old: Node, sign: int, new: Node) -> Signed:
         """Give the name of the old node to the new one, which has the same value."""
@@ -83,7 +85,7 @@ class Optimizer:
         """Yield the name of each pass and the roots after it, in operations of two operands."""
         signed = self.sums_of_products(roots)
         yield "sums of products", self.binary(signed)
-        for name, improve in PASSES:
+        for name, improve in self.order:
             signed = improve(self, signed)
             yield name, self.binary(signed)
 
@@ -441,6 +443,16 @@ PASSES: tuple[tuple[str, Pass], ...] = (
     ("signs", Optimizer.turned),
 )
 """The passes in their order, with the names that `noslip generate --explain` prints. Add new passes here."""
+_QUOTIENTS, _SUMS, _FACTORS, _, _PRODUCTS, _SIGNS = PASSES
+ORDERS: tuple[Sequence[tuple[str, Pass]], ...] = (
+    PASSES,
+    (_QUOTIENTS, _FACTORS, _SUMS, _PRODUCTS, _SIGNS),
+    (_QUOTIENTS, _PRODUCTS, _SUMS, _FACTORS, _SUMS, _SIGNS),
+    (_QUOTIENTS, _SUMS, _PRODUCTS, _SIGNS),
+    (_FACTORS, _SUMS, _PRODUCTS, _SIGNS),
+    PASSES[1:],
+)
+"""Orders among which that of least cost is chosen for a target; the first is the one without a target."""
 
 
 class PairIndex:

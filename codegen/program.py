@@ -6,16 +6,19 @@ from itertools import count
 
 import casadi as ca
 
+from ..model.algebra.expression import free_symbols
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
 from ..model.mechanism import Quantity
 from ..model.names import in_c
 from ..model.outputs import FOOT
+from .costs import COSTS, DEFAULT, cycles
 from .derivation.foot import at_foot_of, has_foot_form, place_names, plain_at_foot, staged_at_foot
 from .derivation.grip import plain_ground, staged_ground
 from .derivation.stages import Result, Stages, inner_velocities, staged
 from .graph import (
     ARITHMETIC,
+    SINCOS,
     Applied,
     Constant,
     Graph,
@@ -30,7 +33,7 @@ from .graph import (
     is_operation,
     reachable,
 )
-from .optimize import Optimizer
+from .optimize import ORDERS, Optimizer
 
 Matrix = list[list[Node]]
 
@@ -128,16 +131,19 @@ ENTRIES = (
 class EntryBody:
     """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`.
 
-    `singular` is empty where nothing is inverted, or where the inversion itself tells.
+    `singular` is empty where nothing is inverted, or where the inversion itself tells. Where `margin`, which init computes, is
+    positive, the first exceeds the second at all angles.
     """
 
     quantities: dict[Result, Matrix]
     singular: tuple[Node, ...]
+    margin: Node | None = None
 
     @property
     def roots(self) -> list[Node]:
         """Every node that must be computed, guards included."""
-        return [*self.singular, *(node for matrix in self.quantities.values() for row in matrix for node in row)]
+        margin = [] if self.margin is None else [self.margin]
+        return [*self.singular, *margin, *(node for matrix in self.quantities.values() for row in matrix for node in row)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +157,7 @@ class Program:
     conditions: list[Node]  # functions of the configuration that must be positive
     regular: list[Node]  # functions of the parameters that must be positive, or Phi is singular everywhere
     graph: Graph
+    target: str = ""  # for which it is optimized, one of COSTS; empty: for no particular one
 
     @property
     def groups(self) -> dict[str, Sequence[Quantity]]:
@@ -188,29 +195,29 @@ def hidden_inputs(body: EntryBody) -> list[Leaf]:
     return [node for node in reachable(body.roots) if isinstance(node, Leaf) and node not in shown]
 
 
-def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = None) -> Program:
+def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = None, target: str = "") -> Program:
     """Build the graph of every entry point of the law and split off what init computes.
 
     `stages` says whether to write the law in short steps first, `optimize` whether to run the optimizer's passes; without
-    both, the expressions are the model's own, as they come out of CasADi.
+    both, the expressions are the model's own, as they come out of CasADi. `target`, one of COSTS: of each entry point, the order
+    of passes that costs least there.
     """
     graph = Graph()
     source = in_steps(law) if (optimize if stages is None else stages) else plain(law)
     groups = _groups(law)
     nodes = {q.symbol.element_hash(): graph.leaf(group, q.name) for group, members in groups.items() for q in members}
-    symbols = [q.symbol for members in groups.values() for q in members]
     where = f"{law.system.mechanism.name} {law.name}"
     labels: dict[Node, str] = {}
 
     def build(expression: ca.SX) -> Matrix:
-        return from_casadi(graph, expression, symbols, [nodes[symbol.element_hash()] for symbol in symbols], where)
+        free = free_symbols(ca.SX(expression))
+        return from_casadi(graph, expression, free, [nodes[symbol.element_hash()] for symbol in free], where)
 
     for step in source.steps:
         made = build(step.expression)
         made = made if step.least is None else graph.inverse(made, step.least)
         for one, node in zip(ca.vertsplit(ca.vec(step.symbol.T)), (node for row in made for node in row), strict=True):
             nodes[one.element_hash()] = node
-            symbols.append(one)
             if step.label:
                 labels.setdefault(node, step.label)
     quantities, at_foot = (
@@ -226,11 +233,11 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
         body = EntryBody(chosen, singular)
         if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
-            entries[entry] = _optimized(graph, body, labels) if optimize else body
+            entries[entry] = _optimized(graph, body, labels, target) if optimize else body
     conditions = [row[0] for row in quantities[Result.CONDITIONS]]
     regular = [row[0] for made in (quantities, at_foot) for row in made.get(Result.REGULAR, ())]
     constants = constants_of([root for body in entries.values() for root in body.roots], labels)
-    return Program(law, entries, constants, labels, conditions, list(dict.fromkeys(regular)), graph)
+    return Program(law, entries, constants, labels, conditions, list(dict.fromkeys(regular)), graph, target)
 
 
 def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
@@ -285,12 +292,40 @@ def _singular(found: Linearization) -> ca.SX:
     return ca.vertcat(one, SINGULAR * condition)
 
 
-def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str]) -> EntryBody:
-    """The body after the optimizer's passes; names follow the nodes whose value they are."""
-    improved = iter(Optimizer(graph, labels).run(body.roots))
+def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: str) -> EntryBody:
+    """The body after the optimizer's passes, in the order of least cost on a target; names follow the nodes of their value."""
+    orders = ORDERS if target else ORDERS[:1]
+    tried = [(named := dict(labels), Optimizer(graph, named, order).run(body.roots)) for order in orders]
+    named, roots = min(tried, key=lambda pair: cycles(pair[1], COSTS[target or DEFAULT])) if target else tried[0]
+    labels.update(named)
+    improved = iter(roots)
     singular = tuple(next(improved) for _ in body.singular)
     quantities = {name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()}
-    return EntryBody(quantities, singular)
+    margin = _margin(graph, *singular) if singular else None
+    if margin is not None:
+        labels.setdefault(margin, MARGIN)
+    return EntryBody(quantities, singular, margin)
+
+
+def _margin(graph: Graph, one: Node, other: Node) -> Node | None:
+    """A node that init computes; if it is positive, `one` exceeds `other` at all angles. None if there is none.
+
+    Twice the bound, since both are rounded.
+    """
+    bound = _at_most(graph, other) if one.fixed and not other.fixed else None
+    return None if bound is None else graph.apply(Operation.SUB, one, graph.apply(Operation.MUL, graph.constant(2), bound))
+
+
+def _at_most(graph: Graph, node: Node) -> Node | None:
+    """A bound of the absolute value that init computes: no sine exceeds 1. None if there is none."""
+    if node.fixed:
+        return graph.constant(abs(node.value)) if isinstance(node, Constant) else graph.apply(Operation.ABS, node)
+    if is_operation(node, *SINCOS):
+        return graph.constant(1)
+    if not is_operation(node, *BOUNDED_BY):
+        return None
+    bounds = [bound for argument in node.arguments if (bound := _at_most(graph, argument)) is not None]
+    return graph.apply(BOUNDED_BY[node.operation], *bounds) if len(bounds) == len(node.arguments) else None
 
 
 def _reads(body: EntryBody, names: frozenset[str]) -> bool:
@@ -347,6 +382,8 @@ def constants_of(roots: Sequence[Node], labels: dict[Node, str]) -> dict[Node, s
     return {node: names[node] for node in kept}
 
 
+MARGIN = "regular_margin"  # name of the node that says that Phi is regular at all angles
+BOUNDED_BY = {Operation.MUL: Operation.MUL, Operation.ADD: Operation.ADD, Operation.SUB: Operation.ADD}
 OWN_FIELDS = (
     "limit",
     "held",

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.codegen import program as program_module
+from noslip.codegen.costs import COSTS, cycles
 from noslip.codegen.derivation.stages import inner_velocities
 from noslip.codegen.derivation.taylor import Taylor
 from noslip.codegen.files import fingerprint, law_program, law_text, robot_files
@@ -240,6 +241,70 @@ def test_singular_is_where_the_law_says(name):
                 assert (square > bound) == (square_0 > bound_0)
                 singular.append(square <= bound)
     assert 0.2 < np.mean(singular) < 0.95
+
+
+def test_cycles_of_a_small_graph():
+    """By hand: a product, a sum that waits for it, a division that does not, the root of it; four loads."""
+    graph = Graph()
+    a, b, c, d = (graph.leaf("state", name) for name in "abcd")
+    sum_ = graph.apply(Operation.ADD, graph.apply(Operation.MUL, a, b), c)
+    root = graph.apply(Operation.SQRT, graph.apply(Operation.DIV, c, d))
+    assert cycles([sum_, root], COSTS["cortex-m4f"]) == 1 + (1 + 1) + 14 + (14 + 1) + 4 * 1.5
+    assert cycles([sum_, root], COSTS["soft"]) == 60 + 70 + 190 + 400 + 4 * 2
+
+
+@pytest.mark.parametrize("target", COSTS)
+def test_a_target_has_what_costs_least_there(target):
+    """No entry point costs more there by the estimate than without a target, and on RV32 the step costs less."""
+    law = laws()["type_iv_line"]
+    plain, ours = compiled("type_iv_line").entries, compile_law(law, target=target).entries
+    costs = {entry: [cycles(each[entry].roots, COSTS[target]) for each in (ours, plain)] for entry in plain}
+    assert all(chosen <= 1.01 * default for chosen, default in costs.values()), costs  # entries share nodes
+    of_step = next(pair for entry, pair in costs.items() if entry.name == "step")
+    assert target != "rv32" or of_step[0] < of_step[1]
+
+
+def test_files_for_a_target(tmp_path, capsys):
+    """Compared with the model like all others, they say what they are for; --check asks for the same target."""
+    argv = ["generate", "labmate", "--output", "type_iv_line", "--scalar", "float", "-o", str(tmp_path)]
+    assert main([*argv, "--for", "rv32"]) == 0
+    assert " * Optimized for rv32\n" in (tmp_path / "labmate/labmate_type_iv_line_f.c").read_text()
+    assert json.loads((tmp_path / "labmate/manifest.json").read_text())["target"] == "rv32"
+    assert main([*argv, "--for", "rv32", "--check"]) == 0
+    assert main([*argv, "--check"]) == 1
+    capsys.readouterr()
+    assert main([*argv, "--for", "avr"]) == 2
+    assert "--for: invalid choice: 'avr'" in capsys.readouterr().err
+
+
+@each_scalar
+def test_what_init_bounds_is_not_tested_at_each_step(scalar):
+    """P_l nearer and nearer to the axle, Type I: the status of the model, with and without a test at each step."""
+    law, seen, number = law_of(find_robot("labmate"), "type_i"), set(), NUMPY[scalar]
+    params, gains = ([float(number(q.default)) for q in group] for group in (law.parameters, law.gains))
+    b, d = (params[[q.name for q in law.parameters].index(name)] for name in "bd")
+    for ratio in (1.0, 1e-1, 1e-3, 1e-4, 3e-5, 1.3e-5, 7.5e-6, 3.5e-6, 1e-6, 1e-7):
+        config = [float(number(ratio * b - d))]
+        ours = CompiledController(law, params, config, gains, made_by=library(law, scalar))
+        truth = CasadiController(law, params, config, gains)
+        for angle in np.linspace(-np.pi, np.pi, 17):
+            at = np.array([0.1, 0.2, number(angle), 0.0, 0.0, 1.0, 1.5]), np.zeros(len(law.reference))
+            status = ours.step(*at)[0]
+            assert status == truth.step(*at)[0], (ratio, angle)
+            seen.add((ours._self.regular_margin > 0, status))
+    assert seen == {(True, "ok"), (False, "ok"), (False, "singular")}
+
+
+def test_a_margin_is_below_the_difference_at_all_angles():
+    """Exactly, at random angles, of every law that has one."""
+    with_margin = 0
+    for name in NAMES:
+        for body in compiled(name).entries.values():
+            for seed in range(5 if body.margin else 0):
+                margin, one, other = evaluate([body.margin, *body.singular], random_leaves(seed))
+                assert margin < one - abs(other)
+                with_margin += 1
+    assert with_margin
 
 
 def singular_place(Phi, leaf):
@@ -794,7 +859,7 @@ def test_comments_of_constants_are_what_init_makes():
     for node, field in program.constants.items():
         formula = known.formula(node)
         if formula.startswith("of "):
-            assert set(formula[3:].split(", ")) <= values.keys()
+            assert set(formula[3:].partition(";")[0].split(", ")) <= values.keys()
             continue
         python = re.sub(r"(?<=[\w)]) (?=[\w(])", "*", formula).replace("^", "**")
         assert abs(eval(python, {}, values) - getattr(self, field)) <= 1e-12 * abs(getattr(self, field)), formula

@@ -19,18 +19,20 @@ def generate(
     lanes: bool = False,
     scaled: Sequence[str] | None = None,
     adapted: Sequence[str] = (),
+    target: str = "",
     progress: Reported = silent,
 ) -> dict[str, str]:
     """Return the C of control laws of a robot, compiled and compared with the model.
 
     `scalars` are the precisions to generate, "double" and "float"; `dynamics` adds the plant, nudot(q, nu, tau), `lanes` the
-    batch laws, which have the bits of the laws; `scaled` adds the filter, `adapted` what learns parameters (see `robot_files`).
+    batch laws, which have the bits of the laws; `scaled` adds the filter, `adapted` what learns parameters, and
+    `target` is what the laws are optimized for (see `robot_files`).
     Returns the text of each file by its name, `manifest.json` included; the files
     also need those of runtime_c/ to compile. Units are SI. Every entry point is compared with the model at 200 random states;
     without a C compiler a warning on standard error says that nothing was compared. Raises Mismatch where the C differs from the
     model.
     """
-    files = robot_files(system, laws, scalars, dynamics, lanes, scaled, adapted)
-    if wrong := differences(system, laws, files, progress, scaled):
+    files = robot_files(system, laws, scalars, dynamics, lanes, scaled, adapted, target)
+    if wrong := differences(system, laws, files, progress, scaled, target):
         raise Mismatch("\n".join(wrong))
     return files

@@ -77,15 +77,16 @@ def differences(
     files: Mapping[str, str],
     progress: Reported = silent,
     scaled: Sequence[str] | None = None,
+    target: str = "",
 ) -> list[str]:
     """Return lines that describe where the C of `files` (name -> text) differs from the model; empty if it does not.
 
-    `scaled`: of what the filter estimates the scale; None: there is no filter.
+    `scaled`: of what the filter estimates the scale; None: there is no filter. `target`: for which the laws are optimized.
     Successful comparisons are cached. Without a C compiler for this machine, nothing is compared and a warning on standard error
     says so. Raises BadInput if the robot is regular at hardly any random state.
     """
     try:
-        parts = list(_not_compared_before(system, laws, files, scaled))
+        parts = list(_not_compared_before(system, laws, files, scaled, target))
         if parts:
             load(cffi.FFI(), {})  # the runtime's status: checks that the compiler builds for this machine
     except (BadInput, OSError) as reason:
@@ -99,13 +100,13 @@ def differences(
 
 
 def _not_compared_before(
-    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None
+    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None, target: str
 ) -> Iterator[tuple["_InC", dict[str, str], tuple]]:
     """Yield each law, the dynamics and the filter in each scalar of `files`, their files, and the key in the cache."""
     settings = (STATES, SEED, sorted(LIMIT.items()))
     for scalar in SCALARS:
         filters = [] if scaled is None else [_FilterInC(system, scaled, scalar)]
-        of_laws = [kind(law, scalar) for law in laws for kind in (_LawInC, _LanesInC)]
+        of_laws = [kind(law, scalar, target) for law in laws for kind in (_LawInC, _LanesInC)]
         for part in (*of_laws, _DynamicsInC(system, scalar), *filters):
             if part.names <= files.keys():
                 own = {Path(name).name: files[name] for name in sorted({*part.names, *part.beside}) if name in files}
@@ -231,9 +232,9 @@ def _listed(values: np.ndarray) -> str:
 class _LawInC(_InC):
     """A law."""
 
-    def __init__(self, law: ControlLaw, scalar: str):
+    def __init__(self, law: ControlLaw, scalar: str, target: str = ""):
         super().__init__(law.system.mechanism.name, law.name, scalar)
-        self.law = law
+        self.law, self.target = law, target
         self.answer = "command" if law.kinematic else "tau"
         batch = SCALARS[scalar].name(f"{law.system.mechanism.name}_{law.name}_steps")
         self.beside = {f"{LANES}/{batch}.{kind}" for kind in "ch"}  # one library is compiled for the law and its batch law
@@ -254,7 +255,7 @@ class _LawInC(_InC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
-        library = Library(self.law, self.scalar, files)
+        library = Library(self.law, self.scalar, files, self.target)
         random, singular = np.random.default_rng(SEED), 0
         for plant in _plants(self.law):
             params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
@@ -374,21 +375,23 @@ class _LawInC(_InC):
 class _LanesInC(_LawInC):
     """A law's batch law, each lane compared with a step, bit by bit. In its samples the step has the place of the model."""
 
-    def __init__(self, law: ControlLaw, scalar: str):
-        super().__init__(law, scalar)
+    def __init__(self, law: ControlLaw, scalar: str, target: str = ""):
+        super().__init__(law, scalar, target)
         self.names |= self.beside
         self.title += ", batch law"
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield lanes at random regular states and at arbitrary bits, without limits and with limits that many of them exceed."""
-        library, random = BatchLibrary(self.law, self.scalar, files), np.random.default_rng(SEED)
+        library, random = BatchLibrary(self.law, self.scalar, files, self.target), np.random.default_rng(SEED)
         for plant in _plants(self.law):
-            numbers = {name: self.held(getattr(plant, name)) for name in ("params", "config", "gains")}
+            params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
+            numbers = {"params": params, "config": config, "gains": gains}
             state, reference = self._lanes(plant, random)
-            free = CompiledController(self.law, *numbers.values(), made_by=library)
+            free = CompiledController(self.law, params, config, gains, made_by=library)
             usual = np.median(np.abs(free.steps(state, reference)[1][:, : len(plant.points)]), axis=1)
             limits = Limits(tuple(self.held(usual + TINY)))
-            for controller in (free, CompiledController(self.law, *numbers.values(), limits=limits, made_by=library)):
+            limited = CompiledController(self.law, params, config, gains, limits=limits, made_by=library)
+            for controller in (free, limited):
                 statuses, tau = controller.steps(state, reference)
                 for k, (status, of_lane) in enumerate(zip(statuses, tau.T.astype(float), strict=True)):
                     inputs = numbers | {"state": state[:, k], "reference": reference[:, k]}

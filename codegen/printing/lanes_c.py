@@ -170,6 +170,10 @@ class _Lanes(Statements):
         self.entries = entries
         self.angles: list[str] = []
 
+    def not_singular(self, measure: Node, bound: Node, margin: Node | None = None) -> None:
+        """Keep whether `measure` is greater than `bound`; a mask is no cheaper if it is known."""
+        super().not_singular(measure, bound)
+
     def turned(self, angle: str, sine: str, cosine: str) -> list[str]:
         """Return the statements that give the sine and the cosine of an angle these names."""
         if angle not in self.entries:

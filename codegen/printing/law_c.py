@@ -473,7 +473,8 @@ class LawC(ProgramC[Program]):
             if angle.arguments and angle in used:
                 writer.lines.append(self.leave(f"!{self.in_range(writer.named(angle))}", "NOSLIP_RANGE"))
         if law.singular:
-            writer.not_singular(*law.singular)
+            measure, bound = law.singular
+            writer.not_singular(measure, bound, law.margin)
         for node, place in places:
             writer.assign(place, node)
 

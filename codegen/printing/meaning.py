@@ -13,7 +13,7 @@ from ...model.linearization import SINGULAR, SINGULAR_SQUARED
 from ..dynamics import DynamicsProgram
 from ..evaluation import evaluate
 from ..graph import Applied, Constant, Leaf, MatrixInverse, Node, Operation, reachable
-from ..program import Program
+from ..program import MARGIN, Program
 from .layout import WIDTH, aside
 
 LONGEST = 80  # characters of a formula; for a longer one the names in it are listed
@@ -89,7 +89,8 @@ class Meanings:
         text = str(product) if product is not None else ""
         if text and len(text) <= LONGEST:
             return text
-        return "of " + ", ".join(sorted({leaf.name for leaf in reachable([node]) if isinstance(leaf, Leaf)}))
+        names = "of " + ", ".join(sorted({leaf.name for leaf in reachable([node]) if isinstance(leaf, Leaf)}))
+        return names + ("; positive if Phi is regular at all angles" if self._labels.get(node) == MARGIN else "")
 
     def legend(self, constants: Mapping[Node, str], lines: Sequence[str]) -> list[str]:
         """Return a comment for each numbered constant that these statements read."""

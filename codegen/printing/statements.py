@@ -79,12 +79,13 @@ class Statements:
             self._assign(node, self._expression(node)[0])
         return self._print(node)[0]
 
-    def not_singular(self, measure: Node, bound: Node) -> None:
-        """Leave the function unless `measure` is greater than `bound`, also for NaN."""
+    def not_singular(self, measure: Node, bound: Node, margin: Node | None = None) -> None:
+        """Leave the function unless `measure` is greater than `bound`, also for NaN; it is if `margin` is positive."""
         if self.guard is None:
             return
         left, right = self._operand(measure, 1), self._operand(bound, 1)
-        self.lines.append(self.guard(f"!({left} > {right})"))
+        unknown = "" if margin is None else f"!({self.value(margin)} > 0) && "
+        self.lines.append(self.guard(f"{unknown}!({left} > {right})"))
         self.guarded.update(factors(measure))
 
     def _operand(self, node: Node, binding: int) -> str:

@@ -85,7 +85,7 @@ def times(a: PolyElement, b: PolyElement) -> PolyElement:
     """Return the product, as `plus` does. Raises NotRational if it is too large."""
     if len(a) * len(b) > TERMS * TERMS:
         raise NotRational
-    product = a * b
+    product = a if b == b.ring.one else b if a == a.ring.one else a * b
     if len(a) > 1 and len(b) > 1 and not _is_simple(product):
         sizes = _sizes(a) * _sizes(b)
         product = _without_noise(product, sizes.__getitem__)
@@ -132,10 +132,10 @@ def generators_of(polynomial: PolyElement) -> set[int]:
 
 def without_squares(polynomial: PolyElement, radical: Radical) -> tuple[PolyElement, int]:
     """Return a polynomial with at most the first power of the radical, and the power of radical.denominator to divide it by."""
+    if all(powers[radical.place] < 2 for powers in polynomial):
+        return polynomial, 0
     parts = by_squares(polynomial, radical.place)
     most = len(parts) - 1
-    if not most:
-        return polynomial, 0
     reduced = polynomial.ring.zero
     for half, part in enumerate(parts):
         if part:
