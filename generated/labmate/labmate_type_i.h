@@ -73,29 +73,30 @@ typedef struct labmate_type_i {
     double k7;
     double k8;                /* m^2: (L + d)^2 */
     double k9;                /* kg: (m_c + 2 m_w)/2 */
-    double k10;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k10;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     double k11;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k12;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k13;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k14;               /* m: r^2/(4 b) */
-    double k15;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k16;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k17;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k18;               /* m: r (L + d)/(2 b) */
-    double k19;               /* m: r^2 (L + d)/(4 b^2) */
-    double k20;               /* m^2: b^2 - (L + d)^2 */
-    double k21;               /* 1/m^2: 1e-10/b^2 */
-    double k22;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k23;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double k14;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k15;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k16;               /* m: r^2/(4 b) */
+    double k17;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k18;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k19;               /* m: r (L + d)/(2 b) */
+    double k20;               /* m: r^2 (L + d)/(4 b^2) */
+    double k21;               /* m^2: b^2 - (L + d)^2 */
+    double k22;               /* 1/m^2: 1e-10/b^2 */
+    double k23;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k24;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double regular_margin;    /* m^2: of L, b, d, r; positive if Phi is regular at all angles */
-    double k24;               /* 1/m: 1/b */
-    double k25;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k26;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k27;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k28;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k29;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    double k30;               /* m: r^2 (L + d)/(4 b^2) */
-    double k31;               /* r^2/(4 b (L + d)) */
+    double k25;               /* 1/m: 1/b */
+    double k26;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k27;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k28;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k29;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k30;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double k31;               /* m: r^2 (L + d)/(4 b^2) */
+    double k32;               /* r^2/(4 b (L + d)) */
 } labmate_type_i;
 
 /*
@@ -163,7 +164,7 @@ int labmate_type_i_feedback(const labmate_type_i *self, const labmate_state *sta
 /*
  * Of each contact: the ground's force along and across, the shift of the load by each metre of height, the mass on it.
  * ground[8]: along (N), across (N), shift (N/m), mass (kg) of right wheel, left wheel
- * Operations: 11 mul, 3 add, 7 sub, 1 neg.
+ * Operations: 9 mul, 5 add, 4 sub, 1 neg.
  */
 int labmate_type_i_ground(const labmate_type_i *self, const labmate_state *state, const double tau[2],
     double ground[8]);

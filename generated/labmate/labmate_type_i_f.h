@@ -73,29 +73,30 @@ typedef struct labmate_type_i_f {
     float k7;
     float k8;                 /* m^2: (L + d)^2 */
     float k9;                 /* kg: (m_c + 2 m_w)/2 */
-    float k10;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k10;                /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     float k11;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k12;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k13;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k14;                /* m: r^2/(4 b) */
-    float k15;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k16;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k17;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k18;                /* m: r (L + d)/(2 b) */
-    float k19;                /* m: r^2 (L + d)/(4 b^2) */
-    float k20;                /* m^2: b^2 - (L + d)^2 */
-    float k21;                /* 1/m^2: 1e-10/b^2 */
-    float k22;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k23;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k14;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k15;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k16;                /* m: r^2/(4 b) */
+    float k17;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k18;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k19;                /* m: r (L + d)/(2 b) */
+    float k20;                /* m: r^2 (L + d)/(4 b^2) */
+    float k21;                /* m^2: b^2 - (L + d)^2 */
+    float k22;                /* 1/m^2: 1e-10/b^2 */
+    float k23;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k24;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float regular_margin;     /* m^2: of L, b, d, r; positive if Phi is regular at all angles */
-    float k24;                /* 1/m: 1/b */
-    float k25;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k26;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k27;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k28;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k29;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    float k30;                /* m: r^2 (L + d)/(4 b^2) */
-    float k31;                /* r^2/(4 b (L + d)) */
+    float k25;                /* 1/m: 1/b */
+    float k26;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k27;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k28;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k29;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k30;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k31;                /* m: r^2 (L + d)/(4 b^2) */
+    float k32;                /* r^2/(4 b (L + d)) */
 } labmate_type_i_f;
 
 /*
@@ -164,7 +165,7 @@ int labmate_type_i_feedback_f(const labmate_type_i_f *self, const labmate_state_
 /*
  * Of each contact: the ground's force along and across, the shift of the load by each metre of height, the mass on it.
  * ground[8]: along (N), across (N), shift (N/m), mass (kg) of right wheel, left wheel
- * Operations: 11 mul, 3 add, 7 sub, 1 neg.
+ * Operations: 9 mul, 5 add, 4 sub, 1 neg.
  */
 int labmate_type_i_ground_f(const labmate_type_i_f *self, const labmate_state_f *state, const float tau[2],
     float ground[8]);
