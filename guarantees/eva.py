@@ -92,8 +92,8 @@ class AnalysedProgram:
         """
         suffix = SCALARS[self.scalar][0]
         of_frames = MOST_IN_FRAMES if self.source == "telemetry" else {}
-        own = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "course": MOST_IN_COURSE, "follower": MOST_IN_FOLLOWER}
-        own = own.get(self.source, {})
+        whole = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "course": MOST_IN_COURSE, "follower": MOST_IN_FOLLOWER}
+        own = whole.get(self.source, {})
         most = {"noslip_limit": 0, "noslip_abs": 0} | own
         most = {f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()} | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
