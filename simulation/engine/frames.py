@@ -167,7 +167,7 @@ def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
 
 
 def _refused(name: str, why: str) -> BadInput:
-    return BadInput(f"--engine mujoco: {name} cannot be built from bodies and wheels: {why}; a file of the robot may do, by [scene]")
+    return BadInput(f"--engine mujoco: {name} cannot be built from bodies and wheels: {why}; [scene] may take its file")
 
 
 @lru_cache(maxsize=16)
