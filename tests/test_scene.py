@@ -151,6 +151,18 @@ def test_a_car_with_four_wheels_moves_as_the_bicycle(tmp_path):
     assert scene.floor.load.sum(axis=1)[:5] == pytest.approx(3.74 * 9.81, rel=1e-3)  # at rest; later sliding makes loads jump
 
 
+def test_steered_wheels_are_tied(tmp_path):
+    """Both turn by one angle, though the load on one is as from a curb; the file's axes are downward, one of them here upward."""
+    text = car().replace('<joint name="steer_left" axis="0 0 -1"/>', '<joint name="steer_left" axis="0 0 1" damping="0.2"/>')
+    (tmp_path / "car.xml").write_text(text)
+    named = {entry: {key: (of,) if isinstance(of, str) else tuple(of) for key, of in PAIRS[entry].items()} for entry in PAIRS}
+    section = SceneSection(file=str(tmp_path / "car.xml"), **named)
+    made = SceneEngine(plant("f1tenth"), section, ContactSection(), Floor(), np.zeros(7))
+    made.hold(0.0, made.state(), np.array([0.0, 0.05]), 0.2)
+    right, left = (float(made.data.joint(f"steer_{side}").qpos[0]) for side in ("right", "left"))
+    assert left == pytest.approx(-right, abs=1e-3) and left > 0.02 and made.coordinates()[0][3] == pytest.approx(left, abs=1e-3)
+
+
 def urdf(tmp_path) -> str:
     """The TurtleBot3 Burger, whose wheels are cylinders."""
     (tmp_path / "burger.urdf").write_text(turtlebot3("burger").text)

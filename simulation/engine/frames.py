@@ -7,6 +7,7 @@ points are those that reproduce the rows at random states. Masses, first moments
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -63,13 +64,15 @@ class PlanarBodies:
     """A Mechanism as bodies: frames, wheels, and the map from the rates of its coordinates to those of the hinges and axles.
 
     `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle] = joints @ qdot. `normal` is the
-    part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own.
+    part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own. `mass` (kg) is the whole,
+    0 where wheels whose rotation is no coordinate also have inertia along.
     """
 
     frames: tuple[Frame, ...]
     wheels: tuple[WheelContact, ...]
     joints: np.ndarray
     normal: float = 1.0
+    mass: float = 0.0
 
     def hinge(self, k: int) -> int:
         """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
@@ -97,8 +100,9 @@ class _PointVelocity:
         return np.array([[c, s], [-s, c]])
 
 
-def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
-    """Return the bodies and wheels of a robot with these parameters (SI, in its order).
+def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -> PlanarBodies:
+    """Return the bodies and wheels of a robot with these parameters (SI, in its order); unless `weighed`, only those on which
+    contacts are, without masses and inertias of their own.
 
     Raises BadInput if it is not made of planar bodies on vertical hinges and of wheels with horizontal axles.
     """
@@ -110,7 +114,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
         raise _refused(name, f"its position is not two coordinates in m; it has {len(x_y)}")
     random = np.random.default_rng(1992)
     states = random.uniform(-3.0, 3.0, (STATES, len(mechanism.coordinates)))
-    function, count, bodies = _functions(mechanism), len(mechanism.contacts), len(mechanism.bodies)
+    function, count, bodies = _functions(mechanism), len(mechanism.contacts), len(mechanism.bodies) * weighed
     values = [[value.full() for value in function(q, parameters)] for q in states]
     rows, turning, M, places, masses, angles = (np.array([value[k] for value in values]) for k in range(6))
     if not np.isfinite(turning).all() or np.ptp(turning, axis=0).max() > EXACT:
@@ -130,8 +134,11 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
         points.append(_PointVelocity(label, pair, known, *own))
     frames, found, motions = _frames(name, points, turning, states, x_y)
     radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
-    _weigh(name, frames, float(M[0, x_y[0], x_y[0]]), masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
-    inertias = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}))
+    moved, inertias = M[:, x_y[0], x_y[0]], {}
+    mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else 0.0
+    if weighed:
+        _weigh(name, frames, mass, masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
+        inertias = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}))
     driven = [abs(radius) for radius in radii if radius]
     if not driven:
         raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
@@ -148,9 +155,9 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
         )
         for k, c in enumerate(mechanism.contacts)
     )
-    loaded = sum(wheel.load for wheel in wheels) / sum(frame.mass for frame in frames)
+    loaded = sum(wheel.load for wheel in wheels) / (mass or math.inf)
     joints = _joints(name, frames, wheels, x_y, len(mechanism.coordinates))
-    return PlanarBodies(tuple(frames), wheels, joints, loaded if _sloped(mechanism, x_y) else 1.0)
+    return PlanarBodies(tuple(frames), wheels, joints, loaded if _sloped(mechanism, x_y) else 1.0, mass)
 
 
 def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
@@ -160,7 +167,7 @@ def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
 
 
 def _refused(name: str, why: str) -> BadInput:
-    return BadInput(f"--engine mujoco: {name} cannot be built from bodies and wheels: {why}")
+    return BadInput(f"--engine mujoco: {name} cannot be built from bodies and wheels: {why}; [scene] may take its file")
 
 
 @lru_cache(maxsize=16)

@@ -16,7 +16,7 @@ from ..specification.scene import SceneSection
 from ..specification.spec import ContactSection
 from .alignment import UP, align, middle
 from .frames import planar
-from .scene_file import WHERE, read_scene
+from .scene_file import MESH, WHERE, read_scene
 from .stepping import Stepped, on_joints
 
 SETTLED, LONGEST = 1e-6, 5000  # m/s, rad/s: the robot stands still; steps until it must
@@ -54,12 +54,17 @@ class SceneEngine(Stepped):
     def __init__(self, plant: Plant, section: SceneSection, contact: ContactSection, floor: Floor, start: np.ndarray):
         """Raises BadInput if MuJoCo is missing, for a file that it cannot read, and for a robot that does not fit the file."""
         mechanism = plant.system.mechanism
-        bodies = planar(mechanism, plant.parameters)
+        try:
+            bodies = planar(mechanism, plant.parameters)
+        except BadInput:  # masses that are not those of bodies on hinges do not matter here
+            bodies = planar(mechanism, plant.parameters, weighed=False)
         if bodies.normal != 1.0:
             raise BadInput(f"{WHERE}: {mechanism.name} is on a slope of its own; use a robot on level ground, and [floor] slope")
         if any(wheel.rollers or wheel.turned for wheel in bodies.wheels):
             raise BadInput(f"{WHERE}: does not go with wheels that have rollers or are turned, as {mechanism.name} has")
-        self.scene = scene = read_scene(section.file)
+        names = [coordinate.name for coordinate in mechanism.coordinates]
+        steering = [section.joints.get(names[bodies.hinge(k)], ()) for k in range(1, len(bodies.frames))]
+        self.scene = scene = read_scene(section.file, steering)
         if floor.patch or floor.bumps or not (scene.paved or floor.mu is None):
             raise scene.wrong("[floor] mu, patch, bump and rough do not apply to a scene; change its own floor")
         super().__init__(plant, bodies, scene.model, floor)
@@ -248,6 +253,8 @@ class SceneEngine(Stepped):
                 if not len(arms):
                     continue
                 joint, breadth = self.model.joint(k).name, float(np.ptp(arms @ axis))
+                if any(self.model.geom_type[g] == MESH for g in shapes):
+                    yield f"the wheel on {joint!r} is a mesh, which rolls from facet to facet; give it a cylinder or an ellipsoid"
                 radius = float(np.linalg.norm(arms - np.outer(arms @ axis, axis), axis=1).max())
                 if abs(radius / own - 1) > DIFFERS:
                     yield f"the wheel on {joint!r} has a radius of {radius:.4g} m, that of {self.name} {own:.4g} m"
@@ -256,8 +263,8 @@ class SceneEngine(Stepped):
                         f"the wheel on {joint!r} touches at points {breadth:.3g} m apart along its axle and resists turning "
                         "on the spot; a sphere or an ellipsoid as its shape does not"
                     )
-        mass, own = float(self.model.body_subtreemass[self._root]), sum(frame.mass for frame in self.planar.frames)
-        if abs(mass / own - 1) > DIFFERS:
+        mass, own = float(self.model.body_subtreemass[self._root]), self.planar.mass
+        if own and abs(mass / own - 1) > DIFFERS:
             yield f"the mass is {mass:.4g} kg, that of {self.name} {own:.4g} kg"
         off = self.mass_matrix_difference(q)
         if off > DIFFERS:

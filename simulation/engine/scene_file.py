@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ...readers.errors import BadInput, suggestion
 from ...readers.urdf.document import checked, parsed, read
 from ...readers.urdf.rims import mesh_file
@@ -14,7 +16,7 @@ from .stepping import installed
 
 FREE, HINGE = 0, 3  # mjtJoint
 ON_JOINT = 0  # mjtTrn
-ELLIPSOID, CYLINDER = 4, 5  # mjtGeom
+ELLIPSOID, CYLINDER, MESH = 4, 5, 7  # mjtGeom
 WHERE = "[scene]"
 
 
@@ -99,10 +101,13 @@ class SceneFile:
 
     def pave(self, wheels: Iterable[int], mu: float) -> None:
         """Set the friction of what stands on a floor that the file did not have: shapes of wheels `mu`, the others none.
-        Cylinders of wheels touch as the ellipsoids in them do, in the middle.
+        Cylinders of wheels touch as the ellipsoids in them do, in the middle. Shapes of the robot do not touch each other: in a
+        URDF they often overlap.
         """
         model, wheels = self.model, set(wheels)
         for g in range(model.ngeom):
+            touches = bool(model.geom_contype[g] or model.geom_conaffinity[g])
+            model.geom_contype[g], model.geom_conaffinity[g] = (touches, 0) if model.geom_bodyid[g] else (0, touches)
             if model.geom_bodyid[g]:
                 model.geom_priority[g] = 1
                 model.geom_condim[g] = 3 if g in wheels else 1
@@ -114,8 +119,9 @@ class SceneFile:
                 model.geom_solimp[g, :3] = [float(part) for part in HARD.split()]
 
 
-def read_scene(file: str) -> SceneFile:
-    """Read an MJCF or a URDF. A URDF gets a free joint; a file without anything that stands still gets a level floor.
+def read_scene(file: str, tied: Iterable[Sequence[str]] = ()) -> SceneFile:
+    """Read an MJCF or a URDF. A URDF gets a free joint; a file without anything that stands still gets a level floor. Vertical
+    joints that are named together in `tied` turn together, as by a tie rod, unless the file has equalities of its own.
 
     Raises BadInput for a file that is missing, and with the reason for one that is not a robot or that MuJoCo cannot read.
     """
@@ -128,7 +134,10 @@ def read_scene(file: str) -> SceneFile:
         if paved:
             spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
             spec.option.impratio = IMPRATIO
-            model = spec.compile()
+        if not model.neq:
+            for names in tied:
+                _tie(spec, model, names)
+        model = spec.compile()
     except (BadInput, OSError, ValueError) as error:
         said = " ".join(str(error).removeprefix(f"{file}: ").removeprefix("Error: ").split())
         if isinstance(error, OSError):
@@ -139,6 +148,20 @@ def read_scene(file: str) -> SceneFile:
     model.opt.integrator, model.opt.cone = mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtCone.mjCONE_ELLIPTIC
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return SceneFile(file, model, paved)
+
+
+def _tie(spec: Any, model: Any, names: Sequence[str]) -> None:
+    """Add equalities by which vertical joints turn as the first of them; none for names that are not in the file."""
+    mujoco = installed()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    known = [model.joint(k).name for k in range(model.njnt)]
+    up = {name: float(data.xaxis[known.index(name)][2]) for name in names if name in known}
+    for name in names[1:] if len(up) == len(names) else ():
+        tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=name, name2=names[0])
+        tie.data[:2] = 0.0, float(np.sign(up[name] * up[names[0]]))
+        tie.solref[:] = STIFF, DAMPED
+        tie.solimp[:3] = [float(part) for part in HARD.split()]
 
 
 def _of_urdf(file: str) -> Any:
