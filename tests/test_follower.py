@@ -260,6 +260,8 @@ def test_angles_are_counts(c):
         assert c.lib.labmate_follower_tick_angles_f(other, turned, PERIOD * (1 + missed), command) == status
         assert list(command) == pytest.approx(list(by_counts.command), abs=2e-3)
     assert other.watchdog.strikes == by_counts.vehicle.watchdog.strikes > 0
+    once = c.vehicle(c.settings())
+    assert c.lib.labmate_follower_tick_angles_f(once, turned, 0.0, command) == c.lib.NOSLIP_RANGE and once.watchdog.strikes == 1
     for dt in (0.0, -PERIOD, math.inf, 1e9 * PERIOD):
         assert c.lib.labmate_follower_tick_angles_f(other, turned, dt, command) == c.lib.NOSLIP_RANGE
 
@@ -313,6 +315,13 @@ def test_path_and_law_have_the_same_point(c):
     settings.path.ahead = -settings.params.d
     with pytest.raises(SettingsRefused, match="bad_parameter"):
         c.vehicle(settings)
+
+
+def test_what_is_not_driven_need_not_be_there(c):
+    """A path without a segment in reverse does not need the L of that direction, which would be singular here."""
+    line = c.ffi.new("noslip_segment_f[1]", [{"length": 5.0}])
+    loop = FirmwareLoop(c, segments=line, count=1, path__L__1=-c.settings().params.d)
+    assert loop.tick() >= 0
 
 
 def test_integral_action_removes_a_steady_error(c):
