@@ -190,6 +190,14 @@ def test_one_motor_that_cannot_is_said(c, motor, supply, least, most):
     assert least <= alone <= most
 
 
+def test_counters_wide_enough_are_taken(c):
+    """Half the range, 0.643 rad, must be more than what a wheel turns in the ticks tolerated and one more, at most."""
+    narrow = {"counter_bits": 13, "counts_per_turn__0": 40000.0, "counts_per_turn__1": -40000.0, "watchdog__tolerated": 3}
+    assert c.vehicle(FirmwareLoop(c, **narrow, fastest=15.0).settings).ready  # 4 ticks: 0.6 rad
+    with pytest.raises(SettingsRefused, match="bad_parameter"):
+        FirmwareLoop(c, **narrow, fastest=17.0)
+
+
 def velocity_loop(c, **changes) -> FirmwareLoop:
     """The vehicle with velocity drives."""
     wheel = {"speed": 20.0, "acceleration": 15.0, "band": 2.0}
@@ -299,7 +307,7 @@ def test_parameters_left_out_are_those_of_the_model(c):
     """Zeros: the defaults; one that is missing among others is still an error."""
     settings = c.settings()
     parameters = {name: getattr(settings.params, name) for name, _ in c.ffi.typeof("labmate_params_f").fields}
-    settings.params = {}
+    settings.params = dict.fromkeys(parameters, 0.0)
     vehicle = c.vehicle(settings)
     assert {name: getattr(vehicle.params, name) for name in parameters} == parameters
     settings.params = parameters | {"m_c": 0.0}
