@@ -136,7 +136,7 @@ SOURCES: Mapping[str, Source] = {
             "test_firmware test_follower",
             "zeros together are_counts law_says far_from approach update "
             "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck "
-            "integral left_out keep_grip limited_and same_point one_motor",
+            "integral left_out keep_grip limited_and same_point one_motor not_driven wide_enough",
         )
     ),
     **{

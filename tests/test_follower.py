@@ -190,6 +190,14 @@ def test_one_motor_that_cannot_is_said(c, motor, supply, least, most):
     assert least <= alone <= most
 
 
+def test_counters_wide_enough_are_taken(c):
+    """Half the range, 0.643 rad, must be more than what a wheel turns in the ticks tolerated and one more, at most."""
+    narrow = {"counter_bits": 13, "counts_per_turn__0": 40000.0, "counts_per_turn__1": -40000.0, "watchdog__tolerated": 3}
+    assert c.vehicle(FirmwareLoop(c, **narrow, fastest=15.0).settings).ready  # 4 ticks: 0.6 rad
+    with pytest.raises(SettingsRefused, match="bad_parameter"):
+        FirmwareLoop(c, **narrow, fastest=17.0)
+
+
 def velocity_loop(c, **changes) -> FirmwareLoop:
     """The vehicle with velocity drives."""
     wheel = {"speed": 20.0, "acceleration": 15.0, "band": 2.0}
@@ -260,6 +268,8 @@ def test_angles_are_counts(c):
         assert c.lib.labmate_follower_tick_angles_f(other, turned, PERIOD * (1 + missed), command) == status
         assert list(command) == pytest.approx(list(by_counts.command), abs=2e-3)
     assert other.watchdog.strikes == by_counts.vehicle.watchdog.strikes > 0
+    once = c.vehicle(c.settings())
+    assert c.lib.labmate_follower_tick_angles_f(once, turned, 0.0, command) == c.lib.NOSLIP_RANGE and once.watchdog.strikes == 1
     for dt in (0.0, -PERIOD, math.inf, 1e9 * PERIOD):
         assert c.lib.labmate_follower_tick_angles_f(other, turned, dt, command) == c.lib.NOSLIP_RANGE
 
@@ -297,7 +307,7 @@ def test_parameters_left_out_are_those_of_the_model(c):
     """Zeros: the defaults; one that is missing among others is still an error."""
     settings = c.settings()
     parameters = {name: getattr(settings.params, name) for name, _ in c.ffi.typeof("labmate_params_f").fields}
-    settings.params = {}
+    settings.params = dict.fromkeys(parameters, 0.0)
     vehicle = c.vehicle(settings)
     assert {name: getattr(vehicle.params, name) for name in parameters} == parameters
     settings.params = parameters | {"m_c": 0.0}
@@ -313,6 +323,13 @@ def test_path_and_law_have_the_same_point(c):
     settings.path.ahead = -settings.params.d
     with pytest.raises(SettingsRefused, match="bad_parameter"):
         c.vehicle(settings)
+
+
+def test_what_is_not_driven_need_not_be_there(c):
+    """A path without a segment in reverse does not need the L of that direction, which would be singular here."""
+    line = c.ffi.new("noslip_segment_f[1]", [{"length": 5.0}])
+    loop = FirmwareLoop(c, segments=line, count=1, path__L__1=-c.settings().params.d)
+    assert loop.tick() >= 0
 
 
 def test_integral_action_removes_a_steady_error(c):

@@ -299,6 +299,9 @@ def test_what_a_step_says():
     assert one.follow(straight, np.zeros(2), "ok", PERIOD)[0] == "saturated", "60 rad/s^2 are more than the 1.2 m/s^2"
     assert one.follow(curve, np.zeros(2), "ok", PERIOD)[0] == "grip"
     assert one.follow(curve, np.zeros(2), "saturated", PERIOD)[0] == "saturated"
+    even = CompiledVelocity(replace(WIDE, vehicle=VehicleLimits((0.5, 0.5), (0.5, -0.5), 1.2, 1.0)), PERIOD)
+    even.reset(np.array([2.0, 0.0]))  # 1 m/s and 1 rad/s: at the limit, not beyond it
+    assert even.follow(np.array([2.0, 0.0]), np.array([2.0, 0.0]), "ok", PERIOD)[0] == "ok"
     status, command = CompiledVelocity(replace(WIDE, vehicle=None), PERIOD).follow(curve, np.zeros(2), "ok", 1e-311)
     assert status == "nonfinite" and np.all(command == 0)
 

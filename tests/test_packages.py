@@ -6,15 +6,19 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from zipfile import ZipFile
 
 import noslip.cli.export as export
+import numpy as np
 import pytest
 from noslip import __version__
 from noslip.cli.main import main
 from noslip.codegen.packages.packages import PACKAGES
+from noslip.controllers.backends import make_controller
+from noslip.readers.robots import find_robot, law_of, system_of
 from noslip.tests.tools import need
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -268,6 +272,22 @@ def test_the_zip_has_the_same_bytes_everywhere(tmp_path):
     program = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{folder / 'runtime_c'}", f"-I{robot}", tmp_path / "x.c"]
     run(*program, *sources, "-o", tmp_path / "x")
     run(tmp_path / "x")
+
+
+def test_from_python(tmp_path):
+    """The program of docs/firmware.md, in a fresh folder: its torques are those of the model."""
+    need("cc")
+    page = (ROOT / "docs/firmware.md").read_text().split("## From Python")[1].split("\n## ")[0]
+    shell, program = (re.search(rf"```{kind}\n(.*?)```", page, re.S) for kind in ("sh", "python"))
+    assert shell and program
+    (tmp_path / "noslip").symlink_to(Path(sys.executable).parent / "noslip")
+    run("sh", "-e", "-c", shell[1], cwd=tmp_path, env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"})
+    status, *tau = run(sys.executable, "-c", program[1], cwd=tmp_path).stdout.split()
+    law = law_of(system_of(find_robot("labmate")), LAW)
+    believed = law.system.mechanism.parameter_values({})
+    model = make_controller("casadi", law, np.array(believed), np.array([0.0, 20.0, 20.0, 10.0]), np.array([1.0, 2.5, 2.0]))
+    expected = model.step(np.array([30.0, 15.0, 1.2, 0, 0, 0, 0]), np.array([0.0, 0.0, 0.0, 1.0, 0.0]))
+    assert status == expected[0] == "ok" and list(map(float, tau)) == pytest.approx(expected[1], rel=1e-9)
 
 
 # What the build systems of Zephyr and ESP-IDF define, as far as the packages use it.

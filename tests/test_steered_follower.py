@@ -152,6 +152,29 @@ def test_counts_are_angles():
         assert loop.follower.steering.angle == pytest.approx(loop.x[3], abs=0.02)
 
 
+@pytest.mark.parametrize("ticks", [20_000, pytest.param(1_000_000, marks=pytest.mark.nightly)])
+def test_reckoning_in_float(ticks):
+    """Beside the same sums in double, on a way that winds: 1 mm after 10 km. It goes on after the follower has stopped."""
+    loop = SteeredLoop(scalar="float")
+    function, follower, per_count = loop.c.lib.car_follower_tick_f, loop.follower, 2 * math.pi / COUNTS
+    r, wheelbase, at = follower.params.r, follower.params.l, follower.odometry.now.at
+    (x, y, heading), rolled, before = START, 0, 0.0
+    for k in range(ticks):
+        steered, step = int(6000 * math.sin(0.002 * k)), 2122 + k % 3  # counts
+        rolled += step
+        loop.counts[0], loop.counts[1] = rolled % 2**24, (STRAIGHT - steered) % 2**24
+        function(follower, loop.counts, 0, loop.command)
+        angle = steered * per_count
+        if k:
+            way = r * step * per_count
+            turn = way * math.tan((angle + before) / 2) / wheelbase
+            chord = way * (math.sin(turn / 2) / (turn / 2) if turn else 1.0)
+            x, y = x + chord * math.cos(heading + turn / 2), y + chord * math.sin(heading + turn / 2)
+            heading += turn
+        before = angle
+    assert math.hypot(at[0] - x, at[1] - y) < 1e-3 and abs(math.remainder(at[2] - heading, 2 * math.pi)) < 1e-6
+
+
 def test_a_tricycle_drives():
     """Another robot, whose driven wheel is the steered one; it may turn it by more than a right angle."""
     loop = SteeredLoop("tricycle", "float", path__L=[0.3, 0.0], steering=1.7)
