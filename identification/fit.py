@@ -17,7 +17,7 @@ from .output_error import OutputError, Prediction, Windows, runge_kutta, with_de
 from .plausibility import check_dynamics, check_kinematics
 from .result import Identification, result_of
 
-WINDOW = 25  # rows that are predicted from one initial state
+WINDOW = 25  # rows that are predicted from one initial state; no row is in two windows, whose errors would then be alike
 LEFT_OUT = 5  # every so many windows one is not fitted: the validation
 LONGEST_STEP = 0.01  # s, of the integration
 MOST_STEPS = 50  # of the integration between two rows
@@ -91,7 +91,7 @@ def predicted(
 
 def _windows(log: Log, dynamics: Dynamics, held: bool) -> Windows:
     n = len(dynamics.system.mechanism.coordinates)
-    starts = [k for stretch in log.stretches for k in range(stretch.start, stretch.stop - WINDOW + 1, WINDOW - 1)]
+    starts = [k for stretch in log.stretches for k in range(stretch.start, stretch.stop - WINDOW + 1, WINDOW)]
     if len(starts) < 2 * LEFT_OUT:
         raise BadInput(f"the log has {len(starts)} stretches of {WINDOW} rows without a gap; {2 * LEFT_OUT} are needed")
     rows = np.array(starts)[:, None] + np.arange(WINDOW)

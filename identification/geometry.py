@@ -19,6 +19,7 @@ from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta,
 from .plausibility import check_kinematics
 from .result import Identification, result_of
 
+DENSE = 0.2  # part of the rows with a pose from which on the motion between poses is compared with that of the angles
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
 
 
@@ -60,6 +61,8 @@ def calibrate(
     geometry = _Geometry.of(system, first.names)
     given = [values.get(p.name, p.default) for p in system.mechanism.parameters]
     for log in logs:
+        if np.isfinite(log.pose[:, :2]).all(axis=1).mean() < DENSE:
+            continue
         pose = zip(pose_names(system), log.pose.T, strict=True)
         measured = {name: filled(log.t, each) for name, each in pose if np.isfinite(each).any()}
         columns = {**dict(zip(log.names, log.angles.T, strict=True)), **measured}

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -87,6 +88,7 @@ class OutputError:
         self.scale = np.maximum(spread, 1e-9 * spread.max())
         self.unseen: dict[str, list[str]] = {}  # what the log does not show, with parameters that it shows only beside it
         self.cost = math.inf
+        self._simulated: tuple[Any, Any] = (), ()  # values and start with which was simulated last, and the result
 
     def fit(self, robust: bool = False) -> "OutputError":
         """Fit the parameters and return self. Raises BadInput if the log does not show them, or the fit does not converge.
@@ -299,8 +301,22 @@ class OutputError:
         return self.start - np.einsum("wkr,wr->wk", np.linalg.pinv(by_start, rcond=1e-10), residual)
 
     def _predicted(self, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return residuals (W, R ny), and their derivatives by the initial states and by the fitted parameters."""
-        logged, columns = self.windows, [self._all_names.index(name) for name in self.names]
+        """Return residuals (W, R ny), and their derivatives by the initial states and by the fitted parameters, all weighted."""
+        windows, rows, outputs = self.windows.measured.shape
+        at, columns = (values.tobytes(), start.tobytes()), [self._all_names.index(name) for name in self.names]
+        if at != self._simulated[0]:
+            self._simulated = at, self._simulate(values, start)
+        residual, starts, parameters = self._simulated[1]
+        weight = self._weight / self.scale
+        return (
+            np.where(self._weight > 0, residual * weight, 0.0).reshape(windows, -1),
+            (starts * weight[..., None]).reshape(windows, rows * outputs, -1),
+            (parameters[..., columns] * weight[..., None]).reshape(windows, rows * outputs, -1),
+        )
+
+    def _simulate(self, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return errors of the outputs (W, R, ny) and their derivatives by the initial states and by all parameters."""
+        logged = self.windows
         windows, rows, outputs = logged.measured.shape
         x = logged.start.copy()
         x[:, logged.fitted] = start
@@ -314,13 +330,7 @@ class OutputError:
         )
         y, starts, parameters = (np.array(each).reshape(outputs, windows, rows, -1).transpose(1, 2, 0, 3) for each in observed)
         residual = y[..., 0] - logged.measured
-        residual = np.where(self._angles, np.remainder(residual + np.pi, 2 * np.pi) - np.pi, residual)
-        weight = self._weight / self.scale
-        return (
-            np.where(self._weight > 0, residual * weight, 0.0).reshape(windows, -1),
-            (starts * weight[..., None]).reshape(windows, rows * outputs, -1),
-            (parameters[..., columns] * weight[..., None]).reshape(windows, rows * outputs, -1),
-        )
+        return np.where(self._angles, np.remainder(residual + np.pi, 2 * np.pi) - np.pi, residual), starts, parameters
 
 
 def runge_kutta(rates: Iterable[Callable[[ca.SX], ca.SX]], x: ca.SX, h: ca.SX | float) -> ca.SX:

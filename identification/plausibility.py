@@ -164,10 +164,13 @@ class _Motion:
         x = np.column_stack([columns.get(name, np.zeros(count)) for name in self._state])
         n = len(self._state) - len(self._velocities)
         q, nu = x[:, :n], x[:, n:]
+        values = np.tile(self._values[:, None], count)
         if self._by_angles:
-            given = slopes(t, q, stretches)
-            nu = np.array([self._solved(*pair) for pair in zip(q, given, strict=True)])
-        rates = self._rates.map(count)(q.T, nu.T, np.tile(self._values[:, None], count))[0].full().T
+            _, S, carried = self._rates.map(count)(q.T, nu.T, values)
+            rows = S.full().reshape(n, count, -1).transpose(1, 0, 2)[:, self._angles]
+            given = (slopes(t, q, stretches) - carried.full().T)[:, self._angles]
+            nu = (np.linalg.pinv(rows) @ given[:, :, None])[:, :, 0]
+        rates = self._rates.map(count)(q.T, nu.T, values)[0].full().T
         ends = [range(s.start, s.stop, BLOCK) for s in stretches]
         integrals = np.vstack([np.zeros(n), np.cumsum((rates[1:] + rates[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
         predicted, actual = (np.vstack([np.diff(each[list(rows)], axis=0) for rows in ends]) for each in (integrals, q))
@@ -177,8 +180,3 @@ class _Motion:
         errors = np.sqrt(np.mean((predicted - actual) ** 2, axis=0))
         moving = [k for k in self.compared if sizes[k] > 0]
         return float(np.sqrt(np.mean((errors[moving] / sizes[moving]) ** 2))) if moving else 0.0
-
-    def _solved(self, q: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """Return the quasi-velocities that give these rates of the angles."""
-        _, S, carried = (each.full() for each in self._rates(q, np.zeros(len(self._velocities)), self._values))
-        return np.linalg.lstsq(S[self._angles], given[self._angles] - carried[self._angles, 0])[0]

@@ -166,6 +166,7 @@ NIGHTLY = {
         r"figure_9b_goes\[(plant-0\.0|controller-0\.01)\]",
         r"goes_on_over_joins\[0\.01\]",
     ),
+    "test_logs": (r"other_robots_are_not_refused\[tractor_trailer\]",),
     "test_lanes": (r"lanes_are_steps\[type_iv_ellipse-double",),
     "test_kinematic": (
         r"as_desired\[(?!type_iv_segment-c\]|type_iv_line-cf|type_iii-casadi|type_i_offset-casadi)",

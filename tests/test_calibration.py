@@ -132,6 +132,14 @@ def test_end_poses_of_squares_driven_both_ways():
     assert error(fitted["b"], fitted["scale_theta_l"]) < error(0.355, 1.0) / 10
 
 
+def test_sparse_poses_are_not_compared_with_the_motion_between_them():
+    """A circle and a half between two poses: the line between these says nothing about signs."""
+    right, left = np.full(120, 0.03), np.full(120, 0.01)
+    logs = [log_of(*pair, every=120, scale_left=1.004) for pair in ((right, left), (left, right), (right, right))]
+    result = calibrate(logs, SYSTEM, ["b", "scale_theta_l"], DEFAULT | {"r": TRUE["r"], "b": 0.355})
+    assert values(result) == {"b": pytest.approx(TRUE["b"], rel=1e-6), "scale_theta_l": pytest.approx(1.004, rel=1e-6)}
+
+
 def test_poses_that_are_wrong_have_little_weight():
     log = log_of(*winding(), noise=1.0, seed=3)
     log.pose[50::40, 0] += 1.0
