@@ -614,3 +614,59 @@ def test_texts_of_verdicts():
     assert str(certify(make_loop(circle), circle)).startswith("safe: |s| stays below 0.18")
     offset = changed(circle, output={"W": 0.2})
     assert certify(make_loop(offset), offset).kind == "safe"
+
+
+CASTORS = """
+from casadi import cos, sin
+from noslip.model import Mechanism
+
+robot = Mechanism("castors", "a platform with two driven wheels and two castors")
+x, y, phi = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("phi", "rad")
+right, left = robot.coordinate("right", "rad"), robot.coordinate("left", "rad")
+turns = [robot.coordinate(f"turn_{k}", "rad") for k in (1, 2)]
+rolls = [robot.coordinate(f"roll_{k}", "rad") for k in (1, 2)]
+m, I, J = robot.parameter("m", 30.0, "kg"), robot.parameter("I", 5.0, "kg m^2"), robot.parameter("J", 0.01, "kg m^2")
+b, r, e, r_c = (robot.parameter(name, value, "m") for name, value in (("b", 0.3), ("r", 0.1), ("e", 0.04), ("r_c", 0.05)))
+ahead, aside = robot.parameter("ahead", 0.5, "m"), robot.parameter("aside", 0.2, "m")
+I_k = robot.parameter("I_k", 0.002, "kg m^2")
+
+def along(velocity, angle):
+    return velocity[0] * cos(angle) + velocity[1] * sin(angle), velocity[1] * cos(angle) - velocity[0] * sin(angle)
+
+rate = robot.rate
+forward, sideways = along((rate(x), rate(y)), phi)
+robot.kinetic_energy((m * (forward**2 + sideways**2) + I * rate(phi) ** 2 + J * (rate(right) ** 2 + rate(left) ** 2)) / 2)
+robot.rolls("no side slip", sideways)
+robot.rolls("right wheel", forward + b * rate(phi) - r * rate(right))
+robot.rolls("left wheel", forward - b * rate(phi) - r * rate(left))
+for k, (turn, roll, side) in enumerate(zip(turns, rolls, (1, -1))):
+    angle = phi + turn
+    place = (
+        x + ahead * cos(phi) - side * aside * sin(phi) - e * cos(angle),
+        y + ahead * sin(phi) + side * aside * cos(phi) - e * sin(angle),
+    )
+    ahead_of_wheel, across_wheel = along((rate(place[0]), rate(place[1])), angle)
+    robot.kinetic_energy(I_k * ((rate(phi) + rate(turn)) ** 2 + rate(roll) ** 2) / 2)
+    robot.rolls(f"castor {k + 1} sideways", across_wheel)
+    robot.rolls(f"castor {k + 1} rolls", ahead_of_wheel - r_c * rate(roll))
+robot.input("tau_r", "N m", on=rate(right))
+robot.input("tau_l", "N m", on=rate(left))
+robot.quasi_velocity("v", "m/s", forward)
+robot.quasi_velocity("omega", "rad/s", rate(phi))
+robot.moves_in_plane(x, y, phi)
+"""
+
+
+@pytest.mark.nightly
+def test_castors_that_are_modelled_change_what_is_reached_not_the_outputs(tmp_path, capsys):
+    """Nine coordinates, seven constraints: only the heading by the wheels' angles is an integral, as for the platform alone, and
+    Types I to IV are those of a unicycle."""
+    (tmp_path / "castors.py").write_text(CASTORS)
+    assert main(["analyse", f"{tmp_path / 'castors.py'}:robot", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["constraints"], found["holonomic"], found["nonholonomic"]) == (7, 1, 6)
+    assert found["growth"][0] == 2 and found["growth"][-1] == 8
+    assert {name: found["outputs"][name]["relative_degree"] for name in ("type_i", "type_iv_line")} == {
+        "type_i": [2, 2],
+        "type_iv_line": [2, 1],
+    }

@@ -25,10 +25,12 @@ from noslip.model import (
 )
 from noslip.model.algebra.exact import canonical
 from noslip.model.algebra.expression import fold
+from noslip.model.algebra.ratios import in_lowest_terms
 from noslip.model.outputs import OUTPUTS, type_iv
 from noslip.model.paths import config, implicit
 from noslip.model.robots.labmate import labmate
 from noslip.tests import closed_forms
+from sympy import QQ, ZZ, ring
 
 LAWS = tuple(OUTPUTS)
 STATES = 200
@@ -760,6 +762,26 @@ def test_canonical_cancels_a_removable_pole():
 @pytest.mark.parametrize("expression", [sum(VARIABLES) ** 40, 1 / sum(1 / (v + k) for k in range(9) for v in VARIABLES)])
 def test_canonical_leaves_what_would_be_too_large(expression):
     assert ca.is_equal(canonical(expression), expression, 60)
+
+
+@pytest.mark.parametrize("domain", [ZZ, QQ])
+def test_ratios_are_in_lowest_terms_whatever_else_is_in_the_ring(domain):
+    """As SymPy gives them in the whole ring, for random products of which few generators occur."""
+    whole, *generators = ring([f"g{k}" for k in range(6)], domain)
+    random = np.random.default_rng(3)
+
+    def some(among) -> object:
+        terms = (int(random.integers(-4, 5)) * g ** int(random.integers(1, 3)) for g in among)
+        return sum(terms, start=whole(int(random.integers(1, 9))))
+
+    for _ in range(40):
+        among = [generators[k] for k in random.choice(6, random.integers(0, 4), replace=False)]
+        common, above, below = (some(among) for _ in range(3))
+        if not below * common:
+            continue
+        expected = (above * common).cancel(below * common)
+        found = in_lowest_terms(above * common, below * common)
+        assert found == expected and found[0].ring == found[1].ring == whole
 
 
 def test_canonical_keeps_shape_and_drops_zeros():

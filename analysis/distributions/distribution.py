@@ -10,6 +10,7 @@ import casadi as ca
 import sympy as sp
 from sympy.polys.rings import PolyElement
 
+from ...model.algebra.ratios import in_lowest_terms
 from ...model.errors import ModelError
 from ...model.mechanism import Mechanism
 from ...model.reduction import ReducedSystem
@@ -145,7 +146,7 @@ def _polynomial(functions: Functions, entries: list[sp.Expr], name: str) -> Vect
     if not any(vector):
         return VectorField(name, 1, vector)
     content, vector = functions.primitive(vector)
-    above, below = common.cancel(content)
+    above, below = in_lowest_terms(common, content)
     return VectorField(name, 1, vector, (above,), (below,))
 
 

@@ -19,7 +19,7 @@ from sympy.ntheory import factorint
 from sympy.polys.matrices import DomainMatrix
 from sympy.polys.rings import PolyElement, PolyRing, ring
 
-from ...model.algebra.ratios import Ratio, by_squares, conjugate, factored, generators_of
+from ...model.algebra.ratios import Ratio, by_squares, conjugate, factored, generators_of, in_lowest_terms
 from ...model.errors import ModelError
 from .symbolic import NOT_EXACT
 
@@ -106,7 +106,7 @@ class Functions:
     def quotient(self, numerator: PolyElement, denominator: PolyElement) -> sp.Expr:
         """Return a ratio as a factored SymPy expression, squares of sines or of cosines eliminated, whichever is shorter."""
         above, below = self.lowest(numerator, denominator)
-        ratios = [a.cancel(b) for a in self.forms(above) for b in self.forms(below)]
+        ratios = [in_lowest_terms(a, b) for a in self.forms(above) for b in self.forms(below)]
         above, below = min(ratios, key=lambda ratio: len(ratio[0]) + len(ratio[1]))
         return self.expression(above) / self.expression(below)
 
@@ -176,7 +176,7 @@ class Functions:
         return self._cancel(self.normal(a[0] * b[0]), self.normal(a[1] * b[1]))
 
     def _cancel(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
-        return numerator.cancel(denominator)
+        return in_lowest_terms(numerator, denominator)
 
     def _generator(self, expression: sp.Expr) -> int:
         """Return the index of a new generator."""
@@ -339,7 +339,7 @@ class Functions:
             if any(powers[place] for powers in denominator):
                 other = conjugate(denominator, place)
                 numerator, denominator = self.times(numerator, other), self.times(denominator, other)
-        numerator, denominator = numerator.cancel(denominator)
+        numerator, denominator = in_lowest_terms(numerator, denominator)
         return (-numerator, -denominator) if denominator.LC < 0 else (numerator, denominator)
 
     def primitive(self, vector: Vector) -> tuple[PolyElement, Vector]:
@@ -475,7 +475,7 @@ def _without_squares(polynomial: PolyElement, place: int, square: PolyElement) -
 
 def _derivative(ratio: Ratio, variable: PolyElement) -> Ratio:
     top, bottom = ratio
-    return (top.diff(variable) * bottom - top * bottom.diff(variable)).cancel(bottom**2)
+    return in_lowest_terms(top.diff(variable) * bottom - top * bottom.diff(variable), bottom**2)
 
 
 def _arguments(expressions: Iterable[sp.Expr], functions: tuple) -> list[sp.Expr]:

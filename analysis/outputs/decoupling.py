@@ -13,7 +13,7 @@ import casadi as ca
 import sympy as sp
 from sympy.polys.rings import PolyElement
 
-from ...model.algebra.ratios import Ratio
+from ...model.algebra.ratios import Ratio, in_lowest_terms
 from ...model.linearization import Linearization
 from ...model.mechanism import Quantity, quantity
 from ...model.outputs import OutputRow, Through
@@ -104,7 +104,7 @@ class Decoupling:
     def over_determinant(self, expression: sp.Expr) -> sp.Expr:
         """Return expression / det Phi in lowest terms, in factors."""
         (above, below), (up, down) = self.functions.ratio(expression), self._ratio
-        above, below = self.functions.times(above, down).cancel(self.functions.times(below, up))
+        above, below = in_lowest_terms(self.functions.times(above, down), self.functions.times(below, up))
         return readable(self.functions.expression(above) / self.functions.expression(below))
 
     @cached_property

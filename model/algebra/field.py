@@ -25,6 +25,7 @@ from .ratios import (
     exact,
     factored,
     generators_of,
+    in_lowest_terms,
     normalized,
     number,
     size,
@@ -83,7 +84,7 @@ class Field:
         """
         fraction = self._evaluate()
         numerator, denominator = self._rationalize(*fraction)
-        ratio = numerator.cancel(denominator)
+        ratio = in_lowest_terms(numerator, denominator)
         cancelled = ratio[1].leading_expv() != denominator.leading_expv()
         numerator, denominator = (self._by_sines(part) for part in self._roots_below(*ratio))
         negative = bool(numerator) and (numerator.LC < 0) != (denominator.LC < 0)
@@ -201,7 +202,7 @@ class Field:
     def _lowest(self, ratio: Ratio) -> Ratio:
         """Return the unique representation of this ratio in lowest terms."""
         numerator, denominator = self._rationalize(*ratio)
-        numerator, denominator = numerator.cancel(denominator)
+        numerator, denominator = in_lowest_terms(numerator, denominator)
         return numerator.quo_ground(denominator.LC), denominator.monic()
 
     def _reduce(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
@@ -230,7 +231,7 @@ class Field:
         """Return whether the divisor divides the square of the polynomial, so that it vanishes only where the polynomial does."""
         try:
             numerator, denominator = self._rationalize(*self._reduce(times(polynomial, polynomial), divisor))
-            return numerator.cancel(denominator)[1].is_ground
+            return in_lowest_terms(numerator, denominator)[1].is_ground
         except NotRational:  # too large to decide
             return False
 
@@ -243,7 +244,7 @@ class Field:
                 continue  # no common factor possible
             generator = self.generators[radical.place]
             upper, lower = self._reduce(times(numerator, generator), denominator)
-            upper, lower = upper.cancel(lower)
+            upper, lower = in_lowest_terms(upper, lower)
             lower = times(lower, generator)
             if size(upper, lower) < size(numerator, denominator):
                 numerator, denominator = upper, lower
@@ -300,7 +301,7 @@ class Field:
             upper, lower = self._rationalize(*self._reduce(polynomial, divisor))
         except NotRational:
             return None
-        upper, lower = upper.cancel(lower)
+        upper, lower = in_lowest_terms(upper, lower)
         return upper.quo_ground(lower.LC) if lower.is_ground else None
 
     def _multiple(self, factor: QQ, expression: ca.SX) -> ca.SX:

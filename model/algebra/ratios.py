@@ -10,7 +10,7 @@ from functools import lru_cache
 import casadi as ca
 from sympy import QQ
 from sympy.polys.polyconfig import using
-from sympy.polys.rings import PolyElement
+from sympy.polys.rings import PolyElement, PolyRing
 
 TERMS, DEGREE = 100, 64  # of a polynomial; larger ones take too long to divide and to factor
 SIMPLE = 10**5  # largest denominator of a float that is interpreted as a fraction
@@ -110,6 +110,41 @@ def _without_noise(total: PolyElement, size: Callable[[tuple[int, ...]], QQ]) ->
 def size(numerator: PolyElement, denominator: PolyElement) -> tuple[int, int]:
     """Return (number of terms, total degree)."""
     return len(numerator) + len(denominator), sum(map(sum, numerator)) + sum(map(sum, denominator))
+
+
+def in_lowest_terms(numerator: PolyElement, denominator: PolyElement) -> Ratio:
+    """Return numerator.cancel(denominator), computed in the ring of the generators that occur.
+
+    The others do not matter, but SymPy's greatest common divisor evaluates them one after the other, each with a larger number.
+    """
+    whole, used = numerator.ring, tuple(sorted(generators_of(numerator) | generators_of(denominator)))
+    above, below = _restricted(numerator, used).cancel(_restricted(denominator, used))
+    return _lifted(above, whole, used), _lifted(below, whole, used)
+
+
+def _restricted(polynomial: PolyElement, used: tuple[int, ...]) -> PolyElement:
+    """Return the polynomial in the ring of these generators, all that it has; unchanged if there are none."""
+    if not used:
+        return polynomial
+    return _smaller(polynomial.ring, used).from_dict({tuple(powers[k] for k in used): c for powers, c in polynomial.items()})
+
+
+def _lifted(polynomial: PolyElement, whole: PolyRing, used: tuple[int, ...]) -> PolyElement:
+    """Return a polynomial in these generators in the whole ring."""
+    if polynomial.ring == whole:
+        return polynomial
+    lifted = {}
+    for powers, coefficient in polynomial.items():
+        place = [0] * whole.ngens
+        for k, power in zip(used, powers, strict=True):
+            place[k] = power
+        lifted[tuple(place)] = coefficient
+    return whole.from_dict(lifted)
+
+
+@lru_cache(maxsize=4096)
+def _smaller(whole: PolyRing, used: tuple[int, ...]) -> PolyRing:
+    return PolyRing([whole.symbols[k] for k in used], whole.domain, whole.order)
 
 
 @lru_cache(maxsize=4096)
