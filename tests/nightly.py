@@ -242,6 +242,7 @@ NIGHTLY = {
         r"within_what_is_proved\[0\.0\]",
         r"a_course_is_that_of_the_run\[ellipse\]",
     ),
+    "test_scene": (r"written_is_the_robot\[tractor_trailer:2\]",),
     "test_shape": (
         r"enclosed_too\[tractor_trailer:3\]",
         r"not_decided_is_not_claimed\[robot[12]\]",
