@@ -250,6 +250,18 @@ def test_the_c_refuses(scalar):
     assert profile.speed(beyond, 0.3) == pytest.approx((0.3, -0.1)), "on the extension the path's own speed stays"
 
 
+def test_it_stands_at_a_cusp():
+    """On lines: v^2 = 2 a s from rest and to rest on both runs; after the cusp P_l first changes sides."""
+    there = joined((2.0, 0.0))
+    segments = [*there, Segment(*there[0].end, 0.0, 3.0, True)]
+    options = TrackerOptions(speed=50.0, L=(0.1, -0.9), ahead=0.3, reversing="switch")
+    profile, sides = SpeedProfile(segments, options, LIMITS, "double"), 0.4 + 0.6
+    for k, begin, length in ((0, 0.0, 2.0), (1, sides, 3.0)):
+        for on in np.linspace(0.05, length - 0.05, 30):
+            square = 2 * min(LIMITS.acceleration * max(on - begin, 0.0), LIMITS.deceleration * (length - on))
+            assert profile.along(k, on) == pytest.approx(max(math.sqrt(square), 0.01), rel=1e-9), (k, on)
+
+
 def test_a_closed_path_repeats():
     """The laps of a stadium: its profile at the start is that at the end, and its bends limit it."""
     stadium = joined((2.0, 0.0), (math.pi, 1.0), (2.0, 0.0), (math.pi, 1.0))
