@@ -260,9 +260,7 @@ def decouple(linearization: Linearization) -> Decoupling:
     state = (*system.state, *linearization.extension)
     where = f"{system.mechanism.name}, output {output.name}"
     followed = next((row for row in output.rows if output.path is not None and _is_followed(row)), None)
-    own = _distinct(
-        [*state, *system.mechanism.parameters], output.parameters, output.path.kind if output.path else "output"
-    )
+    own = _distinct([*state, *system.mechanism.parameters], output.parameters, output.path.kind if output.path else "output")
     used = {q.name for q in (*state, *system.mechanism.parameters, *own)}
     normals = [_fresh(name, used) for name in ("n_x", "n_y")] if followed else []
     quantities = [*state, *normals, *system.mechanism.parameters, *own]

@@ -211,11 +211,7 @@ def _file(name: str) -> str:
     return "../line.toml" if name == "labmate" else f"../robots/{name}.toml"
 
 
-ROBOT_CASES = {
-    f"{name}, {_said(floor)}": _on_floor(Case(_file(name)), floor)
-    for floor in FLOORS_OF_ROBOTS
-    for name in ROBOTS
-}
+ROBOT_CASES = {f"{name}, {_said(floor)}": _on_floor(Case(_file(name)), floor) for floor in FLOORS_OF_ROBOTS for name in ROBOTS}
 
 
 def reckoning_error(run: FigureRun) -> float | None:
