@@ -3,7 +3,8 @@
 Between the places where the curvature is given it changes as a polynomial whose first four derivatives vanish at both ends, so
 that all derivatives of the position up to order 6 are continuous: an output of that relative degree can follow it exactly. The
 curvature of a clothoid has a rate that jumps, which no torque at a steered wheel can follow. With a `rounding` the parts are
-lines, arcs and clothoids, and only within half that length of where two of them meet the rate changes smoothly instead.
+lines, arcs and clothoids, and only within half that length of where two of them meet the rate changes smoothly instead. Before
+the beginning the first curvature stays. There the rate jumps if a course with a rounding begins with a clothoid.
 """
 
 import math
@@ -55,7 +56,7 @@ def rounded(first: float, before: float, after: float) -> Polynomial:
 @dataclass(frozen=True)
 class Stretch:
     """A part of a course from `begin` on, m: its direction there (rad), its `length` (m), and the coefficients of its curvature
-    (1/m) as a polynomial in the part of the length.
+    (1/m) as a polynomial in the part of the length. Before its beginning the curvature is that of the beginning.
     """
 
     begin: float
@@ -65,17 +66,20 @@ class Stretch:
 
     def curvature(self, at: float, order: int = 0) -> float:
         """Return the derivative of an order of the curvature, 1/m^(1 + order), `at` m after its beginning."""
-        return value(self.coefficients, at / self.length, order) / self.length**order
+        return value(self._polynomial(at), at / self.length, order) / self.length**order
 
     def direction(self, at: float) -> float:
         """Return the direction, rad, `at` m after its beginning."""
-        return self.heading + self.length * value(self.coefficients, at / self.length, -1)
+        return self.heading + self.length * value(self._polynomial(at), at / self.length, -1)
+
+    def _polynomial(self, at: float) -> Polynomial:
+        return self.coefficients[:1] if at < 0.0 else self.coefficients
 
 
 @dataclass(frozen=True)
 class SmoothCurve:
     """From (x, y) in m in the direction `heading` (rad): `curvatures` (1/m, positive turns left) at the beginning of the first
-    of the `lengths` (m) and at the end of each; after the last the curvature stays. `speed`, m/s, along it.
+    of the `lengths` (m) and at the end of each; before the first and after the last the curvature stays. `speed`, m/s, along it.
 
     With a `rounding` (m, at most the shortest of the lengths) the curvature is linear over each part, except within half of it
     of where parts meet and where the last ends; without, it changes smoothly over the whole of each part.

@@ -3,9 +3,10 @@
  *
  * An output of relative degree k follows a reference without an error only if k - 1 of its derivatives are continuous. The
  * middle of a car's rear axle has k = 4: it cannot follow lines and arcs, where the steering angle would have to jump, nor
- * clothoids, where its rate would. A course is given by its curvature where parts begin and end; after the last it stays. With a
- * rounding the parts are lines, arcs and clothoids, and the rate of the curvature changes smoothly over that length where they
- * meet; without, the curvature changes smoothly over the whole of each part.
+ * clothoids, where its rate would. A course is given by its curvature where parts begin and end; before the first and after the
+ * last it stays. With a rounding the parts are lines, arcs and clothoids, and the rate of the curvature changes smoothly over that
+ * length where they meet; without, the curvature changes smoothly over the whole of each part. The beginning is not rounded: if a
+ * vehicle may be behind it, let a course with a rounding begin with a line or an arc, else the rate jumps there.
  *
  *     static const float lengths[] = {2, 4, 5}, curvatures[] = {0, 0, 0.2f, 0.2f};
  *     static noslip_stretch_f stretches[NOSLIP_COURSE_ROOM(3)];
@@ -69,13 +70,16 @@ typedef struct noslip_course_point {
     double y[NOSLIP_COURSE_ORDER + 1];
 } noslip_course_point;
 
-/* Returns the derivative of an order of the curvature by the part of the length, 1/m; of order -1: its integral. */
+/*
+ * Returns the derivative of an order of the curvature by the part of the length, 1/m; of order -1: its integral. Before the
+ * beginning of the stretch the curvature is that of the beginning.
+ */
 static inline double noslip_course_curvature(const noslip_stretch *stretch, double part,
                            int order)
 {
     double sum = 0, factor;
     int power, k;
-    for (power = stretch->terms - 1; power >= 0 && power >= order; power--) {
+    for (power = part < 0 ? 0 : stretch->terms - 1; power >= 0 && power >= order; power--) {
         factor = order < 0 ? 1 / (double)(power + 1) : (double)1;
         for (k = 0; k < order; k++) {
             factor *= (double)(power - k);
@@ -113,7 +117,7 @@ static inline void noslip_course_place(const noslip_stretch *stretch, double alo
                                           (double)0.22238103445337448, (double)0.10122853629037626};
     double sine, cosine, half, ahead = 0, beside = 0;
     int pieces, k, node;
-    if (stretch->terms == 1) {
+    if (stretch->terms == 1 || along < 0) {
         half = along * stretch->curvature[0] / 2;
         noslip_sincos(stretch->heading + half, &sine, &cosine);
         half = along * noslip_sinc(half);
@@ -121,7 +125,7 @@ static inline void noslip_course_place(const noslip_stretch *stretch, double alo
         *y = stretch->y + half * sine;
         return;
     }
-    half = noslip_abs(along) * noslip_course_bend(stretch, along / stretch->length);
+    half = along * noslip_course_bend(stretch, along / stretch->length);
     pieces = 1;
     if (stretch->terms > 2) {
         pieces = 3;
@@ -290,8 +294,8 @@ NOSLIP_NODISCARD static inline int noslip_course_init(noslip_course *self,
 
 /*
  * Writes the point `length` m along the course, and its derivatives by time if it moves with a constant `speed` (m/s): the
- * reference of an output whose first two rows are a position. Before its beginning the first part goes on, after its end the last
- * curvature.
+ * reference of an output whose first two rows are a position. Before its beginning the first curvature stays, after its end the
+ * last.
  * On an error nothing is written: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_RANGE where the direction is too large.
  */
 NOSLIP_NODISCARD static inline int noslip_course_at(const noslip_course *self, double length,
@@ -432,13 +436,16 @@ typedef struct noslip_course_point_f {
     float y[NOSLIP_COURSE_ORDER + 1];
 } noslip_course_point_f;
 
-/* Returns the derivative of an order of the curvature by the part of the length, 1/m; of order -1: its integral. */
+/*
+ * Returns the derivative of an order of the curvature by the part of the length, 1/m; of order -1: its integral. Before the
+ * beginning of the stretch the curvature is that of the beginning.
+ */
 static inline float noslip_course_curvature_f(const noslip_stretch_f *stretch, float part,
                              int order)
 {
     float sum = 0, factor;
     int power, k;
-    for (power = stretch->terms - 1; power >= 0 && power >= order; power--) {
+    for (power = part < 0 ? 0 : stretch->terms - 1; power >= 0 && power >= order; power--) {
         factor = order < 0 ? 1 / (float)(power + 1) : (float)1;
         for (k = 0; k < order; k++) {
             factor *= (float)(power - k);
@@ -476,7 +483,7 @@ static inline void noslip_course_place_f(const noslip_stretch_f *stretch, float 
                                           (float)0.22238103445337448, (float)0.10122853629037626};
     float sine, cosine, half, ahead = 0, beside = 0;
     int pieces, k, node;
-    if (stretch->terms == 1) {
+    if (stretch->terms == 1 || along < 0) {
         half = along * stretch->curvature[0] / 2;
         noslip_sincos_f(stretch->heading + half, &sine, &cosine);
         half = along * noslip_sinc_f(half);
@@ -484,7 +491,7 @@ static inline void noslip_course_place_f(const noslip_stretch_f *stretch, float 
         *y = stretch->y + half * sine;
         return;
     }
-    half = noslip_abs_f(along) * noslip_course_bend_f(stretch, along / stretch->length);
+    half = along * noslip_course_bend_f(stretch, along / stretch->length);
     pieces = 1;
     if (stretch->terms > 2) {
         pieces = 3;
@@ -653,8 +660,8 @@ NOSLIP_NODISCARD static inline int noslip_course_init_f(noslip_course_f *self,
 
 /*
  * Writes the point `length` m along the course, and its derivatives by time if it moves with a constant `speed` (m/s): the
- * reference of an output whose first two rows are a position. Before its beginning the first part goes on, after its end the last
- * curvature.
+ * reference of an output whose first two rows are a position. Before its beginning the first curvature stays, after its end the
+ * last.
  * On an error nothing is written: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_RANGE where the direction is too large.
  */
 NOSLIP_NODISCARD static inline int noslip_course_at_f(const noslip_course_f *self, float length,

@@ -65,6 +65,35 @@ def test_the_c_is_the_curve_of_simulations(scalar, place, rates):
             assert (off[1:] < rates * np.maximum(1.0, largest[1:])).all()
 
 
+@pytest.mark.parametrize(("scalar", "place", "rates"), [("double", 1e-13, 1e-13), ("float", 2e-5, 2e-5)])
+def test_before_its_beginning_the_first_curvature_stays(scalar, place, rates):
+    """Random courses are there the line or arc in closed form, in C and in simulations; also as far behind as they are long."""
+    random = np.random.default_rng(5)
+    for rounding in (0.0, 0.3, 0.5):
+        for length in -(10.0 ** random.uniform(-6.0, 1.3, 8)):
+            curvatures = (random.choice([0.0, random.uniform(-0.6, 0.6)]), *random.uniform(-0.6, 0.6, 2))
+            curve = SmoothCurve(*random.uniform(-3.0, 3.0, 3), random.uniform(0.2, 2.0), (0.5, 2.0), curvatures, rounding)
+            turn, speed = 1j * curvatures[0], curve.speed
+            moved = np.expm1(turn * length) / turn if turn else length
+            status, found = CourseInC(curve, scalar).derivatives(length)
+            expected = np.exp(1j * curve.heading) * np.array(
+                [moved, *[speed**n * turn ** (n - 1) * np.exp(turn * length) for n in range(1, 7)]]
+            )
+            expected[0] += complex(curve.x, curve.y)
+            for each in (found, curve.derivatives(length / speed, 6)):
+                off = np.abs(each - expected)
+                assert status == "ok" and off[0] < place and off[1:].max() < rates
+
+
+def test_the_beginning_is_smooth():
+    """Six derivatives on both sides of it, without a rounding and with one if an arc begins; else all but those of the rate."""
+    for rounding, curvatures, smooth in ((0.0, (0.1, 0.5), 6), (0.4, (0.3, 0.3, -0.2), 6), (0.4, (0.1, 0.5), 2)):
+        course = CourseInC(SmoothCurve(1.0, 2.0, 0.3, 1.0, (2.0,) * (len(curvatures) - 1), curvatures, rounding))
+        (_, before), (_, after) = (course.derivatives(length) for length in (-1e-11, 1e-11))
+        same = np.abs(after - before) < 1e-7
+        assert same[: smooth + 1].all() and same.all() == (smooth == 6)
+
+
 def test_positions_are_those_of_clothoids_and_arcs():
     """The shape that Fresnel's integrals give is that of test_extension; here the arc's end in closed form, and its turn."""
     course = CourseInC(CLOTHOID)

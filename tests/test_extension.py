@@ -280,6 +280,16 @@ def test_a_robot_comes_back_to_a_course_that_waits(tmp_path):
     assert np.abs(run.error[-1]).max() < 1e-3 and np.abs(0.15 * run.nu[-1].mean() - 0.5) < 1e-3
 
 
+def test_a_robot_begins_behind_a_course(tmp_path):
+    """1 m behind it, on its first line: there it stays without torque, and then on a curve that begins without a jump."""
+    bend = BENDS.replace("[1.0, 2.0, 2.0]", "[2.0]").replace("[0.0, 0.0, 0.4, -0.2], rounding = 0.5", "[0.0, 0.4]")
+    text = AXLE.replace("velocity = [0.6, 0.1]", bend).replace("[-0.1, 0.05], heading = 0.1", "[-1.0, 0.0], heading = 0.0")
+    run = run_of(text, tmp_path)
+    before = run.t * 0.5 < 1.0
+    assert run.stopped is None and np.abs(run.error).max() < 1e-8 and run.y[-1, 0] > 1.0
+    assert np.abs(run.y[before, 1]).max() < 1e-8 and np.abs(run.tau[before]).max() < 1e-6 < np.abs(run.tau[~before]).max() < 5.0
+
+
 def test_the_nearest_place_of_a_course():
     """The foot of points beside it, of points before and beyond it, and of where only the centre of curvature is nearer."""
     course, random = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), 0.5), np.random.default_rng(3)
