@@ -239,6 +239,10 @@ def test_impossible_angles_are_errors():
         loop.move()
         drive(loop, 1.0)
     loop = SteeredLoop()
+    drive(loop, 1.0)
+    for loop.period in (0.0, math.nan, 1e3, loop.period):  # times that are refused do not count
+        assert loop.by_angles(0.9) == "range"
+    loop = SteeredLoop()
     statuses = [loop.by_angles(1.3) for _ in range(10)]
     assert set(statuses) == {"range"} and loop.follower.watchdog.state == 2 and list(loop.command) == [0, 0]
 
