@@ -211,8 +211,8 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
         adapted = _adapted(args)
         dynamics = dynamics or bool(adapted)
         scaled, target = _scaled(args, lanes and not args.output), getattr(args, "target", "")  # not of `noslip export`
-        wanted = system, laws, scalars, dynamics, lanes, scaled, adapted, target
-        files = generate(*wanted, progress) if compare else robot_files(*wanted)
+        asked = system, laws, scalars, dynamics, lanes, scaled, adapted, target
+        files = generate(*asked, progress) if compare else robot_files(*asked)
     for line in warnings(system):
         print(f"warning: {line}", file=sys.stderr)
     return files

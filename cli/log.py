@@ -33,7 +33,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         epilog=EXAMPLE_OF_LOG,
     )
     parser.add_argument("-o", "--output", metavar="LOG", required=True, help="LOG.csv, LOG.parquet or LOG.mcap")
-    _add_dump(parser)
+    _add_dump(parser, "bytes as they came from the line")
     parser.set_defaults(run=run)
     parser = subparsers.add_parser(
         "view",
@@ -44,7 +44,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("-o", "--output", metavar="RUN.png", required=True, help="picture: .png, .svg or .pdf")
     parser.add_argument("--spec", metavar="SPEC", help="of a table: what robot, law and path its rows belong to")
-    _add_dump(parser)
+    _add_dump(parser, "bytes as they came from the line, or a table: .csv, .parquet, .mcap")
     parser.set_defaults(run=run_view)
 
 
@@ -54,8 +54,8 @@ def add_start(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--start", type=int, metavar="K", help="the ticks from the K-th start of the vehicle on, from 1")
 
 
-def _add_dump(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("dump", metavar="DUMP", help="bytes as they came from the line")
+def _add_dump(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("dump", metavar="DUMP", help=what)
     add_start(parser)
 
 
@@ -115,7 +115,7 @@ def _view_table(args: argparse.Namespace) -> int:
     except ModelError as error:
         raise BadInput(f"{args.spec}: {error}") from error
     write_whole(args.output, encoded(draw(run), Path(args.output).suffix[1:]))
-    head = f"{run.law.system.mechanism.name}: {len(run.t)} rows, {run.t[-1] - run.t[0]:.9g} s, at the end {run.status[-1]}"
+    head = _head(run, "row", run.t[-1] - run.t[0])
     values = {
         "robot": run.law.system.mechanism.name,
         "rows": len(run.t),
@@ -151,12 +151,20 @@ def remarks(dump: "Dump", start: "Start") -> list[str]:
     if lost:
         lines.append(f"{sum(number for _, number in lost)} records are missing in {len(lost)} gaps")
     if missed:
-        lines.append(f"the vehicle missed {missed} ticks")
+        lines.append(f"the vehicle missed {_counted(missed, 'tick')}")
     return lines
 
 
+def _counted(number: int, name: str) -> str:
+    return f"{number} {name}" if number == 1 else f"{number} {name}s"
+
+
+def _head(run: "Run", row: str, duration: float) -> str:
+    return f"{run.law.system.mechanism.name}: {_counted(len(run.t), row)}, {duration:.9g} s, at the end {run.status[-1]}"
+
+
 def _show(args: argparse.Namespace, dump: "Dump", start: "Start", ticks: "Run") -> None:
-    head = f"{ticks.law.system.mechanism.name}: {len(ticks.t)} ticks, {ticks.t[-1]:.9g} s, at the end {ticks.status[-1]}"
+    head = _head(ticks, "tick", ticks.t[-1])
     lines = remarks(dump, start)
     values: dict[str, Any] = {
         "robot": ticks.law.system.mechanism.name,

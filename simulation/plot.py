@@ -66,10 +66,11 @@ def draw(run: Run) -> Figure:
 def _clip(axes: Axes) -> None:
     """Limit the view to the run without the last instants before it stopped, when values grow without bound."""
     drawn = [np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2]
-    if not drawn:
+    values = np.concatenate([*drawn, np.empty(0)])
+    values = values[np.isfinite(values)]
+    if not len(values):
         return
-    values = np.concatenate(drawn)
-    low, high = np.nanpercentile(values, [2, 98])
+    low, high = np.percentile(values, [2, 98])
     room = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high)), 1e-3)
     axes.set_ylim(low - room, high + room)
 

@@ -14,6 +14,8 @@ from .engine.measured import FloorMeasurements
 from .plant import Plant
 from .specification.spec import Spec
 
+UNKNOWN = "unknown"  # status of the rows of a table without that column
+
 
 class Outputs:
     """What follows from the outputs y, their desired values y_d, and the status of each row."""
@@ -29,9 +31,9 @@ class Outputs:
 
     @property
     def stopped(self) -> str | None:
-        """The status that ended the run before its time, None when nothing did."""
+        """The status that ended the run before its time, None when nothing did, or it is UNKNOWN."""
         last = str(self.status[-1])
-        return None if last in RUNNING else last
+        return None if last in (*RUNNING, UNKNOWN) else last
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from ..simulation.contact import contact_forces
 from ..simulation.guidance import outputs, vehicle_motion
 from ..simulation.loop import Loop, make_loop
 from ..simulation.plant import Plant
-from ..simulation.run import Run
+from ..simulation.run import UNKNOWN, Run
 from ..simulation.specification.spec import Spec
 
 UNUSED = 0.0  # for coordinates that the table does not have and the outputs do not need
@@ -22,7 +22,8 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
     """Return the rows of a table as a run of a SPEC, which says what robot, law and path they belong to.
 
     Desired values are those of columns desired_y1, ..., otherwise those that the SPEC gives at each row. Inputs that the table
-    does not have are NaN. Raises BadInput if t, or a coordinate or velocity that the outputs depend on, is missing or not finite.
+    does not have are NaN, and a status is "unknown". Raises BadInput if t, or a coordinate or velocity that the outputs depend
+    on, is missing or not finite.
     """
     loop = make_loop(spec)
     law, plant = loop.law, loop.plant
@@ -37,12 +38,15 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
         probe = np.where(np.arange(x.shape[1]) == k, np.nan, x[:1])
         if not np.isfinite(_seen(loop, probe, followed["config"][:1])).all():
             name = system.state[k].name
-            what = f"numbers in {name} that are missing or not finite" if name in columns else f"no column {name}"
-            raise BadInput(f"{where}: {what}; {law.name} of the SPEC needs them")
+            needs = f"{law.name} of the SPEC needs"
+            if name in columns:
+                raise BadInput(f"{where}: numbers in {name} that are missing or not finite; {needs} them")
+            raise BadInput(f"{where}: no column {name}; {needs} it")
     y = outputs(law)(x.T, plant.parameters, followed["config"].T).full().T
-    tau = _inputs(columns, system.mechanism.inputs, len(t))
+    velocity = bool(spec.drive and spec.drive.takes_velocity)
+    tau = _inputs(columns, system.mechanism.inputs, len(t), velocity)
     desired = [_optional(columns, f"desired_y{k + 1}", row.unit) for k, row in enumerate(rows)]
-    commanded = {f"command_{v.name}": v.unit for v in system.quasi_velocities if spec.drive and spec.drive.takes_velocity}
+    commanded = {f"command_{v.name}": v.unit for v in system.quasi_velocities if velocity}
     commands = [columns[name].numbers(unit) for name, unit in commanded.items() if name in columns]
     none, n = np.empty((len(t), 0)), len(system.mechanism.coordinates)
     return Run(
@@ -55,7 +59,7 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
         tau=tau,
         y=y,
         y_d=np.column_stack([followed["y_d"][:, k] if each is None else each for k, each in enumerate(desired)]),
-        status=np.array([str(each) for each in columns["status"].entries] if "status" in columns else ["ok"] * len(t)),
+        status=np.array([str(each) for each in columns["status"].entries] if "status" in columns else [UNKNOWN] * len(t)),
         forces=plant.constraint_forces(x, tau),
         seen=x,
         piece=followed["piece"],
@@ -93,7 +97,9 @@ def _seen(loop: Loop, x: np.ndarray, config: np.ndarray) -> np.ndarray:
 
 def _required(columns: Mapping[str, Column], name: str, unit: str, where: str) -> np.ndarray:
     values = _optional(columns, name, unit)
-    if values is None or not len(values) or not np.isfinite(values).all():
+    if values is not None and not len(values):
+        raise BadInput(f"{where}: it has no rows")
+    if values is None or not np.isfinite(values).all():
         raise BadInput(f"{where}: column {name!r} is missing or not finite")
     return values
 
@@ -117,7 +123,7 @@ def _columns(columns: Mapping[str, Column], quantities: Sequence[Quantity], rows
     return np.column_stack([np.full(rows, np.nan) if each is None else each for each in found])
 
 
-def _inputs(columns: Mapping[str, Column], inputs: Sequence[Quantity], rows: int) -> np.ndarray:
-    """Return the inputs; with velocity drives those of the law, `law_...`, as `noslip log` calls them."""
-    own = {i.name: columns[name] for i in inputs for name in (f"law_{i.name}", i.name) if name in columns}
-    return _columns(own, inputs, rows)
+def _inputs(columns: Mapping[str, Column], inputs: Sequence[Quantity], rows: int, velocity: bool) -> np.ndarray:
+    """Return the inputs; with velocity drives those of the law, `law_...` if the table has them, as `noslip log` calls them."""
+    names = {i.name: f"law_{i.name}" if velocity and f"law_{i.name}" in columns else i.name for i in inputs}
+    return _columns({own: columns[name] for own, name in names.items() if name in columns}, inputs, rows)

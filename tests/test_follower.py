@@ -274,6 +274,26 @@ def test_angles_are_counts(c):
         assert c.lib.labmate_follower_tick_angles_f(other, turned, dt, command) == c.lib.NOSLIP_RANGE
 
 
+def test_an_impossible_angle_that_stays_is_never_followed(c):
+    """A counter 2 rad off, or a drive that reports 2 rad at each tick, where 0.2 rad are possible: no wheel moves by it."""
+    off = round(2 / (2 * math.pi) * 40000)
+
+    def misread(counts):
+        counts[0] = (counts[0] + off) % 2**16
+
+    loop = FirmwareLoop(c, watchdog__tolerated=3, fastest=20.0)
+    by_angles, turned = c.vehicle(loop.settings), c.ffi.new("float[2]", [2.0, 0.0])
+    command = c.ffi.new("float[2]")
+    for _ in range(100):
+        assert loop.tick() >= 0
+    before = loop.pose()
+    assert [loop.tick(misread) for _ in range(6)] == [c.lib.NOSLIP_RANGE] * 6 and list(loop.command) == [0, 0]
+    assert np.abs(loop.pose() - before).max() < 0.02 and loop.state == STOP
+    for _ in range(6):
+        assert c.lib.labmate_follower_tick_angles_f(by_angles, turned, PERIOD, command) == c.lib.NOSLIP_RANGE
+    assert list(command) == [0, 0] and by_angles.watchdog.state == STOP and by_angles.odometry.pose.x == loop.settings.start.x
+
+
 def test_far_from_its_path_it_stops(c):
     """A wheel whose encoder counts backwards leads away from the path: astray, or a rate that cannot be."""
     loop = FirmwareLoop(c, counts_per_turn__0=-40000.0)

@@ -76,8 +76,9 @@ class SteeredLoop:
         self.rolled = self.x[4]
         return self.c.status(self.c.call("tick_angles", self.follower, self.turned, self.period, self.command))
 
-    def by_counts(self) -> str:
-        rolled, angle = (round(a / (2 * math.pi) * COUNTS) for a in self.x[[4, 3]])
+    def by_counts(self, angle: float | None = None) -> str:
+        at = self.x[4], self.x[3] if angle is None else angle
+        rolled, angle = (round(a / (2 * math.pi) * COUNTS) for a in at)
         self.counts[0], self.counts[1] = rolled % 2**24, (STRAIGHT - angle) % 2**24
         return self.c.status(self.c.call("tick", self.follower, self.counts, 0, self.command))
 
@@ -152,9 +153,9 @@ def test_counts_are_angles():
         assert loop.follower.steering.angle == pytest.approx(loop.x[3], abs=0.02)
 
 
-@pytest.mark.parametrize("ticks", [20_000, pytest.param(1_000_000, marks=pytest.mark.nightly)])
-def test_reckoning_in_float(ticks):
-    """Beside the same sums in double, on a way that winds: 1 mm after 10 km. It goes on after the follower has stopped."""
+@pytest.mark.parametrize(("ticks", "bound"), [(20_000, 1e-3), pytest.param(8_640_000, 1e-2, marks=pytest.mark.nightly)])
+def test_reckoning_in_float(ticks, bound):
+    """Beside the same sums in double, on a way that winds: 10 mm after 24 h at 100 Hz, 86 km. It goes on after a stop."""
     loop = SteeredLoop(scalar="float")
     function, follower, per_count = loop.c.lib.car_follower_tick_f, loop.follower, 2 * math.pi / COUNTS
     r, wheelbase, at = follower.params.r, follower.params.l, follower.odometry.now.at
@@ -172,7 +173,7 @@ def test_reckoning_in_float(ticks):
             x, y = x + chord * math.cos(heading + turn / 2), y + chord * math.sin(heading + turn / 2)
             heading += turn
         before = angle
-    assert math.hypot(at[0] - x, at[1] - y) < 1e-3 and abs(math.remainder(at[2] - heading, 2 * math.pi)) < 1e-6
+    assert math.hypot(at[0] - x, at[1] - y) < bound and abs(math.remainder(at[2] - heading, 2 * math.pi)) < 1e-6
 
 
 def test_a_tricycle_drives():
@@ -238,8 +239,51 @@ def test_impossible_angles_are_errors():
         loop.move()
         drive(loop, 1.0)
     loop = SteeredLoop()
+    drive(loop, 1.0)
+    for loop.period in (0.0, math.nan, 1e3, loop.period):  # times that are refused do not count
+        assert loop.by_angles(0.9) == "range"
+    loop = SteeredLoop()
     statuses = [loop.by_angles(1.3) for _ in range(10)]
     assert set(statuses) == {"range"} and loop.follower.watchdog.state == 2 and list(loop.command) == [0, 0]
+
+
+@pytest.mark.parametrize("tick", ["by_angles", "by_counts"])
+def test_an_impossible_angle_that_stays_is_never_followed(tick):
+    """0.9 rad, within the limit but reached in no time: held as long as tolerated, then stopped, the pose unchanged."""
+    loop = SteeredLoop()
+    drive(loop, 1.0, tick)
+    before, held = loop.reckoned, list(loop.command)
+    for k in range(6):
+        at = loop.reckoned
+        assert getattr(loop, tick)(0.9) == "range"
+        assert list(loop.command) == (held if k < loop.config.watchdog.tolerated else [0, 0])
+        assert list(at) == list(before) or k > loop.config.watchdog.tolerated
+        loop.move()
+    assert loop.follower.watchdog.state == 2
+
+
+def test_an_impossible_roll_that_stays_is_never_followed():
+    """5 rad within each tick of 10 ms at no more than 100 rad/s."""
+    loop = SteeredLoop()
+    drive(loop, 1.0)
+    before = loop.reckoned
+    for _ in range(6):
+        loop.rolled = loop.x[4] - 5.0
+        assert loop.by_angles() == "range" and list(loop.reckoned) == list(before)
+    assert list(loop.command) == [0, 0] and loop.follower.watchdog.state == 2
+
+
+@pytest.mark.parametrize("late", [1, 2, 3])
+def test_a_steering_angle_may_change_in_rejected_time(late):
+    """At 20 rad/s it is 0.2 rad farther after each tick of 10 ms, rejected or not; no more. Its rate is the mean since then."""
+    for beyond in (-1e-6, 1e-6):
+        loop = SteeredLoop()
+        drive(loop, 1.0)
+        last, reach = loop.follower.steering.angle, 20 * loop.period * (late + 1)
+        assert {loop.by_angles(1.3) for _ in range(late)} == {"range"}
+        assert loop.by_angles(last + reach + beyond) == ("ok" if beyond < 0 else "range")
+        if beyond < 0:
+            assert loop.follower.rate[1] == pytest.approx(20.0, abs=1e-4) and loop.follower.waited == 0
 
 
 def test_parameters_change_between_ticks():
@@ -262,8 +306,8 @@ def test_telemetry_of_a_steered_vehicle(tmp_path, capsys):
     ffi, lib = ring.ffi, ring.lib
     memory, own, count = ffi.new("uint8_t[8192]"), ffi.new("noslip_telemetry *"), ffi.new("uint32_t *")
     assert lib.noslip_telemetry_init(own, memory, 8192) == 0
-    told = loop.c.ffi.cast("noslip_telemetry *", int(ffi.cast("uintptr_t", own)))
-    assert loop.c.call("describe", loop.follower, told, loop.c.ffi.new("uint8_t[2048]"), 2048) == 0
+    telemetry = loop.c.ffi.cast("noslip_telemetry *", int(ffi.cast("uintptr_t", own)))
+    assert loop.c.call("describe", loop.follower, telemetry, loop.c.ffi.new("uint8_t[2048]"), 2048) == 0
     record, _ = loop.c.records()
     sent = b""
     for _ in range(300):

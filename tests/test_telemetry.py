@@ -639,21 +639,35 @@ def test_a_simulated_table_is_its_run(name, tmp_path, capsys):
     assert len((tmp_path / "run.svg").read_text()) > 20_000 and "labmate" in capsys.readouterr().out
 
 
-def test_tables_that_do_not_fit_are_refused(tmp_path, bad_input):
+def test_torques_of_the_law_are_those_of_velocity_drives(tmp_path):
+    """A table with both: with torque drives the inputs are tau, whatever the law asked for."""
+    drive = {"drive.kind": "velocity", "drive.bandwidth": 10.0, "simulation.period": 0.01, "simulation.backend": "c"}
+    (tmp_path / "run.csv").write_text("t,x_c,y_c,phi,thetadot_r,thetadot_l,tau_r,law_tau_r\n0,0,0,0,0,0,1,2\n1,0,0,0,0,0,1,2\n")
+    for change, expected in (({}, 1.0), (drive, 2.0)):
+        run = run_of_table(read_table(tmp_path / "run.csv"), read_varied("line", change), "run.csv")
+        assert list(run.tau[:, 0]) == [expected] * 2 and np.isnan(run.tau[:, 1]).all()
+
+
+def test_tables_that_do_not_fit_are_refused(tmp_path, bad_input, capsys):
     """What the outputs need must be there and finite; wheel angles and torques need not."""
     run = simulate(read_varied("line", {"simulation.duration": 0.5}))
     head, *rows = [line.split(",") for line in run.csv().splitlines()]
     file, out = tmp_path / "run.csv", str(tmp_path / "run.png")
 
-    def view(names, change=lambda row: row) -> list[str]:
+    def view(names, change=lambda row: row, count=None) -> list[str]:
         places = [head.index(name) for name in names]
-        lines = [names, *[change([row[k] for k in places]) for row in rows]]
+        lines = [names, *[change([row[k] for k in places]) for row in rows[:count]]]
         file.write_text("\n".join(",".join(line) for line in lines) + "\n")
         return ["view", str(file), "--spec", "line", "-o", out]
 
     needed = ["t", "x_c", "y_c", "phi", "thetadot_r", "thetadot_l"]
+    assert main(view(needed, count=1)) == 0 and "labmate: 1 row, 0 s, at the end unknown" in capsys.readouterr().out
     assert main(view(needed)) == 0
+    rows[-1][head.index("status")] = "singular"
+    assert main(view([*needed, "status"])) == 0 and "at the end singular" in capsys.readouterr().out
     for name in needed:
-        assert f"{name}" in bad_input(view([each for each in needed if each != name]))
+        assert name in bad_input(view([each for each in needed if each != name]))
+    assert "no column x_c; type_iv_line of the SPEC needs it\n" in bad_input(view(["t", *needed[2:]]))
+    assert "run.csv: it has no rows\n" in bad_input(view(needed, count=0))
     assert "x_c that are missing or not finite" in bad_input(view(needed, lambda row: [row[0], "", *row[2:]]))
     assert "times must increase" in bad_input(view(needed, lambda row: ["1.0", *row[1:]]))

@@ -27,10 +27,10 @@ ANGLE = "angle"  # the steering angle in the functions of the follower
 
 
 def has_follower(law: ControlLaw) -> bool:
-    """Return whether a follower can be written for a law: that of lines and arcs, of a vehicle with two wheels.
+    """Return whether a follower can be written for a law: that of lines and arcs.
 
-    The quasi-velocities must be the rates of two wheels on which the two inputs act, and forward speed and yaw rate fixed
-    combinations of them; or those of a wheel that rolls and of the steering, see SteeredAxle.
+    The vehicle has two driven wheels, or a driven and a steered one (SteeredAxle): the quasi-velocities are their rates, on which
+    the two inputs act. Forward speed and yaw rate of two driven wheels must be fixed combinations of the rates.
     """
     return law.name == LAW and not law.extension and _has_wheels(law.system)
 

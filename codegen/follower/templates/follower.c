@@ -111,6 +111,7 @@ static NOSLIP_COLD int init_steering(@{ self } *self, const @{ f("config") } *co
     int side, status;
     self->steering.reach = reach_of(&self->params);
     self->steering.measured = 0;
+    self->steering.rejected = 0;
     status = set_steering(self, 0);
     for (side = -1; side <= 1 && status >= 0; side += 2) {
         status = motion_of(&self->params, (@{ real })side * config->steering, forward, turn);
@@ -464,6 +465,15 @@ static NOSLIP_COLD int reject_counts(@{ self } *self, uint32_t first, uint32_t s
     return NOSLIP_RANGE;
 }
 
+{% if steering %}
+/* Keeps the last valid steering angle for as long as valid counts are kept. The encoders do not change. */
+static NOSLIP_COLD int reject_angles(@{ self } *self, @{ real } dt, uint32_t missed)
+{
+    self->steering.rejected += dt;
+    return reject_counts(self, self->encoders[0].last, self->encoders[1].last, missed);
+}
+
+{% endif %}
 static NOSLIP_COLD void unwind(@{ self } *self)
 {
     (void)@{ n("odometry_unwind") }(&self->odometry);
@@ -477,10 +487,11 @@ static int is_stuck(const @{ self } *self, int wheel, @{ real } turned)
 }
 
 {% if steering %}
-/* Returns the change of the steering angle since the last tick; 0 if it was not measured then. */
-static @{ real } change_of(const @{ self } *self, @{ real } angle)
+/* Returns the change of the steering angle in this tick: its share of that since the last valid one; 0 if none is. */
+static @{ real } change_of(const @{ self } *self, @{ real } angle, const @{ f("interval") } *time)
 {
-    return self->steering.measured == NOSLIP_READY ? angle - self->steering.angle : 0;
+    const @{ real } share = time->dt / (time->dt + self->steering.rejected);
+    return self->steering.measured == NOSLIP_READY ? (angle - self->steering.angle) * share : 0;
 }
 
 {% endif %}
@@ -492,7 +503,7 @@ static int move(@{ self } *self, const @{ real } turned[2], const @{ f("interval
     @{ n("pose") } pose; /* also in odometry.pose */
     int status;
 {% if steering %}
-    const @{ real } angle = turned[@{ steers }], change = change_of(self, angle);
+    const @{ real } angle = turned[@{ steers }], change = change_of(self, angle, time);
     @{ real } moved[2];
     *standing = is_stuck(self, @{ rolls }, @{ n("abs") }(turned[@{ rolls }])) || is_stuck(self, @{ steers }, @{ n("abs") }(change));
 {% else %}
@@ -513,6 +524,7 @@ static int move(@{ self } *self, const @{ real } turned[2], const @{ f("interval
     self->rate[@{ rolls }] = turned[@{ rolls }] * time->inverse_dt;
     self->rate[@{ steers }] = self->steering.measured == NOSLIP_READY ? change * time->inverse_dt : state->@{ wheels[steers] };
     self->steering.measured = NOSLIP_READY;
+    self->steering.rejected = 0;
 {% else %}
     status = @{ n("odometry_move") }(odometry, turned, time->dt, &pose);
     self->rate[0] = turned[0] * time->inverse_dt;
@@ -539,7 +551,7 @@ static int is_possible(const @{ self } *self, const @{ real } turned[2], const @
 {
     const @{ real } angle = turned[@{ steers }];
     return @{ n("abs") }(turned[@{ rolls }]) <= time->max_angle[@{ rolls }] && @{ n("abs") }(angle) <= self->config->steering &&
-           @{ n("abs") }(change_of(self, angle)) <= time->max_angle[@{ steers }];
+           @{ n("abs") }(change_of(self, angle, time)) <= time->max_angle[@{ steers }];
 }
 {% else %}
 /* Returns 1 if the wheels can turn by these angles in the time; 0 for NaN. */
@@ -771,10 +783,7 @@ int @{ f("tick_angles") }(@{ self } *self, const @{ real } turned[2], @{ real } 
         const @{ real } periods = dt / self->config->period - @{ literal(0.5) };
         missed = periods > 1 ? (uint32_t)periods : 0;
         set_interval(self->config, dt, &time);
-        status = is_possible(@{ "self, " if steering }turned, &time) ? move(self, turned, &time, &standing) : NOSLIP_RANGE;
+        status = is_possible(@{ "self, " if steering }turned, &time) ? move(self, turned, &time, &standing) : @{ "reject_angles(self, dt, missed)" if steering else "NOSLIP_RANGE" };
     }
-{% if steering %}
-    self->steering.measured = status == NOSLIP_RANGE ? 0 : self->steering.measured;
-{% endif %}
     return act(self, status, missed, standing, dt, command);
 }

@@ -110,10 +110,11 @@ typedef struct @{ f("interval") } {
 } @{ f("interval") };
 
 {% if steering %}
-/* The steered wheel as measured in the last tick. */
+/* The steered wheel as measured in the last valid tick. */
 typedef struct @{ f("steering") } {
     @{ real } angle; /* rad */
-    int measured; /* NOSLIP_READY: angle is that of the last tick */
+    int measured; /* NOSLIP_READY: angle is at most as old as `tolerated` ticks */
+    @{ real } rejected; /* s: time of tick_angles since then with impossible angles */
     @{ real } reach; /* m: how far the wheel is ahead of the axle */
     @{ real } at[2]; /* m: place of the wheel */
     @{ real } direction[2]; /* cosine and sine of its heading */
@@ -181,6 +182,9 @@ int @{ f("tick") }(@{ self } *self, const uint32_t counts[2], uint32_t missed, @
 {% endif %}
  * drives that report angles. dt beyond one and a half periods counts as missed ticks; NOSLIP_RANGE if it is not
  * positive or more than 1000 periods. Angles that are not possible in this time are an error, and are lost.
+{% if steering %}
+ * The steering angle is compared with the last valid one, until more than `tolerated` ticks in a row were errors.
+{% endif %}
  */
 int @{ f("tick_angles") }(@{ self } *self, const @{ real } turned[2], @{ real } dt, @{ real } command[2]);
 
