@@ -66,8 +66,8 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init(noslip_adaptation *sel
         return NOSLIP_NULL;
     }
     if (!(options->sd >= (double)1e-6 && options->sd <= 1 && options->noise >= (double)1e-6 &&
-          options->noise <= (double)1e6 && noslip_limits_ok(&options->dead_zone, 1) &&
-          noslip_limits_ok(&options->forgetting, 1) && noslip_is_positive(options->window) &&
+          options->noise <= (double)1e6 && noslip_is_limit(options->dead_zone) &&
+          noslip_is_limit(options->forgetting) && noslip_is_positive(options->window) &&
           noslip_is_positive(options->rate) && count >= 1 && count <= NOSLIP_ADAPTED && rows >= 1 &&
           rows <= NOSLIP_ADAPTED_ROWS)) {
         return NOSLIP_BAD_PARAMETER;
@@ -268,8 +268,8 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init_f(noslip_adaptation_f 
         return NOSLIP_NULL;
     }
     if (!(options->sd >= (float)1e-6 && options->sd <= 1 && options->noise >= (float)1e-6 &&
-          options->noise <= (float)1e6 && noslip_limits_ok_f(&options->dead_zone, 1) &&
-          noslip_limits_ok_f(&options->forgetting, 1) && noslip_is_positive_f(options->window) &&
+          options->noise <= (float)1e6 && noslip_is_limit_f(options->dead_zone) &&
+          noslip_is_limit_f(options->forgetting) && noslip_is_positive_f(options->window) &&
           noslip_is_positive_f(options->rate) && count >= 1 && count <= NOSLIP_ADAPTED && rows >= 1 &&
           rows <= NOSLIP_ADAPTED_ROWS)) {
         return NOSLIP_BAD_PARAMETER;

@@ -92,12 +92,18 @@ static inline int noslip_all_finite(const double *values, int count)
     return 1;
 }
 
-/* Returns 1 if all `count` limits are valid: finite and positive, or zero (no limit). */
+/* Returns 1 if a limit is valid: finite and positive, or zero (no limit). */
+static inline int noslip_is_limit(double limit)
+{
+    return noslip_is_finite(limit) && limit >= 0;
+}
+
+/* Returns 1 if all `count` limits are valid. */
 static inline int noslip_limits_ok(const double *limits, int count)
 {
     int i;
     for (i = 0; i < count; i++) {
-        if (!(noslip_is_finite(limits[i]) && limits[i] >= 0)) {
+        if (!noslip_is_limit(limits[i])) {
             return 0;
         }
     }
@@ -265,12 +271,18 @@ static inline int noslip_all_finite_f(const float *values, int count)
     return 1;
 }
 
-/* Returns 1 if all `count` limits are valid: finite and positive, or zero (no limit). */
+/* Returns 1 if a limit is valid: finite and positive, or zero (no limit). */
+static inline int noslip_is_limit_f(float limit)
+{
+    return noslip_is_finite_f(limit) && limit >= 0;
+}
+
+/* Returns 1 if all `count` limits are valid. */
 static inline int noslip_limits_ok_f(const float *limits, int count)
 {
     int i;
     for (i = 0; i < count; i++) {
-        if (!(noslip_is_finite_f(limits[i]) && limits[i] >= 0)) {
+        if (!noslip_is_limit_f(limits[i])) {
             return 0;
         }
     }

@@ -164,7 +164,7 @@ static inline int noslip_ekf_start(noslip_ekf *self, const noslip_ekf_options *o
 {
     const int remembers = options->past != NULL;
     int i;
-    if (!noslip_limits_ok(&options->gate, 1) || options->tolerated < 0 || options->capacity < remembers ||
+    if (!noslip_is_limit(options->gate) || options->tolerated < 0 || options->capacity < remembers ||
         options->capacity > 65536) {
         return NOSLIP_BAD_PARAMETER;
     }
@@ -341,7 +341,7 @@ static inline int noslip_ekf_check_fix(const noslip_fix *fix)
 {
     const int kind = (int)fix->kind, turns = kind == NOSLIP_FIX_POSE || kind == NOSLIP_FIX_HEADING;
     if (kind < NOSLIP_FIX_POSE || kind > NOSLIP_FIX_RANGE || (kind != NOSLIP_FIX_HEADING && !noslip_ekf_is_deviation(fix->sd)) ||
-        (turns && !noslip_ekf_is_deviation(fix->heading_sd)) || !noslip_limits_ok(&fix->age, 1) ||
+        (turns && !noslip_ekf_is_deviation(fix->heading_sd)) || !noslip_is_limit(fix->age) ||
         (kind == NOSLIP_FIX_RANGE && fix->range < 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
@@ -653,7 +653,7 @@ static inline int noslip_ekf_start_f(noslip_ekf_f *self, const noslip_ekf_option
 {
     const int remembers = options->past != NULL;
     int i;
-    if (!noslip_limits_ok_f(&options->gate, 1) || options->tolerated < 0 || options->capacity < remembers ||
+    if (!noslip_is_limit_f(options->gate) || options->tolerated < 0 || options->capacity < remembers ||
         options->capacity > 65536) {
         return NOSLIP_BAD_PARAMETER;
     }
@@ -830,7 +830,7 @@ static inline int noslip_ekf_check_fix_f(const noslip_fix_f *fix)
 {
     const int kind = (int)fix->kind, turns = kind == NOSLIP_FIX_POSE || kind == NOSLIP_FIX_HEADING;
     if (kind < NOSLIP_FIX_POSE || kind > NOSLIP_FIX_RANGE || (kind != NOSLIP_FIX_HEADING && !noslip_ekf_is_deviation_f(fix->sd)) ||
-        (turns && !noslip_ekf_is_deviation_f(fix->heading_sd)) || !noslip_limits_ok_f(&fix->age, 1) ||
+        (turns && !noslip_ekf_is_deviation_f(fix->heading_sd)) || !noslip_is_limit_f(fix->age) ||
         (kind == NOSLIP_FIX_RANGE && fix->range < 0)) {
         return NOSLIP_BAD_PARAMETER;
     }

@@ -53,7 +53,7 @@ NOSLIP_NODISCARD static inline int noslip_integral_init(noslip_integral *self, d
         return NOSLIP_NULL;
     }
     self->ready = 0;
-    if (!(noslip_is_finite(ki) && ki >= 0 && noslip_limits_ok(&limit, 1))) {
+    if (!(noslip_is_finite(ki) && ki >= 0 && noslip_is_limit(limit))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ki = ki;
@@ -110,7 +110,7 @@ static inline int noslip_integral_update(noslip_integral *self, double ki, doubl
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
-    if (!noslip_is_positive(ki) || !noslip_limits_ok(&limit, 1)) {
+    if (!noslip_is_positive(ki) || !noslip_is_limit(limit)) {
         return NOSLIP_BAD_PARAMETER;
     }
     added = noslip_clip(self->added + change, noslip_limit(limit));
@@ -197,7 +197,7 @@ NOSLIP_NODISCARD static inline int noslip_integral_init_f(noslip_integral_f *sel
         return NOSLIP_NULL;
     }
     self->ready = 0;
-    if (!(noslip_is_finite_f(ki) && ki >= 0 && noslip_limits_ok_f(&limit, 1))) {
+    if (!(noslip_is_finite_f(ki) && ki >= 0 && noslip_is_limit_f(limit))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ki = ki;
@@ -254,7 +254,7 @@ static inline int noslip_integral_update_f(noslip_integral_f *self, float ki, fl
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
-    if (!noslip_is_positive_f(ki) || !noslip_limits_ok_f(&limit, 1)) {
+    if (!noslip_is_positive_f(ki) || !noslip_is_limit_f(limit)) {
         return NOSLIP_BAD_PARAMETER;
     }
     added = noslip_clip_f(self->added + change, noslip_limit_f(limit));

@@ -76,8 +76,8 @@ static inline int noslip_motor_ok(const noslip_motor_settings *of)
            noslip_is_positive(noslip_abs(of->gear)) &&
            noslip_is_positive(of->efficiency) && of->efficiency <= 1 &&
            noslip_is_positive(of->back_efficiency) && of->back_efficiency <= 1 &&
-           noslip_is_positive(of->torque_constant) && noslip_limits_ok(&of->friction, 1) &&
-           noslip_limits_ok(&of->dry_friction, 1) && noslip_is_positive(of->moving) &&
+           noslip_is_positive(of->torque_constant) && noslip_is_limit(of->friction) &&
+           noslip_is_limit(of->dry_friction) && noslip_is_positive(of->moving) &&
            noslip_is_positive(of->resistance) && noslip_is_positive(of->current) &&
            noslip_is_positive(of->supply);
 }
@@ -301,8 +301,8 @@ static inline int noslip_motor_ok_f(const noslip_motor_settings_f *of)
            noslip_is_positive_f(noslip_abs_f(of->gear)) &&
            noslip_is_positive_f(of->efficiency) && of->efficiency <= 1 &&
            noslip_is_positive_f(of->back_efficiency) && of->back_efficiency <= 1 &&
-           noslip_is_positive_f(of->torque_constant) && noslip_limits_ok_f(&of->friction, 1) &&
-           noslip_limits_ok_f(&of->dry_friction, 1) && noslip_is_positive_f(of->moving) &&
+           noslip_is_positive_f(of->torque_constant) && noslip_is_limit_f(of->friction) &&
+           noslip_is_limit_f(of->dry_friction) && noslip_is_positive_f(of->moving) &&
            noslip_is_positive_f(of->resistance) && noslip_is_positive_f(of->current) &&
            noslip_is_positive_f(of->supply);
 }

@@ -135,7 +135,7 @@ static NOSLIP_COLD int init_approach(labmate_follower *self, const labmate_follo
     self->approaching = 0;
     if (!(config->approach > 0)) {
         self->approach.ready = 0;
-        return noslip_limits_ok(&config->approach, 1) ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
+        return noslip_is_limit(config->approach) ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
     }
     if (!(2 * config->period <= config->settling)) {
         return NOSLIP_BAD_PARAMETER;
@@ -195,9 +195,9 @@ int labmate_follower_init(labmate_follower *self, const labmate_follower_config 
     if (config == NULL) {
         return NOSLIP_NULL;
     }
-    if (!noslip_is_positive(config->period) || !noslip_limits_ok(&config->smoothing, 1) ||
+    if (!noslip_is_positive(config->period) || !noslip_is_limit(config->smoothing) ||
         !noslip_is_positive(config->fastest) ||
-        !noslip_limits_ok(&config->stuck_torque, 1) || !noslip_is_positive(config->astray)) {
+        !noslip_is_limit(config->stuck_torque) || !noslip_is_positive(config->astray)) {
         return NOSLIP_BAD_PARAMETER;
     }
     status = set_params(&self->params, &config->params);

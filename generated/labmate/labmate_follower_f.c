@@ -137,7 +137,7 @@ static NOSLIP_COLD int init_approach(labmate_follower_f *self, const labmate_fol
     self->approaching = 0;
     if (!(config->approach > 0)) {
         self->approach.ready = 0;
-        return noslip_limits_ok_f(&config->approach, 1) ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
+        return noslip_is_limit_f(config->approach) ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
     }
     if (!(2 * config->period <= config->settling)) {
         return NOSLIP_BAD_PARAMETER;
@@ -197,9 +197,9 @@ int labmate_follower_init_f(labmate_follower_f *self, const labmate_follower_con
     if (config == NULL) {
         return NOSLIP_NULL;
     }
-    if (!noslip_is_positive_f(config->period) || !noslip_limits_ok_f(&config->smoothing, 1) ||
+    if (!noslip_is_positive_f(config->period) || !noslip_is_limit_f(config->smoothing) ||
         !noslip_is_positive_f(config->fastest) ||
-        !noslip_limits_ok_f(&config->stuck_torque, 1) || !noslip_is_positive_f(config->astray)) {
+        !noslip_is_limit_f(config->stuck_torque) || !noslip_is_positive_f(config->astray)) {
         return NOSLIP_BAD_PARAMETER;
     }
     status = set_params(&self->params, &config->params);

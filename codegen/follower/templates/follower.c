@@ -226,7 +226,7 @@ static NOSLIP_COLD int init_approach(@{ self } *self, const @{ f("config") } *co
     self->approaching = 0;
     if (!(config->approach > 0)) {
         self->approach.ready = 0;
-        return @{ n("limits_ok") }(&config->approach, 1) ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
+        return @{ n("is_limit") }(config->approach) ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
     }
     if (!(2 * config->period <= config->settling)) {
         return NOSLIP_BAD_PARAMETER;
@@ -281,12 +281,12 @@ int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
         return NOSLIP_NULL;
     }
 {% if steering %}
-    if (!@{ n("is_positive") }(config->period) || !@{ n("limits_ok") }(&config->smoothing, 1) || !@{ n("is_positive") }(config->fastest[0]) ||
+    if (!@{ n("is_positive") }(config->period) || !@{ n("is_limit") }(config->smoothing) || !@{ n("is_positive") }(config->fastest[0]) ||
         !@{ n("is_positive") }(config->fastest[1]) || !@{ n("is_positive") }(config->steering) || !@{ n("angle_ok") }(config->steering) ||
         !@{ n("limits_ok") }(config->stuck_torque, 2) || !@{ n("is_positive") }(config->astray)) {
 {% else %}
-    if (!@{ n("is_positive") }(config->period) || !@{ n("limits_ok") }(&config->smoothing, 1) || !@{ n("is_positive") }(config->fastest) ||
-        !@{ n("limits_ok") }(&config->stuck_torque, 1) || !@{ n("is_positive") }(config->astray)) {
+    if (!@{ n("is_positive") }(config->period) || !@{ n("is_limit") }(config->smoothing) || !@{ n("is_positive") }(config->fastest) ||
+        !@{ n("is_limit") }(config->stuck_torque) || !@{ n("is_positive") }(config->astray)) {
 {% endif %}
         return NOSLIP_BAD_PARAMETER;
     }
