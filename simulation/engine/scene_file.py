@@ -53,12 +53,22 @@ class SceneFile:
             if name not in known:
                 raise self.wrong(f"{of}: there is no actuator {name!r}{suggestion(name, known)}")
             k = known.index(name)
-            simple = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
-            if not simple or model.actuator_trntype[k] != ON_JOINT or model.actuator_trnid[k, 0] not in joints:
+            if not self._turns(k, joints):
                 said = ", ".join(repr(model.joint(j).name) for j in joints)
                 raise self.wrong(f"{of}: actuator {name!r} must be a <motor> of {said}, which is given a torque")
             found.append(k)
         return found
+
+    def own_motor(self, name: str, joints: Sequence[int]) -> tuple[str, ...]:
+        """Return the name of the motor of these joints that is called like an input; none if the file has no such motor."""
+        known = [self.model.actuator(k).name for k in range(self.model.nu)]
+        return (name,) if name in known and self._turns(known.index(name), joints) else ()
+
+    def _turns(self, k: int, joints: Sequence[int]) -> bool:
+        """Return whether actuator k is a motor of one of these joints."""
+        model = self.model
+        simple = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
+        return simple and model.actuator_trntype[k] == ON_JOINT and model.actuator_trnid[k, 0] in joints
 
     def gain(self, motor: int) -> float:
         """Return the force of a motor on its joint for each unit that it is given, N m."""
