@@ -9,6 +9,7 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.engine.scene import SceneEngine
+from noslip.simulation.engine.scene_file import read_scene
 from noslip.simulation.engine.written import scene_of
 from noslip.simulation.integrate import Refused
 from noslip.simulation.plant import Plant
@@ -255,6 +256,11 @@ BAD = {
         WHEELS,
         "its mesh package://a/b.stl is not found",
     ),
+    "inertia": (
+        turtlebot3("burger").text.replace('izz="2.0712558e-05"', 'izz="3e-05"', 1),
+        WHEELS,
+        "link 'wheel_left_link': no body has such an inertia, with a principal moment above the sum of the others",
+    ),
     "unknown joint": (
         *scene(joints={"theta_r": "right"}),
         "joints theta_r: there is no joint 'right'; those that turn are right axle, left axle",
@@ -392,3 +398,16 @@ def test_a_motor_of_the_inputs_name_on_another_joint_is_not_used(tmp_path):
     made = cart_in(tmp_path / "cart.xml")
     made.hold(0.0, made.state(), np.array([0.5, 0.5]), 0.001)
     assert not made.data.ctrl.any() and made.data.joint("right axle").qfrc_applied[0]
+
+
+def test_meshes_that_mujoco_cannot_read_are_refused_where_they_touch(tmp_path):
+    """Shapes that are only seen may be of any format."""
+    text, mesh = turtlebot3("burger").text, '<geometry><mesh filename="b.dae"/></geometry>'
+    (tmp_path / "b.dae").write_text("<COLLADA/>")
+    for kind in ("visual", "collision"):
+        (tmp_path / f"{kind}.urdf").write_text(
+            text.replace('<link name="base_link">', f'<link name="base_link"><{kind}>{mesh}</{kind}>')
+        )
+    assert read_scene(str(tmp_path / "visual.urdf")).paved
+    with pytest.raises(BadInput, match=r"b\.dae is none of \.stl, \.obj, \.msh; convert it"):
+        read_scene(str(tmp_path / "collision.urdf"))
