@@ -95,6 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     changes = dict(map(change, arguments.set))
     spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
     try:
+        scene = _scene(spec, Path(arguments.write_scene)) if arguments.write_scene else ""
         with Progress() as shown:
 
             def progress(t: float) -> None:
@@ -110,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
 
             drawn[arguments.animate] = film(completed, Path(arguments.animate).suffix)
         if arguments.write_scene:
-            drawn[arguments.write_scene] = _scene(completed)
+            drawn[arguments.write_scene] = scene
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
     written: dict[str, str | bytes] = {arguments.output: completed.csv()}
@@ -129,16 +130,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _scene(completed: "Run") -> str:
-    """Return the MJCF of the robot of a run on its floor. Raises BadInput for a run in a scene, which has one."""
+def _scene(spec: "Spec", file: Path) -> str:
+    """Return the MJCF of the robot of a SPEC on its floor. Raises BadInput for one in a scene already, and for another suffix."""
     from ..simulation.engine.written import scene_of
+    from ..simulation.loop import make_loop
     from ..simulation.specification.floor import Floor
     from ..simulation.specification.spec import ContactSection
 
-    spec = completed.spec
+    if file.suffix != ".xml":
+        raise BadInput(f"--write-scene {file}: the name of an MJCF ends in .xml")
     if spec.scene:
         raise BadInput("--write-scene: the SPEC has [scene], which is in a file already")
-    return scene_of(completed.plant, spec.contact or ContactSection(), spec.floor or Floor())
+    return scene_of(make_loop(spec).plant, spec.contact or ContactSection(), spec.floor or Floor())
 
 
 def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":

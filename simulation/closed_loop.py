@@ -71,7 +71,7 @@ def simulate(
         command=np.array([row.command for row in rows]),
         noticed=np.array([row.noticed for row in rows]),
         use=_use(loop, x, tau, spec, measured),
-        warnings=loop.warnings,
+        warnings=(*loop.warnings, *(floor.engine.warnings if floor else ())),
         floor=measured,
     )
 

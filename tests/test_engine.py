@@ -1,6 +1,7 @@
 """Robots on a floor in a physics engine, compared with the Mechanism, with the rolling simulation, and with Coulomb's law."""
 
 import importlib
+import re
 import subprocess
 import sys
 from functools import cache
@@ -17,6 +18,8 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import contact_forces
 from noslip.simulation.engine.engine import FloorEngine
 from noslip.simulation.engine.friction import coulomb
+from noslip.simulation.engine.measured import FloorMeasurements
+from noslip.simulation.integrate import Refused
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.floor import Bump, Floor, Patch, Rough
 from noslip.simulation.specification.spec import ContactSection
@@ -154,6 +157,37 @@ def test_steps_are_as_long_as_the_floor_says():
     made = engine("labmate", Floor(mu=0.7, step=3e-4))
     made.hold(0.0, made.state(), np.zeros(2), 0.01)
     assert made.model.opt.timestep == pytest.approx(0.01 / 34)
+
+
+def test_a_robot_that_falls_over_stops(tmp_path, capsys):
+    """High, on much friction, and pulled forward: it pitches over its castor or backward. Its rows before that are kept."""
+    argv = ["simulate", "line", "--engine", "mujoco", "-o", str(tmp_path / "run.csv")]
+    settings = ("contact={height=2.5,share=0.9,mu=2}", "initial.speed=0", "initial.point=[0.0,0.0]", "reference.speed=4")
+    more = ("gains.kv_speed=2", "limits={torque=[12.0],mode='cut'}", "simulation.period=0.01", "simulation.duration=1.0")
+    assert main([*argv, *(part for each in (*settings, *more) for part in ("--set", each))]) == 1
+    out, err = capsys.readouterr()
+    rows = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True, dtype=None, encoding=None)
+    assert re.search(r"stopped at t = 0\.\d+ s: overturned", err) and "none for" not in out
+    assert rows["status"][-1] == "overturned" and "overturned" not in rows["status"][:-1] and 0.3 < rows["t"][-1] < 1.0
+
+
+def test_a_contact_that_carries_nothing_is_said():
+    t, load = np.arange(10) / 10, np.full((10, 2), 9.0)
+    load[3:6, 0], load[4, 1] = 0.0, 0.0
+    measured = FloorMeasurements(np.zeros((10, 2)), load, load, load, None, 0.7)
+    left, right = measured.summary(t, find_robot("labmate")).splitlines()
+    assert left.endswith("load 0 to 9 N, none for 0.3 s") and right.endswith("load 0 to 9 N")
+
+
+@pytest.mark.parametrize("axis, falls", [("pitch", True), ("roll", True), ("yaw", False)])
+def test_falling_over_is_noticed_about_both_horizontal_axes(axis, falls):
+    made = engine("labmate", share=0.7)
+    made.data.joint(f"{axis}_0").qpos[0] = -1.05
+    if falls:
+        with pytest.raises(Refused, match="overturned"):
+            made.hold(0.0, made.state(), np.zeros(2), 0.001)
+    else:
+        made.hold(0.0, made.state(), np.zeros(2), 0.001)
 
 
 def momentum(made: FloorEngine) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,6 +32,7 @@ from noslip.tests.urdfs import (
     four_wheels,
     mecanum,
     steered,
+    trailers,
     turtlebot3,
     two_wheels,
     with_arm,
@@ -362,8 +364,8 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
         (["--castors", "left_joint"], "wheels on 'base', without castors and those on vertical joints: 'right_joint'"),
         (["--castors", "box"], "--castors: link 'box'"),
         (["--arm", "lidar"], "there is no 'lidar'; did you mean 'lidar_joint'?"),
-        (["--arm", "left_joint"], "--arm: joint 'left_joint' is that of a wheel"),
-        (["--arm", "castor_joint"], "--arm: joint 'castor_joint' is fixed; those of an arm turn"),
+        (["--arm", "left_joint"], "--arm: joint 'left_joint' carries the wheel 'left'"),
+        (["--arm", "box_joint"], "--arm: joint 'box_joint' is fixed; those of an arm turn"),
         (["--radius", "left"], "give LINK=METRES"),
         (["--radius", "left=-1"], "positive radius"),
         (["--radius", "door=1"], "there is no 'door'"),
@@ -373,6 +375,29 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
 )
 def test_bad_options_are_one_line(more, said, tmp_path, bad_input):
     assert said in bad_input(["import", written(tmp_path, two_wheels()), *more, "-o", str(tmp_path / "robot.py")])
+
+
+def test_an_inertia_that_no_body_has_is_noted(tmp_path, capsys):
+    """A principal moment of the left wheel above the sum of the others."""
+    made = two_wheels()
+    at = next(k for k, part in enumerate(made.parts) if 'link name="left"' in part)
+    made.parts[at] = re.sub(r'izz="[^"]*"', 'izz="0.9"', made.parts[at])
+    assert main(["import", written(tmp_path, made), "-o", str(tmp_path / "cart.py")]) == 0
+    assert (
+        "no body has such an inertia, with a principal moment above the sum of the others; correct <inertia>: links left\n"
+        in (capsys.readouterr().err)
+    )
+
+
+def test_what_stands_on_the_ground_is_no_arm(tmp_path, bad_input):
+    """Nor is the joint of a castor's swivel, nor one that carries the vertical joint of a trailer's wheels."""
+    castor, truck = two_wheels(), trailers(2)
+    castor.link("fork", 0.1)
+    castor.joint("swivel", "continuous", "base", "fork", (0.4, 0, 0.05))
+    castor.wheel("roller", "fork", (-0.03, 0, 0), radius=0.05, mass=0.1)
+    for made, joint, what in ((castor, "swivel", "castor 'roller'"), (truck, "hitch_1", "wheel 'right_1'")):
+        line = bad_input(["import", written(tmp_path, made), "--arm", joint, "-o", str(tmp_path / "robot.py")])
+        assert f"--arm: joint {joint!r} carries the {what}" in line
 
 
 def test_an_arm_is_driven_from_its_file(tmp_path, capsys, bad_input):

@@ -9,7 +9,9 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.engine.scene import SceneEngine
+from noslip.simulation.engine.scene_file import read_scene
 from noslip.simulation.engine.written import scene_of
+from noslip.simulation.integrate import Refused
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.floor import Floor
 from noslip.simulation.specification.scene import SceneSection
@@ -57,6 +59,14 @@ def cart() -> str:
   <actuator><motor name="right motor" joint="right axle" gear="-25"/></actuator>
 </mujoco>
 """
+
+
+def cart_in(file, **section) -> SceneEngine:
+    """The LABMATE as the cart of a file, at rest."""
+    names = {"theta_r": ("right axle",), "theta_l": ("left axle",)}
+    return SceneEngine(
+        plant("labmate"), SceneSection(file=str(file), joints=names, **section), ContactSection(), Floor(), np.zeros(7)
+    )
 
 
 NAMED = {"joints": {"theta_r": "right axle", "theta_l": "left axle"}, "motors": {"tau_r": "right motor"}}
@@ -200,8 +210,7 @@ def test_warnings_say_where_the_file_differs(tmp_path):
     text = cart().replace('type="ellipsoid" size="0.15 0.15 0.15"', 'type="cylinder" size="0.16 0.02" euler="0 90 0"')
     text = text.replace("-0.25", "-0.24").replace('<body name="left" pos="-0.65', '<body name="left" pos="-0.68')
     (tmp_path / "cart.xml").write_text(text)
-    section = SceneSection(file=str(tmp_path / "cart.xml"), joints={"theta_r": ("right axle",), "theta_l": ("left axle",)})
-    made = SceneEngine(plant("labmate"), section, ContactSection(), Floor(), np.zeros(7))
+    made = cart_in(tmp_path / "cart.xml")
     joints = ("joints are 0.015 m away from where labmate has its wheels",)
     radii = [f"the wheel on '{side} axle' has a radius of 0.16 m, that of labmate 0.15 m" for side in ("right", "left")]
     edges = [f"the wheel on '{side} axle' touches at points 0.04 m apart along its axle" for side in ("right", "left")]
@@ -246,6 +255,11 @@ BAD = {
         turtlebot3("burger").text.replace('<cylinder length="0.018" radius="0.033"/>', '<mesh filename="package://a/b.stl"/>'),
         WHEELS,
         "its mesh package://a/b.stl is not found",
+    ),
+    "inertia": (
+        turtlebot3("burger").text.replace('izz="2.0712558e-05"', 'izz="3e-05"', 1),
+        WHEELS,
+        "link 'wheel_left_link': no body has such an inertia, with a principal moment above the sum of the others",
     ),
     "unknown joint": (
         *scene(joints={"theta_r": "right"}),
@@ -337,9 +351,63 @@ def test_what_does_not_go_with_a_scene(changes, said, tmp_path, bad_input, monke
         ("labmate", {}, {}, "the robot would fall over; set [contact] share below 1"),
         ("car", {}, {}, "the robot would fall over; they are on one line"),
         ("rolling_disk", {}, {}, "its input tau_phi does not act on a joint"),
+        ("slope_platform", {"share": 0.7}, {}, "slope_platform is on a slope of its own"),
         ("labmate", {"share": 0.7}, {"patch": ({"x": (0, 1), "y": (0, 1), "mu": 0.1},)}, "a scene has no patches"),
     ],
 )
 def test_robots_that_cannot_be_written(name, contact, floor, said):
     with pytest.raises(BadInput, match=re.escape(said)):
         scene_of(plant(name), ContactSection(**contact), Floor(**floor))
+
+
+@pytest.mark.parametrize(
+    "file, more, said", [("r.xml", [], "the robot would fall over"), ("r.urdf", ["--set=contact.share=0.7"], "ends in .xml")]
+)
+def test_a_scene_that_cannot_be_written_is_refused_before_the_run(file, more, said, tmp_path, bad_input, monkeypatch):
+    monkeypatch.setattr("noslip.simulation.closed_loop.simulate", lambda *_, **__: pytest.fail("the run has begun"))
+    assert said in bad_input(["simulate", "line", *more, "--write-scene", str(tmp_path / file), "-o", str(tmp_path / "run.csv")])
+
+
+def test_a_robot_that_falls_over_in_a_scene_is_noticed(tmp_path):
+    (tmp_path / "cart.xml").write_text(cart())
+    made = cart_in(tmp_path / "cart.xml")
+    made.hold(0.0, made.state(), np.zeros(2), 0.001)
+    turn = made.data.qpos[made._at + 3 : made._at + 7]
+    mujoco.mju_mulQuat(turn, turn.copy(), np.array([np.cos(0.55), np.sin(0.55), 0.0, 0.0]))
+    with pytest.raises(Refused, match="overturned"):
+        made.hold(0.0, made.state(), np.zeros(2), 0.001)
+
+
+@pytest.mark.parametrize("limit", ['ctrlrange="-0.04 0.04"', 'forcerange="-0.04 0.04"', 'ctrlrange="-1 1"'])
+def test_motors_of_the_inputs_names_are_used_and_their_limits_said(limit, tmp_path):
+    """2 N m by a gear of -25 asks for 0.08; 1 N m is what both kinds of limits leave."""
+    text = cart().replace('name="right motor" joint="right axle"', f'name="tau_r" joint="right axle" {limit}')
+    (tmp_path / "cart.xml").write_text(text)
+    made, limited = cart_in(tmp_path / "cart.xml"), "0.04" in limit
+    made.hold(0.0, made.state(), np.array([0.5, 0.5]), 0.01)
+    assert not made.warnings
+    made.hold(0.01, made.state(), np.array([2.0, 0.5]), 0.01)
+    supplied = made.data.joint("right axle").qfrc_actuator[0]
+    assert abs(supplied) == pytest.approx(1.0 if limited else 2.0) and made.data.qfrc_applied.any()
+    said = "motor 'tau_r' is at its limit, first at t = 0.01 s, and supplies up to 1 N m less"
+    assert [said in warning for warning in made.warnings] == [True] * limited
+
+
+def test_a_motor_of_the_inputs_name_on_another_joint_is_not_used(tmp_path):
+    (tmp_path / "cart.xml").write_text(cart().replace('name="right motor" joint="right axle"', 'name="tau_r" joint="left axle"'))
+    made = cart_in(tmp_path / "cart.xml")
+    made.hold(0.0, made.state(), np.array([0.5, 0.5]), 0.001)
+    assert not made.data.ctrl.any() and made.data.joint("right axle").qfrc_applied[0]
+
+
+def test_meshes_that_mujoco_cannot_read_are_refused_where_they_touch(tmp_path):
+    """Shapes that are only seen may be of any format."""
+    text, mesh = turtlebot3("burger").text, '<geometry><mesh filename="b.dae"/></geometry>'
+    (tmp_path / "b.dae").write_text("<COLLADA/>")
+    for kind in ("visual", "collision"):
+        (tmp_path / f"{kind}.urdf").write_text(
+            text.replace('<link name="base_link">', f'<link name="base_link"><{kind}>{mesh}</{kind}>')
+        )
+    assert read_scene(str(tmp_path / "visual.urdf")).paved
+    with pytest.raises(BadInput, match=r"b\.dae is none of \.stl, \.obj, \.msh; convert it"):
+        read_scene(str(tmp_path / "collision.urdf"))

@@ -31,7 +31,8 @@ class Urdf:
         inertial = ""
         if mass:
             root = self.random.uniform(-0.1, 0.1, (3, 3))
-            inertia = mass * (root @ root.T + 0.01 * np.eye(3))
+            second = root @ root.T + 0.01 * np.eye(3)  # of a body: the inertia is its trace less it
+            inertia = mass * (np.trace(second) * np.eye(3) - second)
             inertial = self.inertial(mass, place, self.random.uniform(-1, 1, 3), inertia)
         self.parts.append(f'<link name="{name}">{inertial}{shape}</link>')
 

@@ -4,6 +4,7 @@ import io
 import math
 import re
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +20,8 @@ from .inertial import Inertial
 QUARTER = math.pi / 2
 ROUNDED = 2e-3  # rad: an angle so near to a multiple of a quarter turn, such as 1.57, is read as that multiple
 LARGEST = 1e30  # of any number
+TRIANGLE = 1e-9  # relative: by how much a principal moment may exceed the sum of the others
+NO_BODY = "no body has such an inertia, with a principal moment above the sum of the others; correct <inertia>"
 COMPLETE = {  # attributes that have no default in URDF, by element
     "robot": ("name",),
     "link": ("name",),
@@ -108,19 +111,27 @@ class Document:
             self._inertials[link] = _inertial(self.links[link], f"{self.path}: link {link!r}")
         return self._inertials[link]
 
+    @cached_property
+    def impossible_inertias(self) -> tuple[str, ...]:
+        """Return the links whose inertia no body has: a principal moment exceeds the sum of the others."""
+        moments = {link: np.linalg.eigvalsh(own.inertia) for link in self.links if (own := self.inertial(link))}
+        return tuple(link for link, (a, b, c) in moments.items() if c - a - b > TRIANGLE * c)
+
 
 def placed(element: Any) -> np.ndarray:
     """Return the origin of an element of yourdfpy, 4 x 4."""
     return np.eye(4) if element.origin is None else np.asarray(element.origin)
 
 
-def read(file: str) -> Document:
-    """Read a URDF. Raises BadInput, naming the link or joint, for a file that is not one complete tree, and OSError."""
+def read(file: str, root: Any = None) -> Document:
+    """Read a URDF; `root` is its first element if it is `parsed` already, whose angles are then exact. Raises BadInput, naming
+    the link or joint, for a file that is not one complete tree, and OSError.
+    """
     etree, URDF = _parsers()
-    root = parsed(file)
+    root = parsed(file) if root is None else root
     if root.tag == "mujoco":
         root = urdf_of(file)
-    notes = checked(file, root)
+    notes = _checked(file, root)
     driven = {
         j.get("name") for path in ("transmission/joint", "ros2_control/joint[command_interface]") for j in root.iterfind(path)
     }
@@ -128,9 +139,10 @@ def read(file: str) -> Document:
     rubbing = [e.getparent().get("name") for e in root.iterfind("joint/dynamics") if _rubs(e)]
     if rubbing:
         notes = (*notes, f"damping and friction are left out: joints {', '.join(rubbing)}")
-    etree.strip_elements(root, *UNUSED, with_tail=False)
+    used = deepcopy(root)
+    etree.strip_elements(used, *UNUSED, with_tail=False)
     try:
-        robot = URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False).robot
+        robot = URDF.load(io.BytesIO(etree.tostring(used)), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # what has not been checked above
         raise BadInput(f"{file}: yourdfpy cannot read it: {type(error).__name__}: {error}") from error
     joints = {joint.name: joint for joint in robot.joints}
@@ -183,7 +195,7 @@ def _refuse_unexpanded(file: str, root: Any) -> None:
         raise BadInput(f"{file}{line}: a xacro file; expand it with {expanded} and give that")
 
 
-def checked(file: str, root: Any) -> tuple[str, ...]:
+def _checked(file: str, root: Any) -> tuple[str, ...]:
     """Check every number of links and joints and make angles such as 1.57 exact. Return notes about these. Raises BadInput."""
     rounded: list[str] = []
     named: dict[str, set[str]] = {"link": set(), "joint": set()}

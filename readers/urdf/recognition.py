@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadInput, suggestion
-from .document import Document
+from .document import NO_BODY, Document
 from .inertial import Inertial, merged
 from .parts import UP, Layout, LinkWheel, Options, Part, ahead_and_left
 from .rims import ALIGNED, NotRound, lowest, rim
@@ -67,6 +67,8 @@ class _Recognition:
         document, options = self.document, self.options
         if not any(document.inertial(link) for link in document.links):
             raise self.wrong("no link has an <inertial>; a model needs masses and inertias")
+        if impossible := document.impossible_inertias:
+            self.notes.append(f"{NO_BODY}: links {', '.join(impossible)}")
         self.refuse_rollers()
         wheels = self.wheels()
         self.ground = min(wheel.centre[2] - wheel.radius for wheel in wheels)
@@ -95,7 +97,7 @@ class _Recognition:
         for wheel in wheels:
             if joint := self.turning[wheel.joint]:
                 groups.setdefault(joint, []).append(wheel)
-        arm = self.arm([*(wheel.joint for wheel in wheels), *self.on_rims, *groups])
+        arm = self.arm(wheels)
         self.hold([*(wheel.joint for wheel in wheels), *self.on_rims, *arm], groups)
         steering = [joint for joint, own in groups.items() if self.steers(joint, own)]
         self.carrying = {document.joints[joint].child: joint for joint in (*groups, *arm)}
@@ -380,12 +382,17 @@ class _Recognition:
         if self.on_rims:
             self.notes.append("the rollers count as parts of their wheels; that they also turn about their own axes is left out")
 
-    def arm(self, others: Sequence[str]) -> list[str]:
-        """Return the joints of the arm, each after those that carry it. Raises BadInput for one that is not vertical."""
+    def arm(self, wheels: Sequence[LinkWheel]) -> list[str]:
+        """Return the joints of the arm, each after those that carry it. Raises BadInput for one that is not vertical, or that
+        carries what stands on the ground.
+        """
+        standing = {link: f"castor {link!r}" for link in self.castors}
+        standing |= {link: f"wheel {wheel.link!r}" for wheel in wheels for link in self.document.subtree(wheel.link)}
+        carries = {joint.name: what for link, what in reversed(standing.items()) for joint in self.joints_above(link)}
         for name in self.options.arm:
             joint = self.document.joints[name]
-            if name in others:
-                raise self.wrong(f"--arm: joint {name!r} is that of a wheel, or carries wheels")
+            if name in carries:
+                raise self.wrong(f"--arm: joint {name!r} carries the {carries[name]}, which stands on the ground; leave it out")
             if joint.type not in ("continuous", "revolute"):
                 raise self.wrong(
                     f"--arm: joint {name!r} is {joint.type}; those of an arm turn. Leave it out, and it is held fixed"

@@ -36,6 +36,7 @@ class FloorEngine(Stepped):
         self._geoms = [self.model.geom(f"wheel_{k}").id for k in range(len(wheels))]
         self._bodies = self.model.geom_bodyid[self._geoms]
         self._radii = [abs(wheel.radius) for wheel in wheels]
+        self._standing = [self.model.body(f"body_{k}").id for k in range(len(bodies.frames)) if stands(bodies, k)]
         self._uneven = bool(floor.bumps)
         self._rollers = [k for k, wheel in enumerate(wheels) if wheel.rollers]
         if self._rollers and self._uneven:

@@ -10,6 +10,7 @@ import numpy as np
 from ...model.mechanism import Mechanism
 
 SLIPS = 0.01  # m/s from which on a contact counts as slipping
+LIFTED = 0.1 + 1e-9  # s from which on it is said that a contact carried nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,8 @@ class FloorMeasurements:
         return np.column_stack([self.slip, self.load, *([] if self.reckoned is None else [self.reckoned])])
 
     def as_json(self, t: np.ndarray, mechanism: Mechanism) -> dict[str, Any]:
-        """Return for each contact its largest slip (m/s), when (s), how long it slips (s), its least and largest load (N)."""
+        """Return for each contact its largest slip (m/s), when (s), how long it slips (s), its least and largest load
+        (N), how long it carries nothing (s)."""
         during = np.diff(t, append=t[-1])
         return {
             "mu": self.mu,
@@ -48,6 +50,7 @@ class FloorMeasurements:
                     "at": t[np.argmax(slip)],
                     "slips_for": during[slip > SLIPS].sum(),
                     "load": [load.min(), load.max()],
+                    "lifted_for": during[load <= 0].sum(),
                 }
                 for contact, slip, load in zip(mechanism.contacts, self.slip.T, self.load.T, strict=True)
             },
@@ -59,5 +62,6 @@ class FloorMeasurements:
         return "\n".join(
             f"{name}: slip at most {one['slip']:.3g} m/s (t = {one['at']:.4g} s), above {SLIPS * 100:g} cm/s for "
             f"{one['slips_for']:.3g} s, load {one['load'][0]:.4g} to {one['load'][1]:.4g} N"
+            + (f", none for {one['lifted_for']:.3g} s" if one["lifted_for"] > LIFTED else "")
             for name, one in found.items()
         )

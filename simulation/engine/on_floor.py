@@ -29,8 +29,7 @@ class OnFloor:
         contact, floor = spec.contact or ContactSection(), spec.floor or Floor()
         self.engine: Stepped
         if spec.scene:
-            self.engine = scene = SceneEngine(loop.plant, spec.scene, contact, floor, loop.start)
-            loop = replace(loop, warnings=(*loop.warnings, *scene.warnings))
+            self.engine = SceneEngine(loop.plant, spec.scene, contact, floor, loop.start)
         else:
             self.engine = FloorEngine(loop.plant, contact, floor, loop.start)
         self.loop, self._simulation = replace(loop, sensing=loop.sensing or _reckoning(loop, spec)), spec.simulation

@@ -17,7 +17,7 @@ from ..specification.spec import ContactSection
 from .alignment import UP, align, middle
 from .frames import planar
 from .scene_file import MESH, WHERE, read_scene
-from .stepping import Stepped, on_joints
+from .stepping import Stepped, on_joints, refuse_in_scene
 
 SETTLED, LONGEST = 1e-6, 5000  # m/s, rad/s: the robot stands still; steps until it must
 DIFFERS = 0.01  # relative: what is worth a warning
@@ -48,7 +48,7 @@ class SceneEngine(Stepped):
     settled.
 
     The Mechanism says what the coordinates are and on what its inputs act; the controller knows it alone. MuJoCo's own friction
-    acts, with elliptic cones. `warnings` say where the file differs from the Mechanism.
+    acts, with elliptic cones.
     """
 
     def __init__(self, plant: Plant, section: SceneSection, contact: ContactSection, floor: Floor, start: np.ndarray):
@@ -58,10 +58,7 @@ class SceneEngine(Stepped):
             bodies = planar(mechanism, plant.parameters)
         except BadInput:  # masses that are not those of bodies on hinges do not matter here
             bodies = planar(mechanism, plant.parameters, weighed=False)
-        if bodies.normal != 1.0:
-            raise BadInput(f"{WHERE}: {mechanism.name} is on a slope of its own; use a robot on level ground, and [floor] slope")
-        if any(wheel.rollers or wheel.turned for wheel in bodies.wheels):
-            raise BadInput(f"{WHERE}: does not go with wheels that have rollers or are turned, as {mechanism.name} has")
+        refuse_in_scene(WHERE, mechanism.name, bodies)
         names = [coordinate.name for coordinate in mechanism.coordinates]
         steering = [section.joints.get(names[bodies.hinge(k)], ()) for k in range(1, len(bodies.frames))]
         self.scene = scene = read_scene(section.file, steering)
@@ -87,7 +84,7 @@ class SceneEngine(Stepped):
         self._drive(plant, section)
         self._jacobian = np.zeros((3, self.model.nv))
         self._settle(start)
-        self.warnings = tuple(f"{WHERE} file = {section.file}: {said}" for said in self._differences(start[: self._n]))
+        self._differs = tuple(self._differences(start[: self._n]))
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Return q and qdot of the Mechanism."""
@@ -144,26 +141,48 @@ class SceneEngine(Stepped):
         inputs = [entry.name for entry in mechanism.inputs]
         check_keys(section.motors, inputs, f"{WHERE} motors")
         self._at_joints, self._at_motors = np.zeros((model.nv, len(inputs))), np.zeros((model.nu, len(inputs)))
+        self._gains = np.zeros((model.nv, model.nu))  # N m at joints for each unit that a motor is given
+        self._short: dict[int, tuple[float, float]] = {}  # where a motor did not supply what it was given: since when (s), N m
         used: list[int] = []
         for i, (name, forces) in enumerate(zip(inputs, on_joints(plant, self.planar)[3:].T, strict=True)):
             acts = [(self._driven[k], force) for k, force in enumerate(forces) if force]
-            if name not in section.motors:
+            named = section.motors.get(name) or (self.scene.own_motor(name, acts[0][0].joints) if len(acts) == 1 else ())
+            if not named:
                 for joint, force in acts:
                     self._at_joints[joint.dofs, i] = joint.signs * force / len(joint.joints)
                 continue
             if len(acts) > 1:
                 raise self.scene.wrong(f"motors {name}: this input acts on several joints; leave it out")
             joint, force = acts[0]
-            motors = self.scene.motors(f"motors {name}", section.motors[name], joint.joints)
+            motors = self.scene.motors(f"motors {name}", named, joint.joints)
             used += motors
             for motor in motors:
                 sign = joint.signs[joint.joints.index(int(model.actuator_trnid[motor, 0]))]
                 self._at_motors[motor, i] = sign * force / (len(motors) * self.scene.gain(motor))
+                self._gains[model.jnt_dofadr[model.actuator_trnid[motor, 0]], motor] = self.scene.gain(motor)
         self.scene.refuse_other_drives([k for joint in self._driven for k in joint.joints], used)
 
     def _push_on(self, tau: np.ndarray) -> None:
         self.data.qfrc_applied[:] = self._at_joints @ tau
         self.data.ctrl[:] = self._at_motors @ tau
+
+    def _weigh(self) -> None:
+        """Note where motors were at their limits, which MuJoCo does not say."""
+        short = np.abs(self._gains @ self.data.ctrl - self.data.qfrc_actuator) * self._gains.any(axis=1)
+        for dof in np.flatnonzero(short > TINY).tolist():
+            since, most = self._short.get(dof, (self.data.time - self.model.opt.timestep, 0.0))
+            self._short[dof] = since, max(most, short[dof])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Where the file differs from the Mechanism, and so far motors supplied less than they were given."""
+        short = (
+            f"motor {self.model.actuator(motor).name!r} is at its limit, first at t = {since:.4g} s, and supplies up to "
+            f"{most:.3g} N m less than the columns of the inputs say; set [limits] torque to what it can supply"
+            for dof, (since, most) in self._short.items()
+            for motor in np.flatnonzero(self._gains[dof])
+        )
+        return tuple(f"{WHERE} file = {self.scene.file}: {said}" for said in (*self._differs, *short))
 
     # -- the start ----------------------------------------------------------------------------------------------------
 
@@ -190,6 +209,7 @@ class SceneEngine(Stepped):
             raise self.scene.wrong(f"the robot does not come to rest within {seconds:g} s; it must stand by itself")
         self._put(target)
         self._mujoco.mj_forward(self.model, d)
+        self._standing, self._up = [self._root], self._turn()[2]
         weight = GRAVITY * float(self.model.body_subtreemass[self._root])
         for wheel, load in zip(self.planar.wheels, self.look()[1], strict=True):
             if not load > NO_LOAD * weight:

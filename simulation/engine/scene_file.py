@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...readers.errors import BadInput, suggestion
-from ...readers.urdf.document import checked, parsed, read
+from ...readers.urdf.document import NO_BODY, parsed, read
 from ...readers.urdf.rims import mesh_file
 from .mjcf import DAMPED, HARD, IMPRATIO, STIFF
 from .stepping import installed
@@ -17,6 +18,7 @@ from .stepping import installed
 FREE, HINGE = 0, 3  # mjtJoint
 ON_JOINT = 0  # mjtTrn
 ELLIPSOID, CYLINDER, MESH = 4, 5, 7  # mjtGeom
+MESHES = (".stl", ".obj", ".msh")  # formats that MuJoCo reads
 WHERE = "[scene]"
 
 
@@ -53,12 +55,22 @@ class SceneFile:
             if name not in known:
                 raise self.wrong(f"{of}: there is no actuator {name!r}{suggestion(name, known)}")
             k = known.index(name)
-            simple = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
-            if not simple or model.actuator_trntype[k] != ON_JOINT or model.actuator_trnid[k, 0] not in joints:
+            if not self._turns(k, joints):
                 said = ", ".join(repr(model.joint(j).name) for j in joints)
                 raise self.wrong(f"{of}: actuator {name!r} must be a <motor> of {said}, which is given a torque")
             found.append(k)
         return found
+
+    def own_motor(self, name: str, joints: Sequence[int]) -> tuple[str, ...]:
+        """Return the name of the motor of these joints that is called like an input; none if the file has no such motor."""
+        known = [self.model.actuator(k).name for k in range(self.model.nu)]
+        return (name,) if name in known and self._turns(known.index(name), joints) else ()
+
+    def _turns(self, k: int, joints: Sequence[int]) -> bool:
+        """Return whether actuator k is a motor of one of these joints."""
+        model = self.model
+        simple = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
+        return simple and model.actuator_trntype[k] == ON_JOINT and model.actuator_trnid[k, 0] in joints
 
     def gain(self, motor: int) -> float:
         """Return the force of a motor on its joint for each unit that it is given, N m."""
@@ -127,7 +139,11 @@ def read_scene(file: str, tied: Iterable[Sequence[str]] = ()) -> SceneFile:
     """
     mujoco = installed()
     try:
-        spec = _of_urdf(file) if parsed(file).tag == "robot" else mujoco.MjSpec.from_file(file)
+        root = parsed(file)
+        spec = _of_urdf(file, root) if root.tag == "robot" else mujoco.MjSpec.from_file(file)
+        for mesh in spec.meshes:
+            if mesh.file and not mesh.content_type and Path(mesh.file).suffix.lower() not in MESHES:
+                raise BadInput(f"its mesh {mesh.file} is none of {', '.join(MESHES)}; convert it, or give a shape without one")
         model = spec.compile()
         stands_still = model.body_weldid[model.geom_bodyid] == 0
         paved = not (model.npair or (stands_still & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))).any())
@@ -164,14 +180,16 @@ def _tie(spec: Any, model: Any, names: Sequence[str]) -> None:
         tie.solimp[:3] = [float(part) for part in HARD.split()]
 
 
-def _of_urdf(file: str) -> Any:
-    """Return the MuJoCo model, not compiled, of a URDF that `read` accepts. Its base is free; links without <inertial> have no
-    mass. Raises BadInput, also for a body that moves without a mass, and for a mesh that is not found.
+def _of_urdf(file: str, root: Any) -> Any:
+    """Return the MuJoCo model, not compiled, of a URDF that `read` accepts, by its first element. Its base is free; links without
+    <inertial> have no mass. Raises BadInput, also for a body that moves without a mass or has the inertia of no body, and for a
+    mesh that is not found.
     """
     from lxml import etree
 
-    document, root = read(file), parsed(file)
-    checked(file, root)
+    document = read(file, root)
+    if links := document.impossible_inertias:
+        raise BadInput(f"{file}: link {links[0]!r}: {NO_BODY}")
     for top in (document.root, *(joint.child for joint in document.joints.values() if joint.type != "fixed")):
         if not any([document.inertial(link) for link in document.subtree(top, lambda joint: joint.type == "fixed")]):
             raise BadInput(f"{file}: link {top!r} moves, and has no <inertial>; give its mass and inertia")

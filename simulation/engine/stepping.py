@@ -22,12 +22,15 @@ if TYPE_CHECKING:
     from ..drive import Drive
 
 FASTEST = 1e5  # m/s, rad/s
+OVERTURNED = 1.0  # rad: ramps and bumps that wheels can climb lean a robot by less
 
 
 class Stepped:
     """A plant that MuJoCo moves, in steps of at most `floor.step`, on a floor with that slope."""
 
     mu: float  # friction coefficient of the floor outside its patches
+    _standing: list[int]  # bodies of MuJoCo that stand by themselves
+    _up = np.array([0.0, 0.0, 1.0])  # in their axes, where they stand upright
 
     def __init__(self, plant: Plant, bodies: PlanarBodies, model: Any, floor: Floor):
         self._mujoco = installed()
@@ -57,7 +60,16 @@ class Stepped:
         raise NotImplementedError
 
     def _weigh(self) -> None:
-        """Note what the floor did in the last step."""
+        """Note what the floor and motors did in the last step."""
+
+    def _overturned(self) -> bool:
+        """Return whether a body that stands by itself leans by more than OVERTURNED."""
+        return bool((self.data.xmat[self._standing, 6:] @ self._up < np.cos(OVERTURNED)).any())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know of the run so far."""
+        return ()
 
     def state(self) -> np.ndarray:
         """Return [q; nu]: nu as the wheels' rates tell it, which the robot's motion need not."""
@@ -68,21 +80,25 @@ class Stepped:
         """Return the state after `duration` seconds from x at time t, the state now, with the inputs (N, N m) `given`, or those
         that drives supply for what is given to them, at each step of the engine.
 
-        Raises Refused ("range") where a velocity grows beyond FASTEST, as with wheels that spin without bound.
+        Raises Refused, at time t: "range" where a velocity grows beyond FASTEST, as with wheels that spin without bound,
+        "overturned" where a body that stands by itself falls over.
         """
         before = self.data.qpos.copy(), self.data.qvel.copy()
         steps = int(np.ceil(duration / self._longest - 1e-9))
         if not steps:
             return x
         self.model.opt.timestep = duration / steps
+        overturned = False
         for _ in range(steps):
             self._mujoco.mj_step1(self.model, self.data)
             self._push_on(drive.torque(self.state(), given) if drive and drive.commands else given)
             self._mujoco.mj_step2(self.model, self.data)
             self._weigh()
-        if not np.abs(self.data.qvel).max() < FASTEST:  # also when it is NaN
+            if overturned := self._overturned():
+                break
+        if overturned or not np.abs(self.data.qvel).max() < FASTEST:  # also when it is NaN
             self.data.qpos[:], self.data.qvel[:] = before
-            raise Refused("range", t, x)
+            raise Refused("overturned" if overturned else "range", t, x)
         return self.state()
 
 
@@ -118,6 +134,14 @@ def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
         "mass": ([q, p], S.T @ mechanism.M @ S),
     }
     return {name: portable(ca.Function(name, given, [ca.densify(value)])) for name, (given, value) in made.items()}
+
+
+def refuse_in_scene(where: str, name: str, bodies: PlanarBodies) -> None:
+    """Raise BadInput for a robot that no scene can have. `where` is what asks for it, for the message."""
+    if bodies.normal != 1.0:
+        raise BadInput(f"{where}: {name} is on a slope of its own; use a robot on level ground, and [floor] slope")
+    if any(wheel.rollers or wheel.turned for wheel in bodies.wheels):
+        raise BadInput(f"{where}: does not go with wheels that have rollers or are turned, as {name} has")
 
 
 def on_joints(plant: Plant, bodies: PlanarBodies) -> np.ndarray:

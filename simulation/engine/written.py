@@ -10,20 +10,20 @@ from ..specification.floor import Floor
 from ..specification.spec import ContactSection
 from .frames import planar
 from .mjcf import ByItself, mjcf
-from .stepping import on_joints
+from .stepping import on_joints, refuse_in_scene
 
 
 def scene_of(plant: Plant, contact: ContactSection, floor: Floor) -> str:
     """Return the MJCF of a robot, its base on a free joint, with its floor and its motors and MuJoCo's own friction.
 
     Joints are named as their coordinates, or, if they have none, as their contacts; motors as their inputs. The slope of the
-    floor stays in the SPEC. Raises BadInput for a floor with patches, and as FloorEngine and `mjcf`.
+    floor stays in the SPEC. Raises BadInput for a floor with patches, for a robot that `[scene]` would refuse, and as
+    FloorEngine and `mjcf`.
     """
     if floor.patch:
         raise BadInput("--write-scene: a scene has no patches; leave out [floor] patch, or make the floor of several shapes")
     mechanism, bodies = plant.system.mechanism, planar(plant.system.mechanism, plant.parameters)
-    if any(wheel.rollers for wheel in bodies.wheels):
-        raise BadInput(f"--write-scene: {mechanism.name} has wheels with rollers, whose friction MuJoCo does not have")
+    refuse_in_scene("--write-scene", mechanism.name, bodies)
     names = [coordinate.name for coordinate in mechanism.coordinates]
     frames = [names[bodies.hinge(k)] for k in range(1, len(bodies.frames))]
     wheels = [wheel.name if wheel.angle is None else names[wheel.angle] for wheel in bodies.wheels]

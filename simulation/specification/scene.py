@@ -25,7 +25,8 @@ def _named(value: Any, where: str) -> dict[str, tuple[str, ...]]:
 @dataclass(frozen=True, kw_only=True)
 class SceneSection:
     """A robot in a physics engine that is described by a file of its own, with its shapes, friction and motors, instead of being
-    made from the robot's equations. A name that is missing in `joints`, `wheels` and `motors` is that of the file.
+    made from the robot's equations. A name that is missing in `joints` and `wheels` is that of the file, and one that is missing
+    in `motors`, too, if the file has a motor of that name on its joint; otherwise the input acts on the joint.
     """
 
     file: str = entry(text, about="an MJCF whose robot has a free joint, or a URDF; looked for beside the SPEC first")
@@ -36,5 +37,5 @@ class SceneSection:
         _named, {}, "contact whose wheel turns by no coordinate: the joint of this wheel, or of several"
     )
     motors: Mapping[str, tuple[str, ...]] = entry(
-        _named, {}, "input: the motor (<actuator>) that supplies it, or several that share it; otherwise it acts on the joints"
+        _named, {}, "input: the motor (<actuator>) that supplies it, or several that share it"
     )
