@@ -19,6 +19,7 @@ from ..controllers.controller import RUNNING
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.errors import ModelError
 from ..model.mechanism import Mechanism, Quantity
+from ..model.reduction import counted
 from ..model.underactuated import PartialLinearization, at_rest, partial_linearization
 from ..readers.errors import BadInput
 from ..simulation.plant import Plant
@@ -75,9 +76,11 @@ class AtRest:
         growing = [mode for mode in self.modes if mode.real > STILL]
         zero = [mode for mode in self.zero if mode.real > STILL]
         lines = [
-            f"{len(system.mechanism.inputs)} inputs ({inputs}) for {system.dof} degrees of freedom; at rest at q = 0, "
+            f"{counted(len(system.mechanism.inputs), 'input')} ({inputs}) for {counted(system.dof, 'degree')} of freedom; "
+            "at rest at q = 0, "
             "by numbers, at the default parameters",
-            f"modes that the inputs move: {_listed(self.modes)} 1/s" + (f"; {len(growing)} of them grow" if growing else ""),
+            f"modes that the inputs move: {_listed(self.modes)} 1/s"
+            + (f"; {counted(len(growing), 'mode')} of these grow{'s' * (len(growing) == 1)}" if growing else ""),
             f"zero dynamics with the velocities at the inputs held at 0 (collocated): {_listed(self.zero)} 1/s, "
             + ("unstable: holding these velocities alone makes the robot fall" if zero else "none of them grows"),
         ]
@@ -86,8 +89,8 @@ class AtRest:
         elif self.left:
             lines.append(
                 f"{'all that grows can be stabilized' if growing else 'nothing grows'}, but not asymptotically stabilizable by "
-                f"linear feedback: no input moves {self.left} modes at 0, integrals of the motion or places that only manoeuvres "
-                "reach"
+                f"linear feedback: no input moves {counted(self.left, 'mode')} at 0: integrals of the motion, or places that "
+                "only manoeuvres reach"
             )
         else:
             lines.append("asymptotically stabilizable by linear feedback")
@@ -127,11 +130,11 @@ class AtRest:
         if unknown := [name for name in names if name not in self.names]:
             raise BadInput(f"lqr: unknown state {unknown[0]!r}; states are {', '.join(self.names)}")
         kept = [k for k, name in enumerate(self.names) if name not in names]
-        own, made = K @ self.reached, np.zeros_like(K)
-        made[:, kept] = own @ np.linalg.pinv(self.reached[kept])
-        if not np.abs(made @ self.reached - own).max() <= RESTS * np.abs(own).max():
+        own, gains = K @ self.reached, np.zeros_like(K)
+        gains[:, kept] = own @ np.linalg.pinv(self.reached[kept])
+        if not np.abs(gains @ self.reached - own).max() <= RESTS * np.abs(own).max():
             raise BadInput(f"lqr: without {', '.join(names)} the other states do not tell enough: leave one of them in")
-        return _tidy(made)
+        return _tidy(gains)
 
 
 class Feedback(Protocol):

@@ -6,20 +6,22 @@ from ..model.law import ControlLaw
 from .costs import COSTS, DEFAULT, cycles
 from .derivation.stages import inner_velocities
 from .graph import count, executed
-from .optimize import Optimizer
+from .optimize import ORDERS, Optimizer
 from .program import STEP, compile_law
 
 COLUMNS = ("mul", "add", "sub", "neg", "div", "sqrt", "sincos")
 
 
 def explain(law: ControlLaw, target: str = "") -> str:
-    """A table of operations after every pass, and what was found about the law. `target`: of COSTS, for which it is optimized."""
+    """A table of operations after every pass of a step, and what was found about the law. `target`: of COSTS, for which it is
+    optimized; then also the order of the passes that each entry point has.
+    """
     plain, staged = (compile_law(law, stages=stages, optimize=False).entries[STEP].roots for stages in (False, True))
     program = compile_law(law, stages=True, optimize=False)
     rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
-    optimizer = Optimizer(program.graph, {})
-    rows += list(optimizer.passes(program.entries[STEP].roots))
     optimized = compile_law(law, target=target)
+    optimizer = Optimizer(program.graph, {}, ORDERS[optimized.entries[STEP].order])
+    rows += list(optimizer.passes(program.entries[STEP].roots))
     rows.append(("in the C, where entry points share nodes", optimized.entries[STEP].roots))
     width = max(len(name) for name, _ in rows)
     lines = [f"{law.name}: {law.output.about}", *(f"  {line}" for line in _facts(law)), ""]
@@ -31,6 +33,9 @@ def explain(law: ControlLaw, target: str = "") -> str:
             "  " + name.ljust(width) + "".join(str(counted[column]).rjust(7) for column in COLUMNS) + str(total).rjust(7)
         )
     lines.append(f"  constants made by init: {len(optimized.constants)}")
+    for order, passes in enumerate(ORDERS if target else ()):
+        if entries := [entry.name for entry, body in optimized.entries.items() if body.order == order]:
+            lines.append(f"  passes of {', '.join(entries)}: {', '.join(name for name, _ in passes)}")
     of_step, named = cycles(optimized.entries[STEP].roots, COSTS[target or DEFAULT]), target or DEFAULT
     lines.append(f"  estimated cycles of a step on {named}, without sines, cosines and guards: {of_step:.0f}")
     return "\n".join(lines)

@@ -33,7 +33,7 @@ TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy._
 @lru_cache(maxsize=64)
 def law_program(law: ControlLaw, target: str = "") -> Program:
     """The law as a program, the same for both scalars, for a target of COSTS; derived once, and cached between runs."""
-    key = ("law", TOOLS, fingerprint(law.system, law), target)
+    key = ("law", TOOLS, fingerprint(law.system, law), details(law), target)
     return remembered(key, lambda: compile_law(law, target=target), law, law.system)
 
 
@@ -129,7 +129,8 @@ def law_text(program: Program, scalar: Scalar) -> LawC:
 
 def text_files(text: LawC | DynamicsC) -> dict[str, str]:
     """File name -> text of a law or of dynamics; written once, and cached between runs."""
-    return remembered(("text", type(text).__name__, text.type, *text.banner), text.files)
+    own = details(text.law) if isinstance(text, LawC) else ""
+    return remembered(("text", type(text).__name__, text.type, *text.banner, own), text.files)
 
 
 def dynamics_text(program: DynamicsProgram, scalar: Scalar) -> DynamicsC:
@@ -143,8 +144,30 @@ def banner(model_hash: str) -> list[str]:
 
 
 @lru_cache(maxsize=64)
+def details(law: ControlLaw) -> str:
+    """SHA-256 of what the C of a law depends on besides its `fingerprint`: names and texts of the law and its outputs,
+    conditions, how the outputs are composed, and the virtual input.
+    """
+    output = law.output
+    lines = [law.name, output.about, f"{output.path and output.path.kind} {output.kinematic}"]
+    expressions = [condition for condition, _ in output.conditions]
+    for row in output.rows:
+        lines.append(f"{row.name} {row.unit} {row.about}")
+        expressions.append(row.expression)
+        if chain := row.through:
+            given = [part for part in (chain.slope, chain.bend) if part is not None]
+            lines.append(f"through {chain.slope is None} {chain.bend is None}")
+            expressions += [chain.symbols, chain.inner, chain.outer, *given]
+    expressions += [law.v, law.u, law.u_of_v, law.tau_of_v]  # the slope is a derivative of the last
+    lines += [as_text(ca.SX(expression)) for expression in expressions]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+@lru_cache(maxsize=64)
 def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
-    """SHA-256 of all that the C depends on: names, units, defaults, signs and expressions."""
+    """SHA-256 of the model from which the C is derived: names, units, defaults, signs and expressions. See `details` for what
+    else the C of a law depends on.
+    """
     mechanism = system.mechanism
     groups = [*mechanism.parameters, *mechanism.inputs, *system.state]
     expressions = [mechanism.M, mechanism.V, mechanism.A, mechanism.E, system.S]

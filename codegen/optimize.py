@@ -65,7 +65,7 @@ class Optimizer:
     """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value. `order`: of
     the passes; by default that of PASSES."""
 
-    def __init__(self, graph: Graph, labels: dict[Node, str], order: "Sequence[tuple[str, Pass]] | None" = None):
+    def __init__(self, graph: Graph, labels: dict[Node, str], order: "Sequence[NamedPass] | None" = None):
         self.graph = graph
         self.labels = labels
         self.order = PASSES if order is None else order
@@ -434,23 +434,21 @@ class Optimizer:
 
 SIGNS = {Operation.ADD: (1, 1), Operation.SUB: (1, -1), Operation.NEG: (-1,)}
 Pass = Callable[[Optimizer, Sequence[Signed]], list[Signed]]
-PASSES: tuple[tuple[str, Pass], ...] = (
-    ("quotients in quotients", Optimizer.nested_quotients),
-    ("sums in common", Optimizer.common_sums),
-    ("factors in common", Optimizer.common_factors),
-    ("sums in common", Optimizer.common_sums),
-    ("products in common", Optimizer.common_products),
-    ("signs", Optimizer.turned),
-)
-"""The passes in their order, with the names that `noslip generate --explain` prints. Add new passes here."""
-_QUOTIENTS, _SUMS, _FACTORS, _, _PRODUCTS, _SIGNS = PASSES
-ORDERS: tuple[Sequence[tuple[str, Pass]], ...] = (
+NamedPass = tuple[str, Pass]  # with the name that `noslip generate --explain` prints
+QUOTIENTS: NamedPass = ("quotients in quotients", Optimizer.nested_quotients)
+SUMS: NamedPass = ("sums in common", Optimizer.common_sums)
+FACTORS: NamedPass = ("factors in common", Optimizer.common_factors)
+PRODUCTS: NamedPass = ("products in common", Optimizer.common_products)
+TURNED: NamedPass = ("signs", Optimizer.turned)
+PASSES: tuple[NamedPass, ...] = (QUOTIENTS, SUMS, FACTORS, SUMS, PRODUCTS, TURNED)
+"""The passes in their order. Add new passes here, and to the other ORDERS."""
+ORDERS: tuple[Sequence[NamedPass], ...] = (
     PASSES,
-    (_QUOTIENTS, _FACTORS, _SUMS, _PRODUCTS, _SIGNS),
-    (_QUOTIENTS, _PRODUCTS, _SUMS, _FACTORS, _SUMS, _SIGNS),
-    (_QUOTIENTS, _SUMS, _PRODUCTS, _SIGNS),
-    (_FACTORS, _SUMS, _PRODUCTS, _SIGNS),
-    PASSES[1:],
+    (QUOTIENTS, FACTORS, SUMS, PRODUCTS, TURNED),
+    (QUOTIENTS, PRODUCTS, SUMS, FACTORS, SUMS, TURNED),
+    (QUOTIENTS, SUMS, PRODUCTS, TURNED),
+    (FACTORS, SUMS, PRODUCTS, TURNED),
+    (SUMS, FACTORS, SUMS, PRODUCTS, TURNED),
 )
 """Orders among which that of least cost is chosen for a target; the first is the one without a target."""
 

@@ -138,6 +138,7 @@ class EntryBody:
     quantities: dict[Result, Matrix]
     singular: tuple[Node, ...]
     margin: Node | None = None
+    order: int = 0  # index of ORDERS: that of the optimizer's passes
 
     @property
     def roots(self) -> list[Node]:
@@ -296,7 +297,9 @@ def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: s
     """The body after the optimizer's passes, in the order of least cost on a target; names follow the nodes of their value."""
     orders = ORDERS if target else ORDERS[:1]
     tried = [(named := dict(labels), Optimizer(graph, named, order).run(body.roots)) for order in orders]
-    named, roots = min(tried, key=lambda pair: cycles(pair[1], COSTS[target or DEFAULT])) if target else tried[0]
+    costs = [cycles(roots, COSTS[target or DEFAULT]) for _, roots in tried] if target else [0.0]
+    chosen = costs.index(min(costs))
+    named, roots = tried[chosen]
     labels.update(named)
     improved = iter(roots)
     singular = tuple(next(improved) for _ in body.singular)
@@ -304,7 +307,7 @@ def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: s
     margin = _margin(graph, *singular) if singular else None
     if margin is not None:
         labels.setdefault(margin, MARGIN)
-    return EntryBody(quantities, singular, margin)
+    return EntryBody(quantities, singular, margin, chosen)
 
 
 def _margin(graph: Graph, one: Node, other: Node) -> Node | None:

@@ -21,9 +21,9 @@ GYRO = "gyro"
 
 def pose_names(system: ReducedSystem) -> tuple[str, str, str]:
     """Return the coordinates by which the vehicle's x, y and heading are displaced. Raises BadInput if there are none."""
-    pose = body_pose(system.mechanism)
+    pose = body_pose(system)
     if pose is None:
-        raise BadInput(f"{system.mechanism.name} is no vehicle with a pose of three coordinates")
+        raise BadInput(f"{system.mechanism.name} is no vehicle with a pose of three coordinates, or of several")
     return pose[0].name, pose[1].name, pose[2].name
 
 

@@ -189,11 +189,11 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
     check_constraints(mechanism)
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
     if len(mechanism.inputs) < n - m:
-        names, missing = ", ".join(q.name for q in mechanism.inputs), n - m - len(mechanism.inputs)
+        r, names = len(mechanism.inputs), ", ".join(q.name for q in mechanism.inputs)
         raise ModelError(
-            f"{mechanism.name}: {len(mechanism.inputs)} inputs for n - m = {n - m} degrees of freedom; an underactuated robot "
-            f"cannot be linearized by this method: with {names} alone S'E (12) has no inverse. Add {_some(missing, 'input')} or "
-            f"{_some(missing, 'constraint')}, or leave out what no input drives"
+            f"{mechanism.name}: {counted(r, 'input')} for n - m = {n - m} degrees of freedom; an underactuated "
+            f"robot cannot be linearized by this method: with {names} alone S'E (12) has no inverse. Add "
+            f"{counted(n - m - r, 'input')} or {counted(n - m - r, 'constraint')}, or leave out what no input drives"
         )
     S, quasi_velocities, by_bodies = null_space(mechanism)
     if S.shape != (n, n - m):
@@ -374,8 +374,9 @@ def _actuated_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
     return velocities
 
 
-def _some(count: int, noun: str) -> str:
-    return f"{count} {noun}{'s' if count > 1 else ''}"
+def counted(count: int, noun: str) -> str:
+    """Return "1 input", "2 inputs"."""
+    return f"{count} {noun}{'s' if count != 1 else ''}"
 
 
 def _rate(coordinate: Quantity) -> Quantity:

@@ -20,7 +20,7 @@ from .algebra.linear import solve
 from .algebra.samples import Sampled
 from .errors import ModelError
 from .mechanism import Mechanism
-from .reduction import ReducedSystem, null_space, particular_solution
+from .reduction import ReducedSystem, counted, null_space, particular_solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ def partial_linearization(mechanism: Mechanism) -> PartialLinearization:
     system = ReducedSystem(mechanism, velocities, S, reduced, particular_solution(mechanism))
     r, dof = len(mechanism.inputs), system.dof
     if not 0 < r < dof:
-        raise ModelError(f"{mechanism.name}: {r} inputs for n - m = {dof}: it is not underactuated")
+        raise ModelError(f"{mechanism.name}: {counted(r, 'input')} for n - m = {dof}: it is not underactuated")
     values = Sampled(system.input_map, mechanism.q, mechanism.parameters, f"{mechanism.name}: S'E")
     if values.rank() < r:
         raise ModelError(f"{mechanism.name}: S'E has rank below {r}: inputs depend on each other; leave one of them out")

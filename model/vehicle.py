@@ -3,40 +3,68 @@ such that depend on a steering angle.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import casadi as ca
 
 from .algebra.exact import canonical
 from .algebra.linear import solve
 from .errors import ModelError
-from .mechanism import Mechanism, Quantity, Vehicle, quantity
+from .mechanism import Quantity, Vehicle, quantity
 from .outputs import axle, forward_speed, velocity
 from .reduction import ReducedSystem
 
 VELOCITIES = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
 
 
-def body_pose(mechanism: Mechanism) -> tuple[Quantity, Quantity, Quantity] | None:
-    """Return the coordinates that displace the vehicle in x and y and turn it: the pose of a body; None if there are none.
+Pose = tuple[Quantity, Quantity, Quantity]  # coordinates
 
-    The vehicle's own heading may be that of a steered wheel, whose angle against the body is another coordinate.
+
+def body_pose(system: ReducedSystem) -> Pose | None:
+    """Return the coordinates that displace the vehicle in x and y and turn it: the pose of a body; None if there are none, or it
+    cannot be said which.
+
+    The vehicle's own heading may be that of a steered wheel, whose angle against the body is another coordinate. Where several
+    coordinates could be the pose, it is that with which the allowed velocities turn.
     """
-    vehicle = mechanism.vehicle
+    mechanism, vehicle = system.mechanism, system.mechanism.vehicle
     if vehicle is None:
         return None
-    found = []
-    for place, unit in ((vehicle.x, "m"), (vehicle.y, "m"), (vehicle.heading, "rad")):
-        found += [q for q in mechanism.coordinates if q.unit == unit and ca.jacobian(place, q.symbol).is_one()][:1]
-    return (found[0], found[1], found[2]) if len({q.name for q in found}) == 3 else None
+    places = (vehicle.x, "m"), (vehicle.y, "m"), (vehicle.heading, "rad")
+    each = [[q for q in mechanism.coordinates if q.unit == unit and _displaces(q, place)] for place, unit in places]
+    poses = [(x, y, heading) for x, y, heading in product(*each) if len({x.name, y.name, heading.name}) == 3]
+    if len(poses) > 1:
+        poses = [pose for pose in poses if _turns(system, pose)]
+    return poses[0] if len(poses) == 1 else None
 
 
-def estimated_pose(mechanism: Mechanism) -> Vehicle | None:
+def _displaces(q: Quantity, place: ca.SX) -> bool:
+    """Return whether the place is a sum of the coordinate and a function of others."""
+    return bool(canonical(ca.jacobian(place, q.symbol)).is_one())
+
+
+def _turns(system: ReducedSystem, pose: Pose) -> bool:
+    """Return whether a rotation of the pose about the origin turns the place of the vehicle, and the velocities that the
+    constraints allow: the Lie brackets of the rotation with the columns of S (6) are such velocities too.
+    """
+    mechanism, vehicle = system.mechanism, system.mechanism.required_vehicle
+    x, y, heading = (q.symbol for q in pose)
+    rotation = -y * ca.jacobian(mechanism.q, x) + x * ca.jacobian(mechanism.q, y) + ca.jacobian(mechanism.q, heading)
+    place = ca.jacobian(ca.vertcat(vehicle.x, vehicle.y), mechanism.q) @ rotation - ca.vertcat(-vehicle.y, vehicle.x)
+    brackets = [
+        ca.jtimes(each, mechanism.q, rotation) - ca.jtimes(rotation, mechanism.q, each) for each in ca.horzsplit(system.S)
+    ]
+    return all(canonical(each).is_zero() for each in (place, *[mechanism.A @ bracket for bracket in brackets]))
+
+
+def estimated_pose(system: ReducedSystem) -> Vehicle | None:
     """Return the pose that a filter estimates: the vehicle's if its heading is a coordinate, else `body_pose`; None if there is
     neither.
     """
-    if mechanism.vehicle and mechanism.vehicle.heading.is_symbolic():
-        return mechanism.vehicle
-    pose = body_pose(mechanism)
+    vehicle = system.mechanism.vehicle
+    if vehicle and vehicle.heading.is_symbolic():
+        return vehicle
+    pose = body_pose(system)
     return Vehicle(*(q.symbol for q in pose)) if pose else None
 
 
@@ -100,10 +128,12 @@ def steered_axle(system: ReducedSystem) -> SteeredAxle | None:
     mechanism, vehicle = system.mechanism, system.mechanism.vehicle
     if vehicle is None or system.dof != 2 or mechanism.carried:
         return None
+    pose = body_pose(system)
+    if pose is None or not _is_on_axle(system):
+        return None
+    x, y, heading = (q.symbol for q in pose)
     for steers, angle in _measured(system):
-        heading = canonical(vehicle.heading - angle)
-        x, y = (_without_offset(place, mechanism.q) for place in (vehicle.x, vehicle.y))
-        if not heading.is_symbolic() or x is None or y is None or not _is_on_axle(system):
+        if not canonical(vehicle.heading - angle - heading).is_zero():
             continue
         cosine, sine = ca.cos(heading), ca.sin(heading)
         x_rate, y_rate = system.along_motion(x), system.along_motion(y)
@@ -134,11 +164,3 @@ def _measured(system: ReducedSystem) -> list[tuple[int, ca.SX]]:
     rates = ca.vertsplit(system.qdot)
     pairs = [(rate, q.symbol) for rate, q in zip(rates, system.mechanism.coordinates, strict=True)]
     return [(k, q) for k, nu in enumerate(ca.vertsplit(system.nu)) for rate, q in pairs if ca.is_equal(canonical(rate), nu)]
-
-
-def _without_offset(expression: ca.SX, q: ca.SX) -> ca.SX | None:
-    """Return the coordinate of which the expression is a sum with a function of others; None if there is none."""
-    for symbol in ca.vertsplit(q):
-        if ca.depends_on(expression, symbol) and not ca.depends_on(canonical(expression - symbol), symbol):
-            return symbol
-    return None

@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -20,11 +21,13 @@ import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.codegen import files as codegen_files
 from noslip.codegen import program as program_module
 from noslip.codegen.costs import COSTS, cycles
 from noslip.codegen.derivation.stages import inner_velocities
 from noslip.codegen.derivation.taylor import Taylor
-from noslip.codegen.files import fingerprint, law_program, law_text, robot_files
+from noslip.codegen.explain import explain
+from noslip.codegen.files import fingerprint, law_program, law_text, robot_files, text_files
 from noslip.codegen.graph import Applied, Constant, Graph, Leaf, Operation, count, executed, from_casadi, is_constant, reachable
 from noslip.codegen.optimize import PASSES, Optimizer
 from noslip.codegen.printing.meaning import meanings
@@ -35,8 +38,9 @@ from noslip.controllers.build import shared_library
 from noslip.controllers.compiled import CompiledController, library
 from noslip.controllers.symbolic import CasadiController
 from noslip.model import ModelError, OutputMap, OutputRow, control_law, reduce
-from noslip.model.outputs import OUTPUTS, type_iv
-from noslip.model.paths import implicit
+from noslip.model.law import ControlLaw
+from noslip.model.outputs import OUTPUTS, type_i, type_iv
+from noslip.model.paths import PATHS, implicit
 from noslip.readers.robots import find_robot, law_of, system_of
 from noslip.tests.codegen_tools import NAMES, evaluate, in_c, laws, random_leaves, relative_error, unicycle, with_foot
 from noslip.verification.sampling import random_plants
@@ -263,6 +267,70 @@ def test_a_target_has_what_costs_least_there(target):
     assert all(chosen <= 1.01 * default for chosen, default in costs.values()), costs  # entries share nodes
     of_step = next(pair for entry, pair in costs.items() if entry.name == "step")
     assert target != "rv32" or of_step[0] < of_step[1]
+
+
+def test_explain_shows_the_order_of_the_target():
+    """The rows are the passes of the step in the order that it has on RV32, another than the usual one."""
+    law, usual = laws()["type_iv_line"], ", ".join(name for name, _ in PASSES)
+    text = explain(law, "rv32")
+    orders = {name: line for line in text.splitlines() if line.startswith("  passes of ") for name in re.findall(r"\w+", line)}
+    assert {entry.name for entry in compiled("type_iv_line").entries} <= set(orders)
+    shown = [line.strip() for line in text.splitlines() if re.match(rf"  ({'|'.join(name for name, _ in PASSES)})  ", line)]
+    order = orders["step"].partition(": ")[2]
+    assert order != usual and ", ".join(re.split("  +", line)[0] for line in shown) == order
+    assert "passes of" not in explain(law)
+
+
+def test_what_is_printed_or_compiled_is_in_the_key(monkeypatch):
+    """A law that differs from a cached one in one text, name, condition or factor has other keys; the same law again the same."""
+    system = reduce(unicycle())
+    output, program = type_iv(system, PATHS["segment"]()), compile_law(control_law(system, type_i(system)), optimize=False)
+    (first, *others), length = output.rows, output.parameters[0].symbol
+    chain = first.through
+    assert chain and chain.slope is not None and chain.bend is not None
+
+    def rows(**changes) -> OutputMap:
+        return replace(output, rows=(replace(first, **changes), *others))
+
+    changed = {
+        "nothing": output,
+        "about": replace(output, about="NEWTEXT"),
+        "name": replace(output, name="another"),
+        "name of a row": rows(name="yy"),
+        "unit": rows(unit="mm"),
+        "about of a row": rows(about="NEWTEXT"),
+        "condition": replace(output, conditions=((length, "ahead"),)),
+        "another condition": replace(output, conditions=((length + 1, "ahead"),)),
+        "slope": rows(through=replace(chain, slope=2 * chain.slope)),
+        "bend": rows(through=replace(chain, bend=chain.bend + 1)),
+        "no path": replace(output, path=None),
+        "kinematic": replace(output, kinematic=True),
+    }
+    changed_laws = {what: control_law(system, other) for what, other in changed.items()}
+    changed_laws["slope of the law"] = replace(law := control_law(system, output), tau_of_v=2 * law.tau_of_v)
+    keys: list[tuple] = []
+    monkeypatch.setattr(codegen_files, "remembered", lambda key, make, *shared: keys.append(key))
+
+    def keys_of(law: ControlLaw) -> tuple[tuple, ...]:
+        keys.clear()
+        law_program(law)
+        text_files(law_text(replace(program, law=law), DOUBLE))
+        return tuple(keys)
+
+    seen = {what: keys_of(law) for what, law in changed_laws.items()}
+    for of_program_or_text in zip(*seen.values(), strict=True):
+        assert len(set(of_program_or_text)) == len(changed_laws), seen
+    assert keys_of(control_law(system, output)) == seen["nothing"]
+
+
+def test_a_changed_text_is_written(monkeypatch, tmp_path):
+    """After the law with the old text has been written from the same cache."""
+    monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path))
+    system = reduce(unicycle())
+    for about in ("OLDTEXT", "NEWTEXT"):
+        law = control_law(system, replace(type_i(system), about=about))
+        for text in text_files(law_text(law_program(law), DOUBLE)).values():
+            assert set(re.findall("OLDTEXT|NEWTEXT", text)) == {about}
 
 
 def test_files_for_a_target(tmp_path, capsys):

@@ -514,7 +514,7 @@ def joint(k: int) -> ca.SX:
 REFUSED = {
     "underactuated": (
         lambda: reduce(balancer()),
-        "balancer: 1 inputs for n - m = 2 degrees of freedom; an underactuated robot cannot be linearized by this method: with "
+        "balancer: 1 input for n - m = 2 degrees of freedom; an underactuated robot cannot be linearized by this method: with "
         "wheels alone S'E (12) has no inverse. Add 1 input or 1 constraint, or leave out what no input drives",
     ),
     "too few outputs": (

@@ -976,7 +976,7 @@ REFUSED = {
     "constraint that says nothing": (having(lambda robot, s: robot.rolls("nothing", 0)), "'nothing' follows from the others"),
     "too few inputs": (
         lambda: reduce(plain(inputs="h")),
-        "plain: 1 inputs for n - m = 2 degrees of freedom; an underactuated robot",
+        "plain: 1 input for n - m = 2 degrees of freedom; an underactuated robot",
     ),
     "inputs on one motion": (
         lambda: reduce(plain(inputs="hh")),

@@ -5,10 +5,14 @@ import math
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.controllers.runtime import runtime
+from noslip.identification.dynamics import Dynamics, pose_names
+from noslip.model import Mechanism, reduce
+from noslip.model.robots import ROBOTS
 from noslip.model.vehicle import steered_axle
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
@@ -335,3 +339,40 @@ def test_telemetry_of_a_steered_vehicle(tmp_path, capsys):
 def test_which_vehicles_are_steered():
     names = ("car", "tricycle", "f1tenth", "forklift", "labmate", "tractor_trailer:1", "four_wheel", "rolling_disk")
     assert [name for name in names if steered_axle(system_of(find_robot(name)))] == list(names[:4])
+
+
+@pytest.mark.parametrize("name", ["car", "tricycle"])
+def test_the_pose_is_found_in_any_order_of_the_coordinates(name, monkeypatch):
+    """Turning the heading of the body turns the motion, the steering angle does not; the gyro measures the former."""
+    declared = Mechanism.coordinate
+
+    def at_the_front(robot: Mechanism, *given: str) -> ca.SX:
+        symbol = declared(robot, *given)
+        for each in (robot.coordinates, robot.velocities):
+            each.insert(0, each.pop())
+        return symbol
+
+    monkeypatch.setattr(Mechanism, "coordinate", at_the_front)
+    system = reduce(ROBOTS[name]())
+    assert [q.name for q in system.mechanism.coordinates] == ["theta", "delta", "phi", "y", "x"]
+    assert pose_names(system) == ("x", "y", "phi")
+    steered = steered_axle(system)
+    assert steered and [str(each) for each in ca.vertsplit(steered.place)] == ["x", "y", "phi"] and str(steered.angle) == "delta"
+    gyro = Dynamics.of(system, "torque", ["gyro", *[q.name for q in system.quasi_velocities]]).measured[0]
+    assert ca.is_equal(ca.jacobian(gyro, system.nu), ca.jacobian(system.qdot[2], system.nu), 9)
+
+
+def test_a_pose_that_cannot_be_told_is_refused():
+    """A wheel that turns freely under the point that it carries: which of the two angles is the heading, no motion tells."""
+    robot = Mechanism("ambiguous")
+    x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
+    body, wheel = robot.coordinate("body", "rad"), robot.coordinate("wheel", "rad")
+    robot.kinetic_energy(sum(robot.rate(each) ** 2 for each in (x, y, body, wheel)) / 2)
+    heading = body + wheel
+    robot.rolls("no side slip", ca.cos(heading) * robot.rate(y) - ca.sin(heading) * robot.rate(x))
+    for each in (body, wheel):
+        robot.input(f"tau_{each}", "N m", on=robot.rate(each))
+    robot.input("force", "N", on=ca.cos(heading) * robot.rate(x) + ca.sin(heading) * robot.rate(y))
+    robot.moves_in_plane(x, y, heading)
+    with pytest.raises(BadInput, match="no vehicle with a pose of three coordinates, or of several"):
+        pose_names(reduce(robot))

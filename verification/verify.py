@@ -535,7 +535,7 @@ class _FilterInC(_InC):
         factors = [scales.get(q.name, ca.SX(1)) for q in self.system.quasi_velocities]
         nominal = [p.symbol for p in mechanism.parameters]
         real = [scales.get(p.name, ca.SX(1)) * p.symbol for p in mechanism.parameters]
-        vehicle = estimated_pose(mechanism) or mechanism.required_vehicle
+        vehicle = estimated_pose(self.system) or mechanism.required_vehicle
         rate = ca.jacobian(ca.vertcat(vehicle.x, vehicle.y, vehicle.heading), mechanism.q) @ self.system.S
         moved = ca.substitute([rate], nominal, real)[0] @ (ca.vertcat(*factors) * turned)
         turn = ca.substitute(moved[2], vehicle.heading, joint[2])

@@ -68,7 +68,7 @@ class FilterC(ProgramC[FilterProgram]):
         return [f"{self.type} *self", *inputs, f"const {real} *gyro", f"{real} dt", f"{self.scalar.name('noslip_pose')} *pose"]
 
     def _rendered(self, template: str) -> str:
-        motion, vehicle = self.program.motion, estimated_pose(self.system.mechanism)
+        motion, vehicle = self.program.motion, estimated_pose(self.system)
         assert vehicle is not None
         real, name = self.scalar.real, self.scalar.name
         inputs = [f"{array}[{k}]" for array, length in self._pointers().items() for k in range(length)]

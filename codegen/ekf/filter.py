@@ -82,7 +82,7 @@ def why_no_filter(system: ReducedSystem) -> str:
 @lru_cache(maxsize=16)
 def _motion(system: ReducedSystem, scaled: tuple[str, ...]) -> TickMotion:
     """Return the motion of a tick. Raises ModelError if the robot has none, or for names that cannot be scaled."""
-    mechanism, vehicle = system.mechanism, estimated_pose(system.mechanism)
+    mechanism, vehicle = system.mechanism, estimated_pose(system)
     name = mechanism.name
     if mechanism.vehicle is None:
         raise ModelError(f"{name}: a filter needs a vehicle: use moves_in_plane(x, y, heading)")
