@@ -14,7 +14,7 @@ from ..model.vehicle import body_pose
 from ..readers.errors import BadInput
 from ..verification.extended import DIGITS, evaluate
 from .identifiability import RANGE, Combination, determined
-from .motors import REQUIRED, logged_inputs, motor_quantities, torques, used_quantities
+from .motors import REQUIRED, check_names, logged_inputs, motor_quantities, torques, used_quantities
 
 GYRO = "gyro"
 
@@ -28,8 +28,11 @@ def pose_names(system: ReducedSystem) -> tuple[str, str, str]:
 
 
 def described(system: ReducedSystem) -> tuple[Quantity, ...]:
-    """Return all parameters that can be set or fitted: those of the robot, of its motors, of the gyro."""
-    return (*system.mechanism.parameters, *motor_quantities(system), bias_of_gyro())
+    """Return all parameters that can be set or fitted: those of the robot, of its motors, of the gyro. The robot's replace others
+    of the same name.
+    """
+    own, bias = {p.name for p in system.mechanism.parameters}, bias_of_gyro()
+    return (*system.mechanism.parameters, *motor_quantities(system), *([] if bias.name in own else [bias]))
 
 
 def bias_of_gyro() -> Quantity:
@@ -60,13 +63,18 @@ class Dynamics:
         rate of the vehicle's heading; None: the quasi-velocities. `own`: parameters of single motors that are used, NAME_INPUT;
         the others are those of all motors.
 
-        Raises BadInput if the outputs do not determine the quasi-velocities.
+        Raises BadInput if the outputs do not determine the quasi-velocities, or a parameter of the robot has the name of one of
+        the motors or the gyro that are used.
         """
         mechanism = system.mechanism
+        check_names(system, kind)
         motors, bias = used_quantities(system, own), bias_of_gyro()
+        named_so = any(p.name == bias.name for p in mechanism.parameters)
         logged = logged_inputs(system, kind)
         expressions = {q.name: (q, q.symbol) for q in system.state}
         if GYRO in (outputs or ()):
+            if named_so:
+                raise BadInput(f"{mechanism.name}: {bias.name} is also the name of the gyro's parameter; rename the robot's")
             gyro = Quantity(GYRO, "rad/s", "rate of the heading", symbol=ca.SX.sym(GYRO))
             expressions[GYRO] = (gyro, system.qdot[_place(system, pose_names(system)[2])] + bias.symbol)
         names = [q.name for q in system.quasi_velocities] if outputs is None else outputs
@@ -74,7 +82,7 @@ class Dynamics:
         dynamics = cls(
             system,
             kind,
-            (*mechanism.parameters, *motors, bias),
+            (*mechanism.parameters, *motors, *([] if named_so else [bias])),
             logged,
             torques(system, kind, logged, motors),
             tuple(q for q, _ in chosen),
@@ -89,6 +97,11 @@ class Dynamics:
         return ca.vertcat(*[q.symbol for q in self.quantities])
 
     @property
+    def robot(self) -> set[str]:
+        """Names of the robot's own parameters."""
+        return {p.name for p in self.system.mechanism.parameters}
+
+    @property
     def logged(self) -> ca.SX:
         """The logged inputs, as a column."""
         return ca.vertcat(*[q.symbol for q in self.inputs])
@@ -101,7 +114,8 @@ class Dynamics:
     def values(self, given: Mapping[str, float]) -> np.ndarray:
         """Return the value of every parameter: the given one, for a single motor that of all motors, or its default."""
         known = {q.name: given.get(q.name, q.default) for q in self.quantities}
-        shared = {f"{name}_{each.name}": name for each in self.system.mechanism.inputs for name in known}
+        motors = [name for name in known if name not in self.robot]
+        shared = {f"{name}_{each.name}": name for each in self.system.mechanism.inputs for name in motors}
         return np.array([given.get(name, known.get(shared.get(name, ""), value)) for name, value in known.items()])
 
     def check(self, fitted: Sequence[str], given: Mapping[str, float]) -> None:
@@ -110,7 +124,7 @@ class Dynamics:
             if given.get(name, most) > most:
                 raise BadInput(f"{name} = {given[name]:g} must be at most {most:g}")
         for name in fitted:
-            if name.startswith("moving"):
+            if name.startswith("moving") and name not in self.robot:
                 raise BadInput(f"--fit {name}: a log does not show it; give it with --set")
         for name in REQUIRED[self.kind]:
             single = {f"{name}_{each.name}" for each in self.system.mechanism.inputs}
@@ -121,7 +135,8 @@ class Dynamics:
     @property
     def upper(self) -> dict[str, float]:
         """The largest values of parameters: efficiencies do not exceed 1."""
-        return {q.name: 1.0 for q in self.quantities if q.name.startswith(("efficiency", "back_efficiency"))}
+        starts = ("efficiency", "back_efficiency")
+        return {q.name: 1.0 for q in self.quantities if q.name.startswith(starts) and q.name not in self.robot}
 
     @cached_property
     def rates(self) -> ca.SX:

@@ -58,15 +58,11 @@ def calibrate(
     first = logs[0]
     if any(log.names != first.names for log in logs):
         raise BadInput("the logs have different columns; calibrate them one by one")
+    if not any(np.isfinite(log.pose[:, 2]).any() for log in logs):
+        raise BadInput(f"the log has no heading, {pose_names(system)[2]}; measure it in some rows, or in all with a pose")
     geometry = _Geometry.of(system, first.names)
-    given = [values.get(p.name, p.default) for p in system.mechanism.parameters]
     for log in logs:
-        if np.isfinite(log.pose[:, :2]).all(axis=1).mean() < DENSE:
-            continue
-        pose = zip(pose_names(system), log.pose.T, strict=True)
-        measured = {name: filled(log.t, each) for name, each in pose if np.isfinite(each).any()}
-        columns = {**dict(zip(log.names, log.angles.T, strict=True)), **measured}
-        check_kinematics(log.t, columns, system, given, log.stretches, log.names)
+        _check_motions(log, system, names or (), values)
     quantities = (*system.mechanism.parameters, *geometry.sensors)
     every = np.array([values.get(q.name, q.default) for q in quantities])
     if names is None:
@@ -83,10 +79,42 @@ def calibrate(
     fit = OutputError(prediction, _windows(logs, system, pose_names(system)), quantities, every, progress).fit(robust=True)
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
     if fit.surplus < FEWEST:
-        few = f"only {fit.surplus} measurements beyond the unknowns: standard deviations are rough; measure more poses"
+        few = f"only {fit.surplus} number{'s' * (fit.surplus > 1)} measured beyond the unknowns: standard deviations are rough"
+        few = f"{few}; measure more poses"
         remarks = (*remarks, few)
     outputs = list(zip(pose_names(system), ("m", "m", "rad"), strict=True))
     return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks, outputs)
+
+
+def _check_motions(log: PoseLog, system: ReducedSystem, fitted: Sequence[str], values: Mapping[str, float]) -> None:
+    """Raise BadInput if the motion between dense poses and that of the angles contradict each other, unless one is changed.
+    Fitted parameters may explain it: units of angles are not judged if their scale is fitted, places not if the direction is.
+    """
+    if np.isfinite(log.pose[:, :2]).all(axis=1).mean() < DENSE:
+        return
+    columns = _corrected(log, system, values)
+    if "offset_heading" in fitted:
+        columns = {name: each for name, each in columns.items() if name not in pose_names(system)[:2]}
+    given = [values.get(p.name, p.default) for p in system.mechanism.parameters]
+    scaled = [name for name in log.names if f"scale_{name}" in fitted]
+    check_kinematics(log.t, columns, system, given, log.stretches, log.names, scaled)
+
+
+def _corrected(log: PoseLog, system: ReducedSystem, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Return the angles and the pose, as far as it was measured, that follow from a log with these values of the sensors."""
+    known = {q.name: values.get(q.name, q.default) for q in sensor_parameters(log.names)}
+    pairs = zip(log.names, log.angles.T, strict=True)
+    angles = {name: known[f"scale_{name}"] * each + known[f"zero_{name}"] for name, each in pairs}
+    pose = zip(pose_names(system), log.pose.T, strict=True)
+    late = log.t + known["delay"]
+    reading = {name: np.interp(late, log.t, filled(log.t, each)) for name, each in pose if np.isfinite(each).any()}
+    x, y, heading = pose_names(system)
+    if heading in reading:
+        reading[heading] = reading[heading] - known["offset_heading"]
+        cosine, sine = np.cos(reading[heading]), np.sin(reading[heading])
+        reading[x] = reading[x] - known["offset_x"] * cosine + known["offset_y"] * sine
+        reading[y] = reading[y] - known["offset_x"] * sine - known["offset_y"] * cosine
+    return {**angles, **reading}
 
 
 @dataclass(frozen=True, eq=False)

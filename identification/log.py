@@ -45,10 +45,11 @@ class Log:
         return float(np.median(np.diff(self.t)))
 
 
-def check_known(option: str, name: str, kind: str, names: Collection[str]) -> None:
-    """Raise BadInput unless `name`, given to `option`, is one of the `names` of this kind."""
+def check_known(option: str, name: str, kind: str, names: Collection[str], listed: Collection[str] | None = None) -> None:
+    """Raise BadInput unless `name`, given to `option`, is one of the `names` of this kind; the message lists `listed` of them."""
     if name not in names:
-        raise BadInput(f"{option} {name}: not a {kind} of this robot{suggestion(name, names)}; it has {', '.join(names)}")
+        near, shown = suggestion(name, names).partition("; known are")[0], names if listed is None else listed
+        raise BadInput(f"{option} {name}: not a {kind} of this robot{near}; it has {', '.join(shown)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +88,9 @@ def read_log(file: str | Path, dynamics: Dynamics, columns: Mapping[str, str]) -
     sparse = [name for name in values if name not in dense]
     rows, stretches, remarks = _cleaned(str(file), np.column_stack([values[n] for n in (*dense, *sparse)]), len(dense), FEWEST)
     clean = dict(zip((*dense, *sparse), rows.T, strict=True))
+    for name in outputs:
+        if not np.isfinite(clean[name]).any():
+            raise BadInput(f"{file}: {name} is empty in all rows; leave it out of --outputs")
     units["t"] = "s"
     for name in sparse:
         if units[name] == "rad":

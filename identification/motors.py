@@ -15,19 +15,22 @@ REQUIRED = {"torque": (), "current": ("torque_constant",), "voltage": ("torque_c
 
 
 def motor_quantities(system: ReducedSystem) -> tuple[Quantity, ...]:
-    """Return the parameters of all motors, as in noslip_motor.h, and those of a single one: NAME_INPUT.
-
-    Raises BadInput if the robot has a parameter of the same name.
+    """Return the parameters of all motors, as in noslip_motor.h, and those of a single one: NAME_INPUT. Without those whose
+    name is also that of a parameter of the robot.
     """
     inputs = system.mechanism.inputs
     force = inputs[0].unit if len({each.unit for each in inputs}) == 1 else "N m"
-    shared = tuple(_motor(force))
     single = (_renamed(q, each.name) for each in inputs for q in _motor(each.unit))
-    quantities = (*shared, *single)
-    taken = {p.name for p in system.mechanism.parameters} & {q.name for q in quantities}
-    if taken:
-        raise BadInput(f"{system.mechanism.name}: {sorted(taken)[0]} is also the name of a motor's parameter; rename the robot's")
-    return quantities
+    own = {p.name for p in system.mechanism.parameters}
+    return tuple(q for q in (*_motor(force), *single) if q.name not in own)
+
+
+def check_names(system: ReducedSystem, kind: str) -> None:
+    """Raise BadInput if a parameter of the robot has the name of one of motors, and these are used."""
+    motors = {name for q in _motor("N m") for name in (q.name, *(f"{q.name}_{each.name}" for each in system.mechanism.inputs))}
+    for p in system.mechanism.parameters:
+        if kind != "torque" and p.name in motors:
+            raise BadInput(f"{system.mechanism.name}: {p.name} is also the name of a motor's parameter; rename the robot's")
 
 
 def _motor(force: str) -> Iterator[Quantity]:
@@ -88,12 +91,12 @@ def torques(system: ReducedSystem, kind: str, logged: Sequence[Quantity], motors
     rates = ca.substitute(ca.vertcat(*mechanism.actuation), mechanism.qdot, system.qdot)
     results = []
     for k, (each, taken) in enumerate(zip(logged, mechanism.inputs, strict=True)):
-        of_motor = {q.name: symbols.get(f"{q.name}_{taken.name}", symbols[q.name]) for q in _motor(taken.unit)}
+        of_motor = {q.name: symbols.get(f"{q.name}_{taken.name}", symbols.get(q.name, q.default)) for q in _motor(taken.unit)}
         results.append(_torque(kind, each.symbol, rates[k], of_motor))
     return ca.vertcat(*results)
 
 
-def _torque(kind: str, value: ca.SX, rate: ca.SX, motor: Mapping[str, ca.SX]) -> ca.SX:
+def _torque(kind: str, value: ca.SX, rate: ca.SX, motor: Mapping[str, ca.SX | float]) -> ca.SX:
     """Return the torque at the wheel, as in noslip_motor.h: E current e without friction, with E = torque_constant gear and e the
     efficiency where the motor drives, its reciprocal where the wheel drives it; the change is continuous below the rate `moving`.
     """

@@ -98,6 +98,12 @@ class OutputError:
         """
         spread = self.scale
         self.leave_out_unseen()
+        if self.surplus < 1:
+            measured, unknowns = self._counts
+            raise BadInput(
+                f"the log has {measured} measured numbers for {unknowns} unknown ones, with those of the start of each window: "
+                "nothing is left that tells how far the parameters are off; measure more, or fit fewer parameters"
+            )
         if self.surplus < FEWEST:
             self.scale = np.ones_like(spread)
             self._converge()
@@ -150,8 +156,14 @@ class OutputError:
     @property
     def surplus(self) -> int:
         """Number of measurements beyond the unknowns."""
+        measured, unknowns = self._counts
+        return measured - unknowns
+
+    @property
+    def _counts(self) -> tuple[int, int]:
+        """Numbers of measurements, and of unknowns with the initial states."""
         used = self.windows.used
-        return int(np.isfinite(self.windows.measured[used]).sum()) - self.start[used].size - len(self.names)
+        return int(np.isfinite(self.windows.measured[used]).sum()), self.start[used].size + len(self.names)
 
     def value(self, name: str) -> float:
         return float(self.values[self.places[name]])
@@ -166,10 +178,11 @@ class OutputError:
         """Return the errors of the outputs, (W, R, ny), in their units; NaN where nothing was measured."""
         return self._errors(slice(None))
 
-    def deviations(self) -> dict[str, float]:
-        """Return the standard deviations of the parameters, in their units: for errors that are independent from row to row, or,
-        where successive errors are correlated beyond chance, for errors that are correlated in any way within a window: by the
-        change of the fit without each window (jackknife).
+    def deviations(self) -> tuple[dict[str, float], int]:
+        """Return the standard deviations of the parameters, in their units, and their degrees of freedom: for errors that are
+        independent from row to row and correlated in any way within a row, or, where successive errors are correlated beyond
+        chance, for errors that are correlated in any way within a window: by the change of the fit without each window
+        (jackknife). Raises BadInput if there are too few windows for that.
         """
         used = self.windows.used
         left, rows = self._projected(self.values, self.start, used)
@@ -177,12 +190,35 @@ class OutputError:
         rows = rows / sizes
         each = np.einsum("wrp,wrq->wpq", rows, rows)  # information of each window
         if self._correlated(left):
+            degrees = len(each) - len(self.names)
+            if degrees < 1:
+                raise BadInput(
+                    f"successive errors are correlated, and {len(each)} windows are too few to tell how far {len(self.names)} "
+                    "parameters are off; give a longer log, or fit fewer"
+                )
             without, scores = each.sum(axis=0) - each, np.einsum("wrp,wr->wp", rows, left)
             changes = np.array([np.linalg.lstsq(a, b)[0] for a, b in zip(without, scores, strict=True)])
             covariance = changes.T @ changes * (len(changes) - 1) / len(changes)
         else:
-            covariance = np.sum(left**2) / max(1, self.surplus) * np.linalg.inv(each.sum(axis=0))
-        return dict(zip(self.names, np.sqrt(np.diag(covariance)) / sizes, strict=True)) | dict.fromkeys(self.unseen, math.inf)
+            degrees, inverse = self.surplus, np.linalg.inv(each.sum(axis=0))
+            outputs = self.windows.measured.shape[2]
+            by_row = rows.reshape(-1, outputs, len(self.names))
+            covariance = inverse @ np.einsum("rjp,jk,rkq->pq", by_row, self._of_a_row(left), by_row, optimize=True) @ inverse
+        sd = dict(zip(self.names, np.sqrt(np.diag(covariance)) / sizes, strict=True))
+        return sd | dict.fromkeys(self.unseen, math.inf), degrees
+
+    def _of_a_row(self, left: np.ndarray) -> np.ndarray:
+        """Return the covariance of the weighted errors of the outputs in a row, ny x ny: the mean over the rows that have both.
+        In a fit with few measurements all errors are regarded as independent and of one size.
+        """
+        measured = np.isfinite(self.windows.measured[self.windows.used])
+        outputs, each = measured.shape[2], measured.sum() / self.surplus
+        if self.surplus < FEWEST:
+            return np.eye(outputs) * each * np.mean(left.reshape(measured.shape)[measured] ** 2)
+        errors, there = left.reshape(-1, outputs), measured.reshape(-1, outputs).astype(float)
+        mean = errors.T @ errors / np.maximum(there.T @ there, 1.0)
+        sizes, directions = np.linalg.eigh(each * mean)  # of rows that are not the same, some may be negative
+        return directions * np.maximum(sizes, 0.0) @ directions.T
 
     def _correlated(self, left: np.ndarray) -> bool:
         """Whether products of successive errors of an output are on average positive, by more than chance."""

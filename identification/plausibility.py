@@ -1,6 +1,6 @@
 """Logs with a wrong sign, exchanged columns or another unit: found by what would make them agree with the robot's equations."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -41,12 +41,14 @@ def check_kinematics(
     values: Sequence[float],
     stretches: Sequence[range],
     measured: Sequence[str],
+    scaled: Collection[str] = (),
 ) -> None:
     """Raise BadInput if measured coordinates contradict those that follow by (9), qdot = S nu, and one change of sign, order
     or unit removes the contradiction.
 
     `columns`: what was measured of the state, without gaps; `measured`: the angles that give the quasi-velocities, where
-    these are not among them; `values`: the robot's parameters, as far as they are known.
+    these are not among them; `values`: the robot's parameters, as far as they are known; `scaled`: angles whose scale is not
+    known, and whose unit is not judged.
     """
     motion = _Motion(system, values, [name for name in columns], measured)
     if not motion.compared:
@@ -55,10 +57,12 @@ def check_kinematics(
     wheels = _wheels(system, columns)
     groups = [*((name,) for name in columns), *((*angle, *rate) for angle, rate in wheels if angle and rate)]
     angles = tuple(name for angle, _ in wheels for name in angle)
+    known = [name for name in (*columns, "t") if name not in scaled]
+    of_units = _units(known, tuple(name for name in angles if name not in scaled), {**units, "t": "s"})
     _blame(
         {"t": t, **columns},
         lambda logged: motion.misfit(logged, stretches),
-        [*_signs(groups), *_exchanges(groups, units), *_units([*columns, "t"], angles, {**units, "t": "s"})],
+        [*_signs(groups), *_exchanges(groups, units), *of_units],
         "the motions of the log contradict each other",
     )
 

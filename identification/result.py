@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
@@ -15,11 +16,17 @@ DOUBTFUL = 0.5  # standard deviation relative to the value above which the log d
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value and standard deviation, both in its unit."""
+    """A parameter's value and standard deviation, both in its unit; `degrees` of freedom of the standard deviation."""
 
     quantity: Quantity
     value: float
     sd: float
+    degrees: int
+
+    @property
+    def within(self) -> float:
+        """Half of the interval of 95 %, by Student's distribution, in the parameter's unit."""
+        return float(stdtrit(self.degrees, 0.975)) * self.sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +72,7 @@ def result_of(
         )
     sentences += [f"{name}: this log shows it only together with {unseen}" for name, unseen in tied.items()]
     alone = {c.pivot for c in basis if not c.others} - set(fit.unseen) - set(tied)
-    sd = fit.deviations()
+    sd, degrees = fit.deviations()
     for name in sorted(alone, key=names.index):
         may_be_zero = fit.quantities[name].sign != "positive" and not fit.quantities[name].default
         if sd[name] > DOUBTFUL * abs(fit.value(name)) and not may_be_zero:
@@ -73,7 +80,7 @@ def result_of(
                 f"{name}: its standard deviation, {sd[name]:.3g}, is more than half of its value, {fit.value(name):.3g}"
             )
             alone.remove(name)
-    estimates = {name: Estimate(fit.quantities[name], fit.value(name), sd[name]) for name in names if name in alone}
+    estimates = {name: Estimate(fit.quantities[name], fit.value(name), sd[name], degrees) for name in names if name in alone}
     bounds = (
         f"{name} is at its bound, {fit.value(name):g}; beyond it the log would be predicted better" for name in fit.at_bound()
     )

@@ -59,7 +59,8 @@ class Quantity:
             raise ModelError(f"{place}{self.name} = {number} is not finite")
         holds, required = SIGNS[self.sign]
         if not holds(number):
-            raise ModelError(f"{place}{self.name} = {number:g} {self.unit} must be {required} ({self.about})")
+            unit = "" if self.unit == "1" else f" {self.unit}"
+            raise ModelError(f"{place}{self.name} = {number:g}{unit} must be {required} ({self.about})")
         return number
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from noslip.cli.main import main
-from noslip.identification.geometry import _Geometry, _windows, calibrate, pose_names
+from noslip.identification.geometry import _check_motions, _Geometry, _windows, calibrate, pose_names
 from noslip.identification.log import PoseLog
 from noslip.identification.output_error import OutputError
+from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import read_spec
@@ -189,6 +190,43 @@ def test_values_lie_in_their_intervals_in_most_logs():
     assert (inside > 0.93).all() and (inside < 0.97).all() and (size < 1.2 * bound()).all()
 
 
+def few_poses(count: int) -> PoseLog:
+    log = log_of(*winding(), noise=1.0, seed=5)
+    log.pose[np.setdiff1d(np.arange(401), np.linspace(0, 400, count).astype(int))] = math.nan
+    return log
+
+
+def test_poses_that_leave_nothing_are_refused():
+    """Two poses, of which the first is fitted too, and three parameters."""
+    with pytest.raises(BadInput, match="6 measured numbers for 6 unknown ones"):
+        calibrate([few_poses(2)], SYSTEM, ["r", "b", "scale_theta_l"], DEFAULT)
+    result = calibrate([few_poses(2)], SYSTEM, ["r", "b"], DEFAULT)
+    assert result.remarks == ("only 1 number measured beyond the unknowns: standard deviations are rough; measure more poses",)
+    assert all(abs(each.value - TRUE[name]) < each.within for name, each in result.estimates.items())
+
+
+def test_parameters_of_sensors_explain_a_log():
+    """Angles of motors with a gear, a pose sensor that looks aside, beside the point, and late."""
+    log = log_of(*winding(), scale_left=0.02, late=0.04, offset=(0.3, -0.2, math.pi / 2))
+    log.angles[:, 0] /= 0.02
+    sensors = {"offset_x": 0.3, "offset_y": -0.2, "offset_heading": math.pi / 2, "delay": 0.04}
+    gears = {"scale_theta_r": 0.02, "scale_theta_l": 0.02}
+    expected = {"r": pytest.approx(TRUE["r"], rel=1e-4), "b": pytest.approx(TRUE["b"], rel=1e-3)}
+    assert values(calibrate([log], SYSTEM, ["r", "b"], DEFAULT | sensors | gears)) == expected
+    _check_motions(log, SYSTEM, list(gears), DEFAULT | sensors)
+    with pytest.raises(BadInput, match="theta_r, theta_l in deg"):
+        _check_motions(log, SYSTEM, ["r", "b"], DEFAULT | sensors)
+
+
+def test_a_direction_of_the_sensor_explains_a_log():
+    """On a short arc to the north-east a quarter of a turn looks like the opposite sign of x."""
+    log = log_of(np.full(60, 0.05), np.full(60, 0.045), offset=(0.0, 0.0, math.pi / 2), start=(0.0, 0.0, math.pi / 4))
+    with pytest.raises(BadInput, match="opposite sign of x_c"):
+        _check_motions(log, SYSTEM, ["r"], DEFAULT)
+    _check_motions(log, SYSTEM, ["r"], DEFAULT | {"offset_heading": math.pi / 2})
+    _check_motions(log, SYSTEM, ["r", "offset_heading"], DEFAULT)
+
+
 def test_what_no_log_and_what_this_log_does_not_tell():
     result = calibrate([log_of(*winding())], SYSTEM, ["r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"], DEFAULT)
     assert not {"r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"} & set(result.estimates) - {"scale_theta_l"}
@@ -251,6 +289,7 @@ BAD = {
     "parameter": ({}, ["--fit", "radius"], "not a parameter of this robot"),
     "mass": ({}, ["--fit", "m_c"], "does not depend on m_c"),
     "sign": ({}, ["--set", "r=-0.1"], "must be positive"),
+    "no heading": ({"phi": ""}, ["--fit", "r", "b"], "has no heading, phi"),
 }
 
 

@@ -14,6 +14,7 @@ from noslip.cli.main import main
 from noslip.identification.dynamics import Dynamics, combinations
 from noslip.identification.fit import identify, predicted
 from noslip.identification.log import FEWEST, Log, read_log
+from noslip.identification.result import Estimate
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.drawing import panels
@@ -101,6 +102,55 @@ def test_values_lie_within_their_deviations():
     off = np.divide(*deviations(6))
     assert np.abs(off).max() < 4.0 and 0.3 < off.std() < 1.8
     assert np.abs(off.mean(axis=0)).max() < 4.0 / np.sqrt(len(off))
+
+
+def test_errors_that_outputs_share_have_the_right_deviations():
+    """The same error of both rates in a row: m_c is seen mainly in their sum, I_c in their difference. As for independent
+    errors, they would be off by 1.5 and 0.1 standard deviations.
+    """
+    off = []
+    for seed in range(12):
+        common = np.random.default_rng(seed).normal(size=(len(run().t), 1)) * [1.0, 1.0]
+        log = log_of()
+        log.x[:, -2:] += NOISE * common
+        estimates = identify(log, DYNAMICS, list(PLANT), VALUES, True).estimates
+        off.append([(estimates[name].value - value) / estimates[name].sd for name, value in PLANT.items()])
+    sizes = np.sqrt(np.mean(np.square(off), axis=0))
+    assert (sizes > 0.4).all() and (sizes < 1.7).all()
+
+
+def test_few_degrees_of_freedom_widen_the_interval():
+    """Student's quantiles of a table."""
+    quantiles = {1: 12.706, 6: 2.447, 30: 2.042, 10**6: 1.960}
+    widths = {k: Estimate(SYSTEM.mechanism.parameters[0], 1.0, 2.0, k).within / 2.0 for k in quantiles}
+    assert widths == {k: pytest.approx(each, abs=6e-4) for k, each in quantiles.items()}
+
+
+OWN = """
+from noslip.model.robots.labmate import labmate
+
+def named():
+    robot = labmate()
+    for name in ("friction", "moving_part", "efficiency_a", "bias_gyro"):
+        robot.parameter(name, 2.0, "1", "of its own", "positive")
+    return robot
+"""
+
+
+def test_names_of_the_robot_go_before_those_of_motors(write, tmp_path, capsys, bad_input):
+    (tmp_path / "own.py").write_text(OWN)
+    file, robot = write(table().tolist()), f"{tmp_path / 'own.py'}:named"
+    given = ["identify", file, "--robot", robot, "--fit", "m_c", "I_c"]
+    assert main([*given, "--set", "efficiency_a=3", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"]["m_c"]["value"] == pytest.approx(PLANT["m_c"], rel=1e-8)
+    assert "rename the robot's" in bad_input([*given, "--drive", "current", "--map", "current_tau_r=tau_r"])
+    assert "rename the robot's" in bad_input([*given, "--outputs", "thetadot_r", "thetadot_l", "gyro"])
+    assert "does not depend" in bad_input([*given[:5], "moving_part"])
+
+
+def test_too_few_inputs(write, bad_input):
+    message = bad_input(["identify", write(table().tolist()), "--robot", "balancer", "--fit", "m_b"])
+    assert "2 inputs and 3 degrees of freedom; identification does not support" in message
 
 
 @pytest.mark.nightly
@@ -210,6 +260,9 @@ BAD = {
     "column": (None, ["--fit", "m_c", "--map", "tau_r=torque"], "column 'torque' is missing"),
     "set": (None, ["--fit", "m_c", "--set", "r=wide"], "'wide' is not a number"),
     "sign": (None, ["--fit", "m_c", "--set", "r=-1"], "must be positive"),
+    "nan": (None, ["--fit", "m_c", "--set", "m_w=nan"], "--set: m_w = nan is not finite"),
+    "ratio": (None, ["--fit", "m_c", "--set", "gear=0", "--set", "efficiency=-1"], "--set: efficiency = -1 must be positive"),
+    "unlike": (None, ["--fit", "zzz"], "moving, bias_gyro"),
     "no pair": (None, ["--fit", "m_c", "--set", "r"], "write NAME=VALUE"),
 }
 

@@ -3,7 +3,7 @@
 import argparse
 
 from ...readers.files import check_targets
-from .identify import add_options, columns, fitted_and_set, show_result
+from .identify import add_options, columns, fitted_and_set, reduced, show_result
 
 EXAMPLE = """examples:
   noslip simulate circle --set 'plant={r=0.152,b=0.36}' --set simulation.period=0.05 -o run.csv
@@ -36,14 +36,14 @@ def run(args: argparse.Namespace) -> int:
     from ...identification.geometry import calibrate, pose_names, sensor_parameters
     from ...identification.log import read_poses
     from ...readers.progress import Progress
-    from ...readers.robots import find_robot, system_of
+    from ...readers.robots import find_robot
 
     check_targets([], [args.plot] if args.plot else [], inputs=args.logs)
     robot = find_robot(args.robot)
-    system = system_of(robot)
+    system = reduced(robot)
     pose = pose_names(system)
     logs = [read_poses(file, system, pose, columns(args)) for file in args.logs]
-    values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)))
+    values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
     head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"

@@ -13,6 +13,7 @@ from ..commands import show
 if TYPE_CHECKING:
     from ...identification.result import Identification
     from ...model.mechanism import Mechanism, Quantity
+    from ...model.reduction import ReducedSystem
 
 EXAMPLE = """example:
   noslip simulate line --set simulation.period=0.01 -o run.csv
@@ -60,12 +61,12 @@ def run(args: argparse.Namespace) -> int:
     from ...identification.log import check_known, names_of, read_log
     from ...identification.motors import kind_of_inputs
     from ...readers.progress import Progress
-    from ...readers.robots import find_robot, system_of
+    from ...readers.robots import find_robot
 
     check_targets([], [args.plot] if args.plot else [], inputs=[args.log])
     robot = find_robot(args.robot)
-    system = system_of(robot)
-    values = fitted_and_set(args, described(system))
+    system = reduced(robot)
+    values = fitted_and_set(args, described(system), robot)
     there = names_of(args.log, columns(args))
     for name in args.outputs or ():
         check_known("--outputs", name, "quantity", [*(q.name for q in system.state), GYRO])
@@ -95,17 +96,32 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"]) -> dict[str, float]:
+def reduced(robot: "Mechanism") -> "ReducedSystem":
+    """Return the reduced system. Raises BadInput for a robot with too few inputs, ModelError as `reduce`."""
+    from ...readers.robots import system_of
+
+    robot.check()
+    inputs, dof = len(robot.inputs), len(robot.coordinates) - robot.A.shape[0]
+    if inputs < dof:
+        counts = f"{inputs} input{'s' * (inputs != 1)} and {dof} degrees of freedom"
+        raise BadInput(f"{robot.name}: {counts}; identification does not support robots with fewer inputs than that")
+    return system_of(robot)
+
+
+def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], robot: "Mechanism") -> dict[str, float]:
     """Return the values of --set; check the names of --fit. Raises BadInput, ModelError."""
     from ...identification.log import check_known
 
     by_name = {p.name: p for p in parameters}
+    single = tuple(f"_{each.name}" for each in robot.inputs)
+    own = {p.name for p in robot.parameters}
+    listed = [name for name in by_name if name in own or not name.endswith(single)]  # without those of single motors
     values = {}
     for name, text in _pairs(args.set, "--set"):
-        check_known("--set", name, "parameter", by_name)
-        values[name] = by_name[name].check(_number(text, f"--set {name}={text}"), "--set ")
+        check_known("--set", name, "parameter", by_name, listed)
+        values[name] = by_name[name].check(_number(text, f"--set {name}={text}"), "--set")
     for name in args.fit or ():
-        check_known("--fit", name, "parameter", by_name)
+        check_known("--fit", name, "parameter", by_name, listed)
         if args.fit.count(name) > 1:
             raise BadInput(f"--fit: {name} is given twice")
     return values
@@ -149,7 +165,7 @@ def _text(result: "Identification", robot: Container[str], head: str, outputs: s
     width = max((len(name) for name in result.estimates), default=0)
     for name, each in result.estimates.items():
         unit = "" if each.quantity.unit == "1" else f" {each.quantity.unit}"
-        lines.append(f"{name:{width}} = {each.value:.7g}{unit}, within {1.96 * each.sd:.2g} of that with 95 %")
+        lines.append(f"{name:{width}} = {each.value:.7g}{unit}, within {each.within:.2g} of that with 95 %")
     lines += [f"not identified: {sentence}" for sentence in result.unidentifiable]
     pairs = zip(result.residual, result.validation, strict=True)
     errors = ", ".join(f"{fit:.3g}" if math.isnan(other) else f"{fit:.3g} ({other:.3g})" for fit, other in pairs)
@@ -164,7 +180,10 @@ def _text(result: "Identification", robot: Container[str], head: str, outputs: s
 def _values(result: "Identification") -> dict[str, Any]:
     whole = {"residual": result.residual, "validation": result.validation}
     return {
-        "parameters": {name: {"value": e.value, "sd": e.sd, "unit": e.quantity.unit} for name, e in result.estimates.items()},
+        "parameters": {
+            name: {"value": e.value, "sd": e.sd, "within": e.within, "unit": e.quantity.unit}
+            for name, e in result.estimates.items()
+        },
         "unidentifiable": list(result.unidentifiable),
         **{
             name: None if math.isnan(each[0]) else math.sqrt(sum(e * e for e in each) / len(each)) for name, each in whole.items()
