@@ -244,7 +244,8 @@ def test_impossible_angles_are_errors():
         drive(loop, 1.0)
     loop = SteeredLoop()
     drive(loop, 1.0)
-    for loop.period in (0.0, math.nan, 1e3, loop.period):  # times that are refused do not count
+    for period in (0.0, math.nan, 1e3, loop.period):  # times that are refused do not count
+        loop.period = period
         assert loop.by_angles(0.9) == "range"
     loop = SteeredLoop()
     statuses = [loop.by_angles(1.3) for _ in range(10)]
