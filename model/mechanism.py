@@ -296,6 +296,40 @@ class Mechanism:
         self.constraint_names.append(name)
         self._forget()
 
+    @_before_reduction
+    def ground_moves(self, /, **rates: ca.SX | float) -> None:
+        """Let the constraints so far hold on ground that moves: a robot at rest on it has these `rates` of coordinates, by their
+        names, in coordinates and parameters; the others' are zero. Adds A rates to the velocities b of their surfaces.
+
+        A belt along x: ground_moves(x=speed); a turntable: ground_moves(x=-Omega * y, y=Omega * x, phi=Omega).
+        """
+        names = [c.name for c in self.coordinates]
+        if unknown := [name for name in rates if name not in names]:
+            raise ModelError(f"{self.name}: ground_moves: no coordinate {unknown[0]!r}; coordinates are {', '.join(names)}")
+        where = "ground_moves, rate"
+        moved = [self._smooth(self._at_rest(self._scalar(rates.get(n, 0.0), f"{where} of {n}"), where), where) for n in names]
+        at_rest = ca.substitute(ca.vertcat(*self._constraints), self.qdot, ca.vertcat(*moved))
+        self._surfaces = [surface + b for surface, b in zip(self._surfaces, ca.vertsplit(at_rest), strict=True)]
+        self._forget()
+
+    def time(self, name: str = "t") -> ca.SX:
+        """Add the time, s, for what moves as a known function of it; return its symbol. It is a coordinate with the rate 1."""
+        t = self.coordinate(name, "s", "time")
+        self.rolls(f"{name} is the time", self.rate(t), surface=1.0)
+        return t
+
+    def given(self, name: str, unit: str, about: str = "") -> ca.SX:
+        """Add a known function of time; return its symbol. Its value and its rate are coordinates, which every state contains.
+
+        The law takes both from the state at each step. A simulation goes on from the rate at its start, which stays as it is; for
+        a rate that changes, write the function in `time`.
+        """
+        value = self.coordinate(name, unit, about)
+        rate = self.coordinate(f"{name}_rate", per_second(unit), f"rate of {name}")
+        self.rolls(f"{name} is given", self.rate(value), surface=rate)
+        self.rolls(f"{name}_rate is given", self.rate(rate), surface=0.0)
+        return value
+
     def holds(self, name: str, position: ca.SX) -> None:
         """Add a holonomic constraint (1) C(q) = const; its derivative becomes a row of A."""
         where = f"constraint {name!r}"
@@ -604,9 +638,8 @@ class Mechanism:
             raise ModelError(f"{self.name}: no constraints; add them with rolls(name, velocity) or holds(name, position)")
         if not self.inputs:
             raise ModelError(f"{self.name}: no inputs; add them with input(name, unit, on=velocity)")
-        if self.carried and (self.bodies or self.contacts):
-            what = "body" if self.bodies else "contact"
-            raise ModelError(f"{self.name}: {what}(...) does not go with a moving surface yet; leave it out")
+        if self.carried and self.bodies:
+            raise ModelError(f"{self.name}: body(...) does not go with a moving surface yet; use kinetic_energy(...)")
         symbols = ca.vertcat(self.q, self.qdot, self.p)
         for where, expression in self._everything():
             refuse_strangers(expression, symbols, f"{self.name}: {where}", "coordinate, rate or parameter of it")
