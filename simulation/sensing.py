@@ -276,12 +276,11 @@ def _each(values: tuple[float, ...], count: int, where: str = "[sensors] noise")
 
 def pose_coordinates(system: ReducedSystem) -> list[int]:
     """Which coordinates are the vehicle's x, y and heading."""
-    vehicle = system.mechanism.vehicle
-    names = [c.name for c in system.mechanism.coordinates]
-    found = [str(place) for place in (vehicle.x, vehicle.y, vehicle.heading)] if vehicle else [""]
-    if not set(found) <= set(names):
-        raise BadInput(f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {', '.join(names)}")
-    return [names.index(name) for name in found]
+    found = system.mechanism.pose_numbers
+    if not found:
+        names = ", ".join(c.name for c in system.mechanism.coordinates)
+        raise BadInput(f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {names}")
+    return found
 
 
 def angle_coordinates(system: ReducedSystem) -> list[int]:
