@@ -1,7 +1,7 @@
 """One linear channel of the outer loop: its poles, loop, response, and longest sampling period."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from ..model.mechanism import derivative_name
 from ..readers.errors import BadInput
 from .design import Gains, by_speed, chain, positive, sampled_chain, show
 from .drive import DriveLoop, sampled_late
-from .margins import Broken, Margins, margins
+from .margins import Broken, Margins, margins, norm
 
 if TYPE_CHECKING:
     import control  # slow to import
@@ -108,6 +108,27 @@ class Channel:
         self.check_stable()
         return margins(self.broken())
 
+    def disturbed(self, largest: Sequence[float]) -> Broken:
+        """Return the system from a disturbance of v, held between calls, to error, derivatives, integral and v; each relative to
+        its largest value, in the order of `from_hinf`. Raises BadInput behind drives.
+        """
+        if self.drive:
+            raise BadInput(f"{self.name}: what a disturbance does behind {self.drive} is not computed; leave out --hinf")
+        A, B, K = self._matrices()
+        degree, integral = self.gains.degree, bool(self.gains.integral)
+        order = [*range(integral, integral + degree), *range(integral)]
+        C = np.vstack([np.eye(len(A))[order], -K]) / np.array(largest[:-1])[:, None]
+        enters = np.zeros((len(A), 1))
+        enters[: degree + integral] = self._chain()[1]
+        return Broken(A - B @ K, enters * largest[-1], C, self.dt)
+
+    def norm(self, largest: Sequence[float]) -> float:
+        """Return the H-infinity norm of that system: at most 1 if a steady or oscillating disturbance of at most its largest
+        value keeps all others within theirs. Raises BadInput if the sampled channel is not stable.
+        """
+        self.check_stable()
+        return norm(self.disturbed(largest))
+
     def check_stable(self) -> None:
         """Raise BadInput for a period beyond stability."""
         fastest = max(self.poles, key=abs)
@@ -162,15 +183,18 @@ class Channel:
 
     def _matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, B of the chain [z,] y [, ydot] [, e of the drive] [, the v of the calls before], and K with v = -K state."""
-        K, integral = self.gains.vector[None, :], bool(self.gains.integral)
-        if self.period is None:
-            return *chain(K.shape[1]), K
-        if self.drive:
+        K = self.gains.vector[None, :]
+        if self.drive and self.period:
             return self._behind(self.drive, self.period, K)
-        A, B = sampled_chain(self.gains.degree, self.period, integral)
+        A, B = self._chain()
         if not self.delay:
             return A, B, K
         return *delayed(A, B), np.hstack([K, [[0.0]]])
+
+    def _chain(self) -> tuple[np.ndarray, np.ndarray]:
+        """A, B of the chain [z,] y [, ydot ...], driven by v."""
+        degree, integral = self.gains.degree, bool(self.gains.integral)
+        return chain(degree + integral) if self.period is None else sampled_chain(degree, self.period, integral)
 
     def _behind(self, drive: DriveLoop, period: float, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         between = drive.between_samples(*chain(self.gains.degree), period)

@@ -1,4 +1,4 @@
-"""Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; continuous and sampled loops.
+"""Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; norms; continuous and sampled loops.
 
 L is the loop's transfer function where it is broken, negative feedback: S = (1 + L)^-1, T = L (1 + L)^-1. Everything is
 found on a grid of frequencies and refined between its points, which does not require slycot and allows delays (poles at z = 0).
@@ -76,6 +76,13 @@ def margins(loop: "Linear") -> Margins:
     return Margins(*one, Ms, Mt, disk, *disk_interval(disk))
 
 
+def norm(system: "Linear") -> float:
+    """Return the H-infinity norm of a stable system: the largest singular value of its frequency response."""
+    omega = np.append(0.0, _grid(np.linalg.eigvals(system.A), system.dt))
+    response = Response(system)
+    return _peak(response, omega, response(omega), _largest)
+
+
 def disk_interval(disk: float) -> tuple[float, float]:
     """Largest factor, and largest phase (rad), in the disk of the balanced disk margin alpha."""
     bounded = disk < 2 - 1e-9  # at 2 any factor that does not turn the sign is in the disk
@@ -101,13 +108,17 @@ class Response:
 
 def frequencies(loop: "Linear") -> np.ndarray:
     """Return the grid, rad/s: around the closed loop's poles, up to half the sampling rate, or inf in continuous time."""
-    poles = np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)).astype(complex)
-    rates = np.abs(np.log(poles[poles != 0]) / loop.dt if loop.dt else poles)
+    return _grid(np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)), loop.dt)
+
+
+def _grid(poles: np.ndarray, dt: float) -> np.ndarray:
+    poles = poles.astype(complex)
+    rates = np.abs(np.log(poles[poles != 0]) / dt if dt else poles)
     rates = rates[rates > 1e-9 * max(rates, default=1.0)]
     slowest, fastest = min(rates, default=1.0), max(rates, default=1.0)
-    end = np.pi / loop.dt if loop.dt else ABOVE * fastest
+    end = np.pi / dt if dt else ABOVE * fastest
     grid = np.geomspace(min(BELOW * slowest, end / 10), end, POINTS)
-    return grid if loop.dt else np.append(grid, np.inf)
+    return grid if dt else np.append(grid, np.inf)
 
 
 def _of_S(L: np.ndarray) -> np.ndarray:
@@ -128,10 +139,10 @@ def _sensitivity(L: np.ndarray) -> np.ndarray:
 
 
 def _largest(matrices: np.ndarray) -> np.ndarray:
-    """Largest singular value of (N, r, r), in closed form up to 2 x 2."""
+    """Largest singular value of (N, p, r), in closed form for one column and 2 x 2."""
     if matrices.shape[-1] == 1:
-        return np.abs(matrices[:, 0, 0])
-    if matrices.shape[-1] == 2:
+        return np.sqrt((np.abs(matrices) ** 2).sum(axis=(1, 2)))
+    if matrices.shape[1:] == (2, 2):
         return _greater(matrices, (np.abs(matrices) ** 2).sum(axis=(1, 2)))
     return np.linalg.norm(matrices, 2, axis=(1, 2))
 

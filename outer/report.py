@@ -1,8 +1,8 @@
 """The report of `noslip outer-loop`: gains, channels, the whole loop, and the effect of model errors."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..readers.printing import plain
 from ..readers.progress import Reported, silent
 from ..simulation.specification.spec import Spec
 from .channel import Channel, Required, first_unstable, last_kept, longest_period_with
-from .design import Gains, by_speed, settling_time, show
+from .design import Gains, by_speed, settling_time, show, size_names
 from .margins import Margins, margins
 from .motion import SteadyMotion, steady_motion
 from .robustness import LARGE_OFFSET, Harm, Loops, Wrong, corners, ranking
@@ -26,7 +26,7 @@ NEUTRAL = 1e-9  # 1/s: rates of decay up to this count as zero, as of the headin
 @dataclass(frozen=True, eq=False)
 class OuterLoopReport:
     """A law with its channels by row, as defined by SPEC and gains; `loops`: period and delay; `spread`: size of the model
-    errors.
+    errors; `sizes`: largest values of an H-infinity design, by row.
 
     Results are computed on first use. Raises BadInput for a period beyond the stability limit.
     """
@@ -38,10 +38,13 @@ class OuterLoopReport:
     required: Required
     spread: float
     progress: Reported = silent
+    sizes: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def __post_init__(self):
-        for channel in self.channels.values():
+        for name, channel in self.channels.items():
             channel.check_stable()
+            if name in self.sizes:
+                channel.disturbed(self.sizes[name])
         if self.why_not:
             return
         motion, period, delay, drive = self.motion, self.loops.period, self.loops.delay, self.loops.drive
@@ -161,11 +164,33 @@ class OuterLoopReport:
             "gains": self.entries(),
             "spec": self.spec_text(),
             "c": self.c_text(),
-            "channels": {name: _channel_json(channel, self.required) for name, channel in self.channels.items()},
+            "channels": {name: self._channel_json(name, channel) for name, channel in self.channels.items()},
             "whole": {"refused": self.why_not} if self.why_not else self._whole_json(),
             "robust": {"refused": self.why_not} if self.why_not else self._robust_json(),
         }
         return plain(results)
+
+    def _norms(self, name: str) -> dict[str, float | None]:
+        """Return the H-infinity norms of a channel of such a design; empty for another."""
+        if name not in self.sizes:
+            return {}
+        channel, sizes = self.channels[name], self.sizes[name]
+        return {"continuous": channel.ideal.norm(sizes), "sampled": channel.norm(sizes) if channel.period else None}
+
+    def _channel_json(self, name: str, channel: Channel) -> dict[str, Any]:
+        return {
+            "relative_degree": channel.gains.degree,
+            "unit": channel.unit,
+            "gains": channel.gains.named(name),
+            "poles": channel.gains.poles,
+            "discrete_poles": channel.poles if channel.period else None,
+            "settling_time": settling_time(channel.gains),
+            "continuous": _margins_json(channel.ideal.margins()),
+            "sampled": _margins_json(channel.margins()) if channel.period else None,
+            "longest_period": _periods(channel, self.required),
+            "fastest": channel.fastest() if channel.drive else None,
+            "norms": self._norms(name) or None,
+        }
 
     def _whole_json(self) -> dict[str, Any]:
         motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
@@ -229,6 +254,8 @@ class OuterLoopReport:
             if channel.period:
                 rows.append(_margins_text(f"every {channel.period:g} s", channel.margins()))
                 rows.append(f"  z {_show(channel.poles)}")
+            if norms := self._norms(name):
+                rows.append(_norms_text(channel, self.sizes[name], norms))
             if channel.drive:
                 rows.append(f"  {_faster_text(channel.fastest())}")
             periods = _periods(channel, self.required)
@@ -285,19 +312,15 @@ def _faster_text(factor: float) -> str:
     return f"stable behind the drives with poles up to {factor:.4g} times as fast"
 
 
-def _channel_json(channel: Channel, required: Required) -> dict[str, Any]:
-    return {
-        "relative_degree": channel.gains.degree,
-        "unit": channel.unit,
-        "gains": channel.gains.named(channel.name),
-        "poles": channel.gains.poles,
-        "discrete_poles": channel.poles if channel.period else None,
-        "settling_time": settling_time(channel.gains),
-        "continuous": _margins_json(channel.ideal.margins()),
-        "sampled": _margins_json(channel.margins()) if channel.period else None,
-        "longest_period": _periods(channel, required),
-        "fastest": channel.fastest() if channel.drive else None,
-    }
+def _norms_text(channel: Channel, sizes: Sequence[float], norms: Mapping[str, float | None]) -> str:
+    named = zip(size_names(channel.gains.degree, bool(channel.gains.integral)), sizes, strict=False)
+    relative = ", ".join(f"{name}/{size:g}" for name, size in named)
+    achieved = ", ".join(
+        f"{norms[how]:.4g} {text}"
+        for how, text in (("continuous", "continuous"), ("sampled", f"every {channel.dt:g} s"))
+        if norms[how] is not None
+    )
+    return f"  H-infinity norm from a disturbance/{sizes[-1]:g} of v to {relative}: {achieved}"
 
 
 def _margins_json(margins: Margins) -> dict[str, float]:

@@ -534,6 +534,19 @@ def test_command_integral(capsys):
     assert "ki_distance = " in data["spec"] and "ki_" not in data["c"]
 
 
+def test_command_hinf(capsys, tmp_path):
+    """The norms that are stated are those of the gains that are printed, and of the channel that is called at the period."""
+    options = ["--hinf", "distance=0.1,0.2,0.5,0.3", "--poles", "speed=-2", "--period", "0.05", "--delay"]
+    data = answer(capsys, "labmate", "--output", "type_iv_line", *options, "--figures", str(tmp_path / "figures"))
+    gains = Gains(2, data["gains"]["kp_distance"], data["gains"]["kd_distance"])
+    norms = data["channels"]["distance"]["norms"]
+    assert norms["continuous"] == pytest.approx(Channel("y", "m", gains).norm([0.1, 0.2, 0.5, 0.3])) < norms["sampled"]
+    assert data["channels"]["speed"]["norms"] is None
+    assert (tmp_path / "figures" / "disturbances.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["outer-loop", "labmate", "--output", "type_iv_line", *options]) == 0
+    assert "norm from a disturbance/0.3 of v to error/0.1, rate/0.2, v/0.5: " in capsys.readouterr().out
+
+
 def test_command_text_and_figures(capsys, tmp_path):
     folder = tmp_path / "figures"
     assert main(["outer-loop", "labmate", "--output", "type_iv_line", "--period", "0.05", "--figures", str(folder)]) == 0
@@ -588,6 +601,10 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_i", "--settling", "1j"], "must be real"),
         (["--output", "type_i", "--damping", "1"], "--damping requires --settling"),
         (["--output", "type_i", "--integral"], "--integral requires a design"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5"], "requires 4 largest values (error, rate, v, disturbance), not 3"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5,0.5"], "must be below the largest v, 0.5"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5,0.49", "--period", "0.2"], "only below 0.36"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5,-0.3"], "largest disturbance = -0.3 must be positive"),
         (["--output", "type_i", "--delay"], "--delay needs --period"),
         (["--output", "type_i", "--discrete-poles", "0.9,0.8"], "--discrete-poles needs --period"),
         (["--output", "type_i", "--wrong", "1.5"], "between 0 and 1"),
