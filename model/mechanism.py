@@ -201,6 +201,7 @@ class Mechanism:
         self.outputs: list[Output] = []
         self.lines: list[ca.SX] = []
         self.bodies: list[Body] = []
+        self.inertias: list[tuple[str, str, str]] = []
         self._constraints: list[ca.SX] = []
         self._surfaces: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
@@ -431,6 +432,24 @@ class Mechanism:
         if not all(isinstance(parameter, Quantity) for parameter in parameters):
             raise ModelError(f"{where}: parameters must be created with config(name, default, unit, about)")
         self.outputs.append(Output(name, about, tuple(checked), tuple(parameters)))
+
+    def principal_inertias(self, *inertias: ca.SX) -> None:
+        """Declare that three parameters are the principal inertias (kg m^2) of one rigid body, such as (I, J, J) of a wheel with
+        I about its axle and J about any diameter. Fits of parameters keep each at most the sum of the other two; no equation
+        depends on this. With a geared motor, whose inertia counts by the square of the ratio, a wheel is no rigid body.
+
+        Raises ModelError unless they are three parameters, whose defaults are those of a body.
+        """
+        names = {p.symbol.element_hash(): p for p in self.parameters}
+        found = [names.get(symbol.element_hash()) for symbol in map(ca.SX, inertias) if symbol.is_symbolic()]
+        known = [p for p in found if p]
+        if len(inertias) != 3 or len(known) != 3:
+            raise ModelError(f"{self.name}: principal_inertias requires three parameters; one may be given twice")
+        values = [p.default for p in known]
+        if 2 * max(values) > sum(values) * (1 + 1e-9):
+            text = ", ".join(f"{p.name} = {p.default:g}" for p in known)
+            raise ModelError(f"{self.name}: no body has the principal inertias {text} kg m^2: one exceeds the sum of the others")
+        self.inertias.append((known[0].name, known[1].name, known[2].name))
 
     def draws(self, *lines: Sequence[tuple[ca.SX | float, ca.SX | float]]) -> None:
         """Declare how the robot looks from above: lines through points (x, y), m, in coordinates and parameters.
