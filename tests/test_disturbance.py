@@ -1,13 +1,18 @@
 """Disturbance observers: the C against its reference and closed forms, in channels and closed loops, beside integral action."""
 
-import dataclasses
 import math
+from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 from noslip.controllers.controller import BACKENDS
 from noslip.controllers.estimation.disturbance import CompiledObserver, Observer, make_observer
 from noslip.controllers.runtime import runtime
+from noslip.outer.channel import Channel
+from noslip.outer.design import from_poles
+from noslip.outer.motion import SteadyMotion, steady_motion
+from noslip.outer.setting import setting_of
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import DriveSection, Initial, LimitsSection, Spec, read_spec
@@ -16,7 +21,7 @@ from noslip.tests.test_simulate import SPECS
 from scipy.linalg import expm
 
 HEADER = "noslip_disturbance.h"
-CIRCLE = read_spec(SPECS / "circle.toml")
+CIRCLE, LINE = (read_spec(SPECS / f"{name}.toml") for name in ("circle", "line"))
 NAN, INF = math.nan, math.inf
 
 each_scalar = pytest.mark.parametrize("scalar", ["double", "float"])
@@ -24,8 +29,8 @@ each_backend = pytest.mark.parametrize("backend", BACKENDS)
 
 
 def spec_of(spec: Spec, period: float = 0.01, duration: float = 10.0, gains: dict[str, float] | None = None, **changes) -> Spec:
-    simulation = dataclasses.replace(spec.simulation, period=period, duration=duration, backend="c")
-    return dataclasses.replace(spec, simulation=simulation, gains={**spec.gains, **(gains or {"ko": 5.0})}, **changes)
+    simulation = replace(spec.simulation, period=period, duration=duration, backend="c")
+    return replace(spec, simulation=simulation, gains={**spec.gains, **(gains or {"ko": 5.0})}, **changes)
 
 
 class C:
@@ -200,3 +205,81 @@ def test_specs_refused(changes, reason):
 def test_processors_refuse_it():
     with pytest.raises(BadInput, match="run on the backends c, cf and casadi, not on m4f"):
         make_observer("m4f", 1.0)
+
+
+# -- the linear loop -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("integral", [False, True])
+@pytest.mark.parametrize("period", [None, 0.1])
+def test_poles_of_the_gains_stay(degree, integral, period):
+    """One pole more, of the estimate; the others are those without an observer."""
+    gains = from_poles(degree, [-1.0, -2.5, -3.0][: degree + integral], integral)
+    without, observed = (Channel("y", "m", replace(gains, observer=ko), period).poles for ko in (0.0, 4.0))
+    more = -4.0 if period is None else 1 / (1 + 4.0 * period)
+    for pole in (*without, more):
+        assert np.abs(observed - pole).min() < 1e-7
+    assert len(observed) == len(without) + 1
+
+
+@pytest.mark.parametrize("delay", [False, True])
+def test_a_channel_is_what_the_observer_does(delay):
+    """Its step response and its map, against a chain integrated by the matrix exponential and the observer itself."""
+    gains, period = replace(from_poles(2, [-1.0, -2.0]), observer=5.0), 0.05
+    channel, made, state, v = Channel("y", "m", gains, period, delay), Observer(5.0), np.array([0.3, -0.1]), 0.0
+    moved = expm(period * np.eye(3, k=1))
+    A, B, K = channel._matrices()
+    linear = np.zeros(len(A))
+    linear[:2], linear[2] = state, -(K[0, 1] - gains.rate) * state[1]  # the estimate is 0 at first
+    for _ in range(40):
+        before, own = v, -gains.error * state[0] - gains.rate * state[1]
+        v = own + made.step(state[1], own, period, "ok")
+        state = moved[:2, :2] @ state + moved[:2, 2] * (before if delay else v)
+        linear = (A - B @ K) @ linear
+        assert linear[:2] == pytest.approx(state, abs=1e-12)
+    closed = channel.closed()
+    assert np.linalg.eigvals(closed.A) == pytest.approx(np.linalg.eigvals(A - B @ K))
+    assert (closed.C @ np.linalg.solve(np.eye(len(A)) - closed.A, closed.B) + closed.D)[:2, 0] == pytest.approx([1, 0], abs=1e-9)
+
+
+def test_a_channels_response_is_that_of_its_gains():
+    """A step of the reference moves y as without an observer: the estimate stays 0."""
+    gains, times = from_poles(2, [-1.0, -2.0]), 0.05 * np.arange(80)
+    each = [Channel("y", "m", replace(gains, observer=ko), 0.05).closed() for ko in (0.0, 5.0)]
+    first, second = (control.step_response(system, times, squeeze=False).outputs[:, 0] for system in each)
+    np.testing.assert_allclose(second, first, rtol=0, atol=1e-12)
+
+
+def test_the_whole_loop_by_simulate():
+    """The linearized map with two observers, called every 20 ms, against a run of the C beside the steady motion; the robot is
+    1 % heavier than the law assumes."""
+    spec = spec_of(CIRCLE, period=0.02, duration=1.0, gains={"ko_distance": 4.0, "ko_speed": 6.0}, plant={"m_c": 30.3})
+    motion = steady_motion(setting_of(spec))
+    n, m = len(spec_states(motion)), len(motion.z)
+    assert m == 2 and np.abs(motion.rho[0]) < 1e-12
+    start = motion.state.copy()
+    start[-2:] += [2e-4, -3e-4]
+    initial = Initial(q=tuple(start[: n - 2]), nu=tuple(start[n - 2 :]))
+    run = simulate(replace(spec, initial=initial, simulation=replace(spec.simulation, output_step=0.02)))
+    state = np.concatenate([[0.0, 0.0, 2e-4, -3e-4], -motion.z])  # the estimates begin at 0
+    closed = motion.closed(0.02)
+    for k in range(50):
+        found = np.concatenate([run.y[k, :1], run.nu[k], run.disturbance[k]])
+        expected = state[[0, 2, 3, 4, 5]] + np.concatenate([[0.0], motion.state[-2:], motion.z])
+        np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7)
+        state = closed @ state
+
+
+def spec_states(motion: SteadyMotion) -> list[str]:
+    return [q.name for q in motion.setting.law.state]
+
+
+@pytest.mark.parametrize("spec", [CIRCLE, LINE], ids=["circle", "line"])
+def test_eigenvalues_of_the_whole_loop(spec):
+    """With a right model, those without observers, and -ko of each."""
+    gains = {"ko_distance": 4.0, "ko_speed": 6.5}
+    without, observed = (steady_motion(setting_of(spec_of(spec, gains=each))).eigenvalues() for each in ({"ko": 0.0}, gains))
+    for value in (*without, -4.0, -6.5):
+        assert np.abs(observed - value).min() < 1e-6
+    assert len(observed) == len(without) + 2
