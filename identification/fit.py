@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 
 import casadi as ca
 import numpy as np
@@ -46,12 +46,18 @@ def identify(
         raise BadInput(f"--fit {' '.join(names)}: the motion of {mechanism.name} does not depend on these parameters")
     free = [c.pivot for c in basis]
     _check_motions(log, dynamics, every)
+
+    @cache
+    def first(names: tuple[str, ...]) -> np.ndarray:
+        """Return the parameters with which the equations of motion hold best, those of these names fitted."""
+        equations = InverseDynamics(log, dynamics, names, every)
+        _check_inputs(log, dynamics, equations)
+        return equations.fit(dynamics.upper)
+
     fits = {way: predicted(log, dynamics, free, every, way, progress) for way in ((True, False) if held is None else (held,))}
     for fit in fits.values():
         fit.leave_out_unseen()
-        equations = InverseDynamics(log, dynamics, fit.names, every)
-        _check_inputs(log, dynamics, equations)
-        fit.begin(equations.fit(dynamics.upper))
+        fit.begin(first(tuple(fit.names)))
         fit.fit()
     way = min(fits, key=lambda each: fits[each].cost)
     outputs = [(q.name, q.unit) for q in dynamics.outputs]
@@ -70,12 +76,13 @@ def _check_motions(log: Log, dynamics: Dynamics, values: np.ndarray) -> None:
 def _check_inputs(log: Log, dynamics: Dynamics, equations: InverseDynamics) -> None:
     """Raise BadInput if inputs and velocities of the log contradict the equations of motion, unless one is changed."""
     n, inputs = len(dynamics.system.mechanism.coordinates), [q.name for q in dynamics.inputs]
-    velocities = [dynamics.logged_as(q, log.state) for q in dynamics.system.quasi_velocities]
+    velocities = dynamics.velocities_in(log.state)
     columns = dict(zip((*velocities, *inputs), np.hstack([log.x[:, n:], log.inputs]).T, strict=True))
 
     def misfit(changed: Mapping[str, np.ndarray]) -> float:
         nu, given = (np.column_stack([changed[name] for name in names]) for names in (velocities, inputs))
-        return equations.misfit_of(nu, given, log, dynamics.upper)
+        other = equations.with_columns(nu, given)
+        return other.misfit(other.fit(dynamics.upper))
 
     check_dynamics(columns, misfit, velocities, inputs)
 

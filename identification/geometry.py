@@ -13,7 +13,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import pose_names
-from .identifiability import Combination, determined
+from .identifiability import Combination, determined, generic_rank
 from .log import PoseLog, filled
 from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
 from .plausibility import check_kinematics
@@ -141,7 +141,7 @@ class _Geometry:
         turning = ca.SX.sym("turning", len(places))
         S = ca.substitute(system.S, reported, scale * reported + zero)
         rows = S[places, :]
-        if _generic_rank(rows) < system.dof:
+        if generic_rank(rows) < system.dof:
             others = [q.name for q in mechanism.coordinates if q.name not in (*pose_names(system), *angles)]
             raise BadInput(
                 f"{', '.join(angles)} alone cannot tell how {mechanism.name} moves in its {system.dof} quasi-velocities; "
@@ -191,14 +191,6 @@ class _Geometry:
             tuple(names),
             np.array([False, False, True]),
         )
-
-
-def _generic_rank(matrix: ca.SX) -> int:
-    """Return the largest rank at some random values of the symbols."""
-    symbols = ca.symvar(matrix)
-    at = ca.Function("at", [ca.vertcat(*symbols)], [ca.densify(matrix)])
-    points = np.random.default_rng(1).uniform(0.3, 1.2, (4, len(symbols)))
-    return max(int(np.linalg.matrix_rank(at(point).full())) for point in points)
 
 
 def _windows(logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str]) -> Windows:

@@ -462,6 +462,17 @@ class Mechanism:
         return self.vehicle
 
     @property
+    def pose_numbers(self) -> list[int]:
+        """Which coordinates are x, y and heading of the vehicle, counted from 0; empty unless each is one."""
+        return self.coordinate_numbers([self.vehicle.x, self.vehicle.y, self.vehicle.heading]) if self.vehicle else []
+
+    def coordinate_numbers(self, expressions: Iterable[ca.SX]) -> list[int]:
+        """Return which coordinates the expressions are, counted from 0; empty unless each is one."""
+        known = {c.symbol.element_hash(): k for k, c in enumerate(self.coordinates)}
+        found = [known.get(each.element_hash(), -1) if each.is_symbolic() else -1 for each in expressions]
+        return [] if -1 in found else found
+
+    @property
     def q(self) -> ca.SX:
         """Coordinates, n x 1."""
         return ca.vertcat(*[c.symbol for c in self.coordinates])
