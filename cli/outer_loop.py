@@ -66,6 +66,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
             "[ROW=]E,R,V",
             "LQR by largest error, its derivatives below the relative degree, integral (with --integral), v; SI units",
         ),
+        ("observer", "[ROW=]L", "rate at which a disturbance observer follows, 1/s, besides any design; 0: none"),
         ("hinf", "[ROW=]E,R,V,D", "H-infinity by the same values and the largest disturbance of v, which is below that of v"),
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
@@ -198,13 +199,15 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
     """Return the gains of each row: designed if an option requests it, else those of the SPEC, else the defaults of the law."""
     from ..model.law import gain_names
     from ..outer.design import from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, gains_of
-    from ..verification.cases import gain_entries, integral_entries
+    from ..verification.cases import gain_entries, integral_entries, observer_entries
 
     own = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
     values = {gain.name: gain.default for gain in law.gains} | own
     degrees = _degrees(law)
     rows = list(degrees)
-    requested = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in (*DESIGNS, "damping")}
+    options = (*DESIGNS, "damping", "observer")
+    requested = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in options}
+    observers = observer_entries(law, spec.gains)
     gains = {}
     for row, degree in degrees.items():
         ways = [name for name in DESIGNS if row in requested[name]]
@@ -227,6 +230,8 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
         else:
             settling, damping = (_one(numbers.get(name, [1.0]), name, row) for name in ("settling", "damping"))
             gains[row] = from_settling(degree, settling, damping, args.integral, row)
+        ko = _one(requested["observer"].get(row, [observers.get(f"ko_{row}", 0.0)]), "observer", row)
+        gains[row] = replace(gains[row], observer=ko).check(row)
     if args.integral and not any(requested[name] for name in DESIGNS):
         raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling, --lqr or --hinf")
     return gains

@@ -20,6 +20,7 @@ from noslip.outer import (
     closed_loop_system,
     from_hinf,
     from_lqr,
+    from_poles,
     from_settling,
     longest_period,
     ranking,
@@ -65,6 +66,20 @@ for name, each in (("LQR", from_lqr(2, largest[:3])), ("H-infinity", from_hinf(2
     print(f"{name}: {each.named('distance')}, norm {Channel('distance', 'm', each).norm(largest):.3f}")
 assert Channel("distance", "m", from_hinf(2, largest)).norm(largest) < 1
 assert Channel("distance", "m", from_lqr(2, largest[:3])).norm(largest) > 1
+
+# %% [markdown]
+# A disturbance that lasts is removed by integral action, or by an observer that estimates it (`noslip_disturbance.h`, the gain
+# `ko` in a SPEC, `noslip outer-loop --observer 4`). Both give the loop one pole more. With an observer those of the gains stay, and a
+# step of the reference is answered as without one; integral action by the same poles overshoots.
+
+# %%
+by_observer = replace(from_poles(2, [-1.0, -1.0]), observer=4.0)
+by_integral = from_poles(2, [-1.0, -1.0, -4.0], integral=True)
+for each in (by_observer, by_integral):
+    channel = Channel("distance", "m", each)
+    response = control.step_response(channel.closed(), np.linspace(0, 10, 1001), squeeze=False)
+    print(f"{each.named('distance')}: overshoot {100 * (response.outputs[0, 0].max() - 1):.1f} %, poles {channel.poles.real}")
+    assert (response.outputs[0, 0].max() < 1.001) == (each is by_observer)
 
 # %% [markdown]
 # ## On a processor

@@ -6,12 +6,13 @@ After the second feedback (20) each output is a chain of as many integrators as 
     relative degree 1:  v = ydot_d + kv (y_d - y) + ki z                            s^2 + kv s + ki
 
 with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root less. Longer chains,
-those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on.
+those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on. An observer of the
+disturbance d in y^(r) = v + d subtracts its estimate from v; it adds a pole at -ko, and the others stay.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_continuous_are, solve_discrete_are
@@ -29,7 +30,7 @@ SAMPLES = 4000  # instants at which an error is evaluated to find its settling t
 @dataclass(frozen=True)
 class Gains:
     """Gains of a channel: on the error (kp, or kv for relative degree 1), on its rate (kd), on its integral (ki), and on the
-    errors of `higher` derivatives, from the second on (ka, kj, ...); SI.
+    errors of `higher` derivatives, from the second on (ka, kj, ...); the rate of its disturbance `observer` (ko); SI.
     """
 
     degree: int
@@ -37,6 +38,7 @@ class Gains:
     rate: float = 0.0
     integral: float = 0.0
     higher: tuple[float, ...] = ()
+    observer: float = 0.0
 
     @property
     def of_errors(self) -> list[float]:
@@ -50,19 +52,25 @@ class Gains:
 
     @property
     def poles(self) -> np.ndarray:
-        """Closed-loop poles, 1/s, slowest first."""
+        """Closed-loop poles, 1/s, slowest first; that of the observer is not among them."""
         return by_speed(np.roots([1.0, *self.vector[::-1]]))
 
+    @property
+    def rates(self) -> np.ndarray:
+        """Magnitudes of all poles, with that of the observer, 1/s."""
+        return np.abs([*self.poles, *[self.observer] * bool(self.observer)])
+
     def named(self, row: str) -> dict[str, float]:
-        """Return the gains by name as in the law: kp_distance, ... ; ki_distance only with integral action."""
+        """Return the gains by name as in the law: kp_distance, ... ; ki_distance, ko_distance only where there are any."""
         gains = {f"{name}_{row}": gain for name, gain in zip(gain_names(self.degree), self.of_errors, strict=True)}
-        return gains | ({f"ki_{row}": self.integral} if self.integral else {})
+        more = {f"ki_{row}": self.integral, f"ko_{row}": self.observer}
+        return gains | {name: gain for name, gain in more.items() if gain}
 
     def faster(self, factor: float) -> "Gains":
         """Return the gains whose poles are `factor` times as fast."""
         d = self.degree
         errors = [gain * factor ** (d - order) for order, gain in enumerate(self.of_errors)]
-        return gains_of(d, errors, self.integral * factor ** (d + 1))
+        return replace(gains_of(d, errors, self.integral * factor ** (d + 1)), observer=self.observer * factor)
 
     def check(self, where: str = "gains") -> "Gains":
         """Return itself. Raises BadInput, with the reason, if a gain is negative or not finite, or the channel is not stable."""

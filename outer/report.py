@@ -138,9 +138,9 @@ class OuterLoopReport:
         """Gains by name, as the law's struct has them and, with integral action, ki."""
         return {name: value for row, gains in self.gains.items() for name, value in gains.named(row).items()}
 
-    def integral(self) -> dict[str, float]:
-        """Return the gains of integral action, which in C is not part of the law."""
-        return {name: value for name, value in self.entries().items() if name.startswith("ki_")}
+    def remembering(self) -> dict[str, float]:
+        """Return the gains of integral action and of observers, which in C are not part of the law."""
+        return {name: value for name, value in self.entries().items() if name.startswith(("ki_", "ko_"))}
 
     def spec_text(self) -> str:
         """Return the entry of a SPEC."""
@@ -148,8 +148,8 @@ class OuterLoopReport:
 
     def c_text(self) -> str:
         """Return the C initializer of the law's gains."""
-        prefix, integral = f"{self.law.system.mechanism.name}_{self.law.name}", self.integral()
-        own = ", ".join(f".{name} = {value!r}" for name, value in self.entries().items() if name not in integral)
+        prefix, own_header = f"{self.law.system.mechanism.name}_{self.law.name}", self.remembering()
+        own = ", ".join(f".{name} = {value!r}" for name, value in self.entries().items() if name not in own_header)
         return f"const {prefix}_gains gains = {{{own}}};"
 
     def as_json(self) -> dict[str, Any]:
@@ -236,10 +236,11 @@ class OuterLoopReport:
             f"  {self.spec_text()}",
             f"  {self.c_text()}",
         ]
-        for name, value in self.integral().items():
-            row = name.removeprefix("ki_")
+        for name, value in self.remembering().items():
+            kind, row = name.split("_", 1)
+            header = "noslip_integral.h" if kind == "ki" else "noslip_disturbance.h"
             highest = f"{row}_acceleration" if self.gains[row].degree == 2 else f"{row}_rate"
-            lines.append(f"  {name} = {value!r}: in C by noslip_integral.h, its result added to the reference's {highest}")
+            lines.append(f"  {name} = {value!r}: in C by {header}, its result added to the reference's {highest}")
         return "\n".join(lines)
 
     def _channels_text(self) -> str:

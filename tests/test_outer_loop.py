@@ -534,13 +534,25 @@ def test_command_integral(capsys):
     assert "ki_distance = " in data["spec"] and "ki_" not in data["c"]
 
 
+def test_command_observer(capsys):
+    """The whole loop has a pole for each observer; in C they are beside the law."""
+    data = answer(
+        capsys, "labmate", "--output", "type_iv_line", "--observer", "distance=4", "--observer", "speed=6", "--period", "0.01"
+    )
+    assert data["gains"]["ko_distance"] == 4.0 and "ko_speed = 6.0" in data["spec"] and "ko_" not in data["c"]
+    rates = [value[0] for value in data["whole"]["eigenvalues"]]
+    assert all(min(abs(rate - expected) for rate in rates) < 1e-6 for expected in (-0.5, -2, -2, -4, -6))
+    assert len(data["whole"]["discrete_eigenvalues"]) == 6
+
+
 def test_command_hinf(capsys, tmp_path):
     """The norms that are stated are those of the gains that are printed, and of the channel that is called at the period."""
     options = ["--hinf", "distance=0.1,0.2,0.5,0.3", "--poles", "speed=-2", "--period", "0.05", "--delay"]
     data = answer(capsys, "labmate", "--output", "type_iv_line", *options, "--figures", str(tmp_path / "figures"))
     gains = Gains(2, data["gains"]["kp_distance"], data["gains"]["kd_distance"])
     norms = data["channels"]["distance"]["norms"]
-    assert norms["continuous"] == pytest.approx(Channel("y", "m", gains).norm([0.1, 0.2, 0.5, 0.3])) < norms["sampled"]
+    assert norms["continuous"] == pytest.approx(Channel("y", "m", gains).norm([0.1, 0.2, 0.5, 0.3]))
+    assert norms["continuous"] < norms["sampled"]
     assert data["channels"]["speed"]["norms"] is None
     assert (tmp_path / "figures" / "disturbances.png").read_bytes().startswith(b"\x89PNG")
     assert main(["outer-loop", "labmate", "--output", "type_iv_line", *options]) == 0
@@ -600,6 +612,12 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_i", "--settling", "4,5"], "takes one number"),
         (["--output", "type_i", "--settling", "1j"], "must be real"),
         (["--output", "type_i", "--damping", "1"], "--damping requires --settling"),
+        (["--output", "type_i", "--observer=-1"], "ko_x_l = -1 is negative"),
+        (["--output", "type_i", "--observer", "1,2"], "--observer takes one number"),
+        (
+            ["--output", "type_i", "--observer", "3", "--drive", "velocity", "--bandwidth", "5", "--period", "0.01"],
+            "a disturbance observer does not go with velocity drives",
+        ),
         (["--output", "type_i", "--integral"], "--integral requires a design"),
         (["--output", "type_i", "--hinf", "0.1,0.2,0.5"], "requires 4 largest values (error, rate, v, disturbance), not 3"),
         (["--output", "type_i", "--hinf", "0.1,0.2,0.5,0.5"], "must be below the largest v, 0.5"),
