@@ -9,7 +9,8 @@ from typing import Any
 import sympy as sp
 
 from ..model.errors import ModelError
-from ..model.linearization import linearize
+from ..model.law import default_gains, gain_names
+from ..model.linearization import ASIDE, STEEPEST, linearize
 from ..model.mechanism import Mechanism
 from ..model.outputs import output_map, output_names
 from ..model.reduction import ReducedSystem
@@ -17,7 +18,7 @@ from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth
 from ..model.rolling.kinematics import Kinematics
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
-from ..readers.robots import check_law, find_robot, placed, refuse_extension, system_of
+from ..readers.robots import check_law, find_robot, placed, refuse_damping, refuse_extension, system_of
 from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
 from ..simulation.loop import make_loop
@@ -146,6 +147,7 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
         refuse_extension(spec.law, "analyse --start")
+        refuse_damping(spec.law, "analyse --start")
         if kind := spec.reference.moves:
             raise BadInput(f"[reference] {kind}: starts are certified along lines and paths; leave it out")
         loop = make_loop(spec)
@@ -202,6 +204,22 @@ def _verdict_json(verdict: Verdict) -> dict[str, Any]:
 def singular_when(form: NormalForm) -> list[str]:
     """Return the conditions under which Phi is singular, one per component; empty if it never is."""
     return [f"{c}{'' if c.confirmed else ' [not tried at a point]'}" for c in form.decoupling.conditions]
+
+
+def damped_near(form: NormalForm) -> list[str]:
+    """Return what a damped law does near its singular set, and what that costs; empty for other laws. See `Damping`."""
+    if form.decoupling.linearization.damping is None:
+        return []
+    gains = dict(zip(gain_names(2), default_gains(2), strict=True))
+    return [
+        "where |x| < 1, x = c/band, c = cosine of the angle between n and the velocity a*omega that turning gives P_l:",
+        f"distance'' = v_distance - (1 - x^2)^2*(e + {ASIDE:g}*kd*c*e'), e and e' are lost where the heading is normal",
+        "e = what turning is asked to do: v_distance + kd*c*a*omega - what curvature and forward acceleration do;",
+        "e' = rate of the distance by forward motion; on a line, at a constant speed V, without turning:",
+        f"|e| <= kp*|distance| + kd*|V|, with the default gains {gains['kp']:g} and {gains['kd']:g}: "
+        f"{gains['kp'] + gains['kd']:g} m/s^2 at 1 m and 1 m/s",
+        f"|acceleration of P_l by turning + kd*a*omega| <= {STEEPEST:.3f}*|e|/band + {ASIDE:g}*kd*|e'|",
+    ]
 
 
 def driven_straight(answer: Answer) -> list[str]:
@@ -318,6 +336,7 @@ def _output_json(form: NormalForm) -> dict[str, Any]:
         "relative_degree": list(decoupling.linearization.relative_degree),
         "det": written(decoupling.det_in_full),
         "singular_when": ", or ".join(singular_when(form)) or "nowhere",
+        **({"damped": "; ".join(damped_near(form))} if damped_near(form) else {}),
         "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving), *_driven_straight(form)]),
         "det_short": written(decoupling.det_for_people),
         "where": {str(name): written(formula) for name, formula in decoupling.explained.items()} | decoupling.renamed,
