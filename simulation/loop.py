@@ -126,7 +126,10 @@ class Loop:
         known, noticed = np.append(seen, xi), self.noticed
         if noticed:
             leg.controller.believe(noticed.mu)
-        status, tau = leg.controller.step(known, self.integral.added(self.reference(t, seen), add))
+        reference = self.reference(t, seen)
+        if np.isnan(reference).any():  # no point of the course is the nearest
+            return "singular", np.zeros(len(self.law.inputs))
+        status, tau = leg.controller.step(known, self.integral.added(reference, add))
         if self.learning:
             self.learning.applied = tau if status in RUNNING else None
         if status in RUNNING and leg.side(known) <= 0:
