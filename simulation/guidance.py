@@ -146,17 +146,25 @@ class OnCourse(OnePath):
     def __init__(
         self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay, course: SmoothCurve, start: np.ndarray
     ):
-        """`course` as the desired point moves on it, `reference` by the time since its beginning; `start`: the state there."""
+        """`course` as the desired point moves on it, `reference` by the time since its beginning; `start`: the state there.
+        Raises BadInput if no point of the course is the nearest.
+        """
         super().__init__(leg, reference, prepare)
         self._course, self._along = course, course.nearest(self._point(start))
+        if math.isnan(self._along):
+            raise BadInput("[initial]: the robot is as far from the course as the centre of its curvature; move it")
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Return the reference at the nearest point."""
-        return super().reference(self._nearest(x) / self._course.speed, x)
+        """Return the reference at the nearest point; NaN if there is none."""
+        along = self._nearest(x)
+        if math.isnan(along):
+            return np.full(len(self.leg.controller.law.reference), math.nan)
+        return super().reference(along / self._course.speed, x)
 
     def update(self, t: float, x: np.ndarray) -> None:
         """Search from the nearest point next time."""
-        self._along = self._nearest(x)
+        along = self._nearest(x)
+        self._along = self._along if math.isnan(along) else along
 
     def _nearest(self, x: np.ndarray) -> float:
         return self._course.nearest(self._point(x), self._along)

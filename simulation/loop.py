@@ -138,7 +138,10 @@ class Loop:
         known, noticed = np.append(seen, xi), self.noticed
         if noticed:
             leg.controller.believe(noticed.mu)
-        reference = self.integral.added(self.reference(t, seen), add)
+        reference = self.reference(t, seen)
+        if np.isnan(reference).any():  # no point of the course is the nearest
+            return "singular", np.zeros(len(self.law.inputs))
+        reference = self.integral.added(reference, add)
         status, tau = leg.controller.step(known, reference if less is None else self.observers.added(reference, less))
         if self.learning:
             self.learning.applied = tau if status in RUNNING else None
