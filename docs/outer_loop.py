@@ -69,8 +69,8 @@ assert Channel("distance", "m", from_lqr(2, largest[:3])).norm(largest) > 1
 
 # %% [markdown]
 # A disturbance that lasts is removed by integral action, or by an observer that estimates it (`noslip_disturbance.h`, the gain
-# `ko` in a SPEC, `noslip outer-loop --observer 4`). Both give the loop one pole more. With an observer those of the gains stay, and a
-# step of the reference is answered as without one; integral action by the same poles overshoots.
+# `ko` in a SPEC, `noslip outer-loop --observer 4`). Both give the loop one pole more. With an observer those of the gains stay,
+# and a step of the reference is answered as without one; integral action by the same poles overshoots.
 
 # %%
 by_observer = replace(from_poles(2, [-1.0, -1.0]), observer=4.0)
