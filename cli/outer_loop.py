@@ -88,6 +88,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     sampled.add_argument("--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)")
     sampled.add_argument("--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
     parser.add_argument("--wrong", type=plain, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)")
+    parser.add_argument("--search", action="store_true", help="search all errors up to --wrong for the worst combination")
     parser.add_argument("--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder")
     parser.set_defaults(run=run)
 
@@ -123,7 +124,8 @@ def run(args: argparse.Namespace) -> int:
     pictures = {}
     with Progress() as progress:
         gains, sizes = _gains(args, law, spec), _sizes(args, law)
-        report = OuterLoopReport(law, spec, gains, Loops(args.period, args.delay, drive), required, args.wrong, progress, sizes)
+        loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
+        report = OuterLoopReport(law, spec, gains, loops, *more)
         if args.figures:
             from ..outer.pictures import pictures_of
 

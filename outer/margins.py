@@ -14,6 +14,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 POINTS = 600  # frequencies
 BELOW, ABOVE = 1e-3, 1e2  # the grid reaches so far below the slowest closed-loop pole and above the fastest
+SCALINGS, STEP, STEP_SHRINKS = 60, 1.0, 0.1  # of the search for the scaling of a structured singular value
 SURE = 2  # inputs up to which the disk margin for all at once is exact, not a lower bound
 
 
@@ -156,13 +157,32 @@ def _greater(matrices: np.ndarray, squares: np.ndarray) -> np.ndarray:
 def structured(matrices: np.ndarray) -> np.ndarray:
     """Structured singular value of (N, r, r) for complex factors, one on each place; from three places on an upper bound.
 
-    For two it is the largest singular value of D M D^-1 with the diagonal D that makes it least: the determinant and the
-    diagonal do not change, so that it is least where both entries off the diagonal have the same size.
+    It is at most the largest singular value of D M D^-1 for any diagonal D > 0. For two places the D that makes that least is
+    known: the determinant and the diagonal do not change, so that it is least where both entries off the diagonal have the same
+    size, and there it is the structured singular value, as for three. For more places than two D is searched for.
+    A. Packard and J. Doyle, The complex structured singular value, 1993.
     """
-    if matrices.shape[-1] != 2:
+    if matrices.shape[-1] > 2:
+        return _scaled(matrices)
+    if matrices.shape[-1] == 1:
         return _largest(matrices)
     diagonal = np.abs(matrices[:, 0, 0]) ** 2 + np.abs(matrices[:, 1, 1]) ** 2
     return _greater(matrices, diagonal + 2 * np.abs(matrices[:, 0, 1] * matrices[:, 1, 0]))
+
+
+def _scaled(matrices: np.ndarray) -> np.ndarray:
+    """Return the least of the largest singular values of D M D^-1, (N, r, r), over D that lead to the least.
+
+    Where the largest singular value is simple, its logarithm grows with log d_i as |u_i|^2 - |v_i|^2, with u and v its vectors.
+    """
+    scale = np.zeros(matrices.shape[:2])
+    least = np.full(len(matrices), np.inf)
+    for k in range(SCALINGS):
+        scaled = matrices * np.exp(scale[:, :, None] - scale[:, None, :])
+        left, sizes, right = np.linalg.svd(scaled)
+        least = np.minimum(least, sizes[:, 0])
+        scale -= STEP / (1 + STEP_SHRINKS * k) * (np.abs(left[:, :, 0]) ** 2 - np.abs(right[:, 0, :]) ** 2)
+    return least
 
 
 def _peak(response: Response, omega: np.ndarray, values: np.ndarray, measure: Callable[[np.ndarray], np.ndarray]) -> float:

@@ -17,7 +17,7 @@ from .channel import Channel, Required, first_unstable, last_kept, longest_perio
 from .design import Gains, by_speed, settling_time, show, size_names
 from .margins import Margins, margins
 from .motion import SteadyMotion, steady_motion
-from .robustness import LARGE_OFFSET, Harm, Loops, Wrong, corners, ranking
+from .robustness import LARGE_OFFSET, Harm, Loops, Searched, Wrong, corners, ranking, search
 from .setting import setting_of
 
 NEUTRAL = 1e-9  # 1/s: rates of decay up to this count as zero, as of the heading of a robot at rest
@@ -26,7 +26,8 @@ NEUTRAL = 1e-9  # 1/s: rates of decay up to this count as zero, as of the headin
 @dataclass(frozen=True, eq=False)
 class OuterLoopReport:
     """A law with its channels by row, as defined by SPEC and gains; `loops`: period and delay; `spread`: size of the model
-    errors; `sizes`: largest values of an H-infinity design, by row.
+    errors; `sizes`: largest values of an H-infinity design, by row; `searches`: whether the worst combination of errors is
+    searched for.
 
     Results are computed on first use. Raises BadInput for a period beyond the stability limit.
     """
@@ -39,6 +40,7 @@ class OuterLoopReport:
     spread: float
     progress: Reported = silent
     sizes: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    searches: bool = False
 
     def __post_init__(self):
         for name, channel in self.channels.items():
@@ -94,6 +96,11 @@ class OuterLoopReport:
     def corners(self) -> list[Wrong]:
         """Combinations of all errors."""
         return list(corners(self.motion, self.spread, self.loops, progress=self.progress))
+
+    @cached_property
+    def searched(self) -> Searched:
+        """The worst combination of errors that a search finds."""
+        return search(self.motion, self.spread, self.loops, self.corners, progress=self.progress)
 
     @cached_property
     def at_once(self) -> Margins:
@@ -220,6 +227,18 @@ class OuterLoopReport:
                 "slowest_decay": worst.decay,
                 "amounts": worst.amounts,
             },
+            "searched": self._searched_json() if self.searches else None,
+        }
+
+    def _searched_json(self) -> dict[str, Any]:
+        found = self.searched
+        return {
+            "slowest_decay": found.worst.decay,
+            "amounts": found.worst.amounts,
+            "offset": found.worst.offset,
+            "tried": found.tried,
+            "drawn": found.drawn,
+            "slowest_drawn": found.slowest_drawn,
         }
 
     def text(self) -> str:
@@ -295,6 +314,16 @@ class OuterLoopReport:
             f"  all at once, {tried} {together['combinations']} combinations of signs: {together['unstable']} unstable, "
             f"slowest decay {together['slowest_decay']:.4g} 1/s{' in the sample' if sample else ''}"
         )
+        if self.searches:
+            found = self.searched
+            amounts = ", ".join(
+                f"{name} {amount:+.3g} rad" if name == "heading" else f"{name} {100 * amount:+.3g} %"
+                for name, amount in found.worst.amounts.items()
+            )
+            lines.append(
+                f"  worst found in the box, after {found.tried} loops: decay {found.worst.decay:.4g} 1/s, with {amounts}"
+                f"; {found.drawn} more at random: none slower than {found.slowest_drawn:.4g} 1/s"
+            )
         return "\n".join(lines)
 
 

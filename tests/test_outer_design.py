@@ -408,6 +408,30 @@ def test_structured_singular_value(seed):
     assert structured(M)[0] == pytest.approx(np.abs(np.linalg.eigvals(turned)).max(), rel=1e-6)
 
 
+@pytest.mark.parametrize("size", [3, 4, 6])
+def test_structured_singular_value_of_products_in_closed_form(size):
+    """M = a b* has the structured singular value sum |a_i b_i|, a diagonal matrix its largest entry. Bounds, and close ones."""
+    random = np.random.default_rng(size)
+    a, b = (random.normal(size=(40, size)) + 1j * random.normal(size=(40, size)) for _ in range(2))
+    a *= 10 ** random.uniform(-1, 1, (40, size))
+    found, exact = structured(a[:, :, None] * b[:, None, :].conj()), np.abs(a * b).sum(axis=1)
+    assert (found >= exact * (1 - 1e-12)).all() and (found <= 1.03 * exact).all()
+    diagonal = np.array([np.diag(row) for row in a])
+    assert structured(diagonal) == pytest.approx(np.abs(a).max(axis=1), rel=1e-12)
+
+
+def test_structured_singular_value_is_reached_for_three():
+    """Some unitary diagonal U makes rho(U M) as large, with three places: found by a search over two angles."""
+    random = np.random.default_rng(8)
+    angles = np.exp(1j * np.linspace(0, 2 * np.pi, 121))
+    for _ in range(5):
+        matrix = (random.normal(size=(3, 3)) + 1j * random.normal(size=(3, 3))) * np.exp(random.normal(size=(3, 1)))
+        turned = np.array([matrix * np.array([[1], [s], [t]]) for s in angles for t in angles])
+        reached = np.abs(np.linalg.eigvals(turned)).max()
+        found = structured(matrix[None])[0]
+        assert reached <= found * (1 + 1e-12) and found <= 1.05 * reached < 1.05 * np.linalg.norm(matrix, 2)
+
+
 def test_disk_margin_of_two_loops_side_by_side():
     """Without coupling, that of the worse one: what slycot would be needed for in python-control."""
     first, second = (Channel("y", "m", gains, 0.1).loop() for gains in (PAPER, SPEED))
