@@ -22,7 +22,7 @@
 #define CROSSING 1e-12   /* s: accuracy of the instant at which a run meets the singular set */
 #define KNOWN 1e-9       /* s: its accuracy in the adaptive simulation */
 #define SAFETY 4         /* factor on the sum of the errors of all calls, which may grow until the end */
-#define WAITING 64       /* calls whose commands wait for their delay */
+#define WAITING LANES_WAITING
 #define LATEST 16        /* maximum number of calls between two estimates of the integration error */
 #define COMING 64        /* samples that wait for others with the same times */
 
@@ -122,6 +122,8 @@ typedef struct team {
     const lanes_kit *kit;
     int count;
     loop *run;
+    int unusual;             /* 1: the last call of a run had a status other than OK */
+    int ended;               /* 1: a run has ended, which goes_on has not seen yet */
 #if BATCH_LANES
     lanes_group lanes;
 #endif
@@ -1219,7 +1221,20 @@ static void note_use(loop *self, const true_state *state, const double *tau)
 #endif
 }
 
-/* Keeps the errors of the true outputs at an output time, and the inputs. */
+/* Keeps the errors of the true outputs at the instants asked for, if an output time is the first not before one. */
+static void keep_error(loop *self, double t, const double *error)
+{
+    const batch_settings *settings = self->settings;
+    int i;
+    while (self->instant < settings->instants && t >= settings->instant[self->instant] - 1e-9 * settings->output_step) {
+        for (i = 0; i < BATCH_ROWS; i++) {
+            self->errors[i * settings->instants + self->instant] = error[i];
+        }
+        self->instant++;
+    }
+}
+
+/* Keeps the errors at an output time, and the inputs. */
 static void record(loop *self, double t, const double *error, const double *tau)
 {
     const batch_settings *settings = self->settings;
@@ -1231,12 +1246,7 @@ static void record(loop *self, double t, const double *error, const double *tau)
         outcome->peak[i] = size <= outcome->peak[i] ? outcome->peak[i] : size;
         outcome->settling[i] = size <= settings->band[i] ? outcome->settling[i] : t;
     }
-    while (self->instant < settings->instants && t >= settings->instant[self->instant] - 1e-9 * settings->output_step) {
-        for (i = 0; i < BATCH_ROWS; i++) {
-            self->errors[i * settings->instants + self->instant] = error[i];
-        }
-        self->instant++;
-    }
+    keep_error(self, t, error);
     if (self->row_count < self->most_rows) {
         batch_row *row = &self->rows[self->row_count];
         row->t = t;
@@ -1253,10 +1263,18 @@ static void record(loop *self, double t, const double *error, const double *tau)
     }
 }
 
+/* Keeps the largest absolute value of each input. */
+static void push(batch_outcome *outcome, const double *tau)
+{
+    int i;
+    for (i = 0; i < BATCH_INPUTS; i++) {
+        outcome->effort[i] = noslip_abs(tau[i]) > outcome->effort[i] ? noslip_abs(tau[i]) : outcome->effort[i];
+    }
+}
+
 /* Evaluates the errors of the true outputs at an output time. */
 static void note(loop *self, double t, const double *given)
 {
-    batch_outcome *outcome = self->outcome;
     double y[BATCH_ROWS], error[BATCH_ROWS], tau[BATCH_INPUTS] = {0};
     true_state state;
     int i, good;
@@ -1264,8 +1282,8 @@ static void note(loop *self, double t, const double *given)
     if (given != NULL) {
         torques(self, self->x, given, tau);
     }
-    for (i = 0; BATCH_DRIVE && i < BATCH_INPUTS; i++) { /* other drives hold theirs between output times */
-        outcome->effort[i] = noslip_abs(tau[i]) > outcome->effort[i] ? noslip_abs(tau[i]) : outcome->effort[i];
+    if (BATCH_DRIVE) { /* other drives hold theirs between output times */
+        push(self->outcome, tau);
     }
     copy(state.at, self->x, BATCH_STATE);
     note_use(self, &state, tau);
@@ -1336,28 +1354,20 @@ static const double *acting(const loop *self, double call)
     return call < 0 ? self->first : self->given[(uint64_t)call % WAITING];
 }
 
-/* -- a team ------------------------------------------------------------------------------------------------------------ */
-
-#if BATCH_LANES
-/* Hands the laws that have been initialized to the lanes. */
-static void put_laws(team *self)
+/* Integrates from t, for `duration` seconds in the period until `end`, and ends the run if that fails; see hold. */
+static void hold_run(loop *self, const double *given, double t, double duration, double weight, double end)
 {
-    int i;
-    for (i = 0; i < self->count; i++) {
-        loop *run = &self->run[i];
-        if (run->made) {
-#if BATCH_STEPS /* with the limits of the inputs */
-            batch_put_law(&run->law, &self->lanes.believed[i], self->kit->width);
-#else
-            batch_put_law(&run->believed, &self->lanes.believed[i], self->kit->width);
-#endif
-            batch_put_law(&run->truth, &self->lanes.truth[i], self->kit->width);
-            self->lanes.sign[i] = run->sign;
-            run->made = 0;
-        }
+    double gone;
+    const int status = hold(self, given, duration, weight, &gone);
+    if (status != NOSLIP_OK) {
+        spend(self, -(least(end, self->sample->duration) - (t + gone)));
+        stop(self, t + gone, status);
     }
 }
 
+/* -- a team ------------------------------------------------------------------------------------------------------------ */
+
+#if BATCH_LANES
 /* Copies the entries of a lane from an array of vectors. */
 static void take(const team *self, int lane, const double *from, double *to, int count)
 {
@@ -1376,144 +1386,243 @@ static void put(const team *self, int lane, const double *from, double *to, int 
     }
 }
 
-/* Hands a team to the lanes before it starts; lanes without a run repeat that of another. */
-static void put_all(team *self)
+/* What changes in a run is in its lane; the scalar code borrows it, and returns it if the run goes on. */
+static void borrow(team *self, int lane)
+{
+    loop *run = &self->run[lane];
+    take(self, lane, self->lanes.x, run->x, BATCH_STATE);
+    take(self, lane, self->lanes.total, &run->error, 1);
+#if BATCH_STEPS
+    take(self, lane, self->lanes.final, run->outcome->final, BATCH_ROWS);
+    take(self, lane, self->lanes.peak, run->outcome->peak, BATCH_ROWS);
+    take(self, lane, self->lanes.settling, run->outcome->settling, BATCH_ROWS);
+    take(self, lane, self->lanes.effort, run->outcome->effort, BATCH_INPUTS);
+#endif
+}
+
+static void hand_back(team *self, int lane)
+{
+    loop *run = &self->run[lane];
+    put(self, lane, run->x, self->lanes.x, BATCH_STATE);
+    put(self, lane, &run->error, self->lanes.total, 1);
+#if BATCH_STEPS
+    put(self, lane, run->outcome->final, self->lanes.final, BATCH_ROWS);
+    put(self, lane, run->outcome->peak, self->lanes.peak, BATCH_ROWS);
+    put(self, lane, run->outcome->settling, self->lanes.settling, BATCH_ROWS);
+    put(self, lane, run->outcome->effort, self->lanes.effort, BATCH_INPUTS);
+#endif
+    if (run->made) { /* the law has been initialized */
+#if BATCH_STEPS /* with the limits of the inputs */
+        batch_put_law(&run->law, &self->lanes.believed[lane], self->kit->width);
+#else
+        batch_put_law(&run->believed, &self->lanes.believed[lane], self->kit->width);
+#endif
+        batch_put_law(&run->truth, &self->lanes.truth[lane], self->kit->width);
+        self->lanes.sign[lane] = run->sign;
+        run->made = 0;
+    }
+    self->lanes.going[lane] = !run->over;
+    self->ended = self->ended || run->over;
+}
+
+/* Hands a team to the lanes before it starts. */
+static void hand_over(team *self)
 {
     static const lanes_group none = {0};
+    const batch_settings *settings = self->run->settings;
     int lane;
     self->lanes = none;
-    for (lane = 0; lane < self->kit->width; lane++) {
-        const loop *run = &self->run[lane % self->count];
+    for (lane = 0; lane < self->count; lane++) {
+        const loop *run = &self->run[lane];
         const batch_sample *sample = run->sample;
+        if (run->over) {
+            continue;
+        }
         batch_put_plant(&run->robot, &self->lanes.plant[lane], self->kit->width);
         put(self, lane, sample->offset, self->lanes.offset, BATCH_REFERENCE);
         put(self, lane, sample->slope, self->lanes.slope, BATCH_REFERENCE);
         put(self, lane, &sample->omega, self->lanes.omega, 1);
         put(self, lane, sample->most_acceleration, self->lanes.most_acceleration, BATCH_DOF);
-        put(self, lane, run->x, self->lanes.x, BATCH_STATE);
+        put(self, lane, run->first, self->lanes.first, BATCH_GIVEN);
+        put(self, lane, settings->band, self->lanes.band, BATCH_ROWS);
+        hand_back(self, lane);
     }
-    put_laws(self);
 }
 
-/* The same for all lanes that are fine; returns 1 for a run of them. */
-static int fine(const team *self, int lane)
+/* The command of a call for a lane, from the vectors. */
+static const double *command_of(team *self, int lane, double call)
 {
-    return !self->run[lane].over && self->lanes.fine[lane] > 0;
+    loop *run = &self->run[lane];
+    if (call >= 0) {
+        take(self, lane, self->lanes.ring[(uint64_t)call % WAITING], run->given[(uint64_t)call % WAITING], BATCH_GIVEN);
+    }
+    return acting(run, call);
+}
+
+/* Whether a run goes on and its lane is not fine. */
+static int not_fine(const team *self, int lane)
+{
+    return !self->run[lane].over && !(self->lanes.fine[lane] > 0);
+}
+
+/* Calls the controllers for the k-th time; the first call determines the side of the singular set. */
+static void control_lanes(team *self, double t, double k, double end)
+{
+    double *ring = self->lanes.ring[(uint64_t)k % WAITING];
+    const int steps = BATCH_STEPS && k > 0;
+    int i, unusual = 0;
+    if (steps) {
+        self->kit->step(&self->lanes, t, ring);
+        if (self->lanes.all && !self->unusual) {
+            return;
+        }
+    }
+    for (i = 0; i < self->count; i++) {
+        loop *run = &self->run[i];
+        if (run->over) {
+            continue;
+        }
+        if (steps && !not_fine(self, i)) {
+            run->status = NOSLIP_OK;
+        } else {
+            borrow(self, i);
+            control(run, t, k, end);
+            put(self, i, run->given[(uint64_t)k % WAITING], ring, BATCH_GIVEN);
+            hand_back(self, i);
+            unusual = unusual || run->status != NOSLIP_OK;
+        }
+    }
+    self->unusual = unusual;
+}
+
+/* Integrates with the commands of a call from t, for `duration` seconds in the period until `end`; see hold. */
+static void hold_lanes(team *self, double call, double t, double duration, double weight, double end)
+{
+    int i;
+    self->lanes.acting = call < 0 ? self->lanes.first : self->lanes.ring[(uint64_t)call % WAITING];
+    self->kit->hold(&self->lanes, duration, steps_of(self->run, duration), SAFETY * weight);
+    for (i = 0; i < self->count && !self->lanes.all; i++) {
+        if (not_fine(self, i)) {
+            borrow(self, i);
+            hold_run(&self->run[i], command_of(self, i, call), t, duration, weight, end);
+            hand_back(self, i);
+            self->lanes.turned = 0;
+        }
+    }
+}
+
+/* Evaluates the errors at an output time. */
+static void note_lanes(team *self, double t, double call)
+{
+    int i, every = !BATCH_STEPS;
+    if (BATCH_STEPS) {
+        self->kit->look(&self->lanes, t);
+        every = BATCH_CONTACTS || self->run->settings->instants > 0 || !self->lanes.all;
+    }
+    for (i = 0; i < self->count && every; i++) {
+        loop *run = &self->run[i];
+        if (run->over) {
+            continue;
+        }
+        if (!BATCH_STEPS || not_fine(self, i)) {
+            borrow(self, i);
+            note(run, t, command_of(self, i, call));
+            hand_back(self, i);
+        } else {
+            double error[BATCH_ROWS];
+            take(self, i, self->lanes.final, error, BATCH_ROWS);
+            keep_error(run, t, error);
+            if (run->sample->mu > 0) {
+                true_state state;
+                take(self, i, self->lanes.x, state.at, BATCH_STATE);
+                note_use(run, &state, command_of(self, i, call));
+            }
+        }
+    }
 }
 #endif
 
 /* Calls the controllers for the k-th time. */
 static void control_all(team *self, double t, double k, double end)
 {
-    int i, lanes = 0;
-#if BATCH_LANES && BATCH_STEPS
-    if (self->kit != NULL && k > 0) { /* the first call determines the side of the singular set */
-        self->kit->step(&self->lanes, t);
-        lanes = 1;
-    }
-#endif
-    for (i = 0; i < self->count; i++) {
-        loop *run = &self->run[i];
-        if (run->over) {
-            continue;
-        }
-#if BATCH_LANES && BATCH_STEPS
-        if (lanes && fine(self, i)) {
-            run->status = NOSLIP_OK;
-            take(self, i, self->lanes.given, run->given[(uint64_t)k % WAITING], BATCH_GIVEN);
-            continue;
-        }
-#endif
-        control(run, t, k, end);
-    }
-    (void)lanes;
 #if BATCH_LANES
     if (self->kit != NULL) {
-        put_laws(self);
+        control_lanes(self, t, k, end);
+        return;
     }
 #endif
+    control(self->run, t, k, end);
+    self->ended = self->run->over;
 }
 
-/* Integrates with the commands of a call from t, for `duration` seconds in the period until `end`; see hold. */
+/* The inputs of a call act from t, for `duration` seconds in the period until `end`. */
 static void hold_all(team *self, double call, double t, double duration, double weight, double end)
 {
-    int i, lanes = 0;
 #if BATCH_LANES
     if (self->kit != NULL) {
-        const int count = steps_of(&self->run[0], duration);
-        for (i = 0; i < self->count; i++) {
-            put(self, i, acting(&self->run[i], call), self->lanes.given, BATCH_GIVEN);
-        }
-        self->kit->hold(&self->lanes, duration, count, weight > 0);
-        lanes = 1;
+        hold_lanes(self, call, t, duration, weight, end);
+        return;
+    }
+#endif
+    hold_run(self->run, acting(self->run, call), t, duration, weight, end);
+    self->ended = self->run->over;
+}
+
+/* Notes the inputs that begin to act, which drives do at output times. */
+static void push_all(team *self, double call)
+{
+#if !BATCH_DRIVE
+    int i;
+#if BATCH_STEPS
+    if (self->kit != NULL) {
+        self->kit->push(&self->lanes, call < 0 ? self->lanes.first : self->lanes.ring[(uint64_t)call % WAITING]);
+        return;
     }
 #endif
     for (i = 0; i < self->count; i++) {
-        loop *run = &self->run[i];
-        double gone;
-        int status;
-        if (run->over) {
-            continue;
+        if (!self->run[i].over) {
+            push(self->run[i].outcome, acting(&self->run[i], call));
         }
-#if BATCH_LANES
-        if (lanes && fine(self, i)) {
-            take(self, i, self->lanes.x, run->x, BATCH_STATE);
-            run->error += SAFETY * weight * (weight > 0 ? self->lanes.apart[i] : 0);
-            continue;
-        }
-#endif
-        status = hold(run, acting(run, call), duration, weight, &gone);
-        if (status != NOSLIP_OK) {
-            spend(run, -(least(end, run->sample->duration) - (t + gone)));
-            stop(run, t + gone, status);
-        }
-#if BATCH_LANES
-        if (lanes) {
-            put(self, i, run->x, self->lanes.x, BATCH_STATE);
-            self->lanes.turned = 0;
-        }
-#endif
     }
-    (void)lanes;
+#else
+    (void)self;
+    (void)call;
+#endif
 }
 
 /* Evaluates the errors at an output time. */
 static void note_all(team *self, double t, double call)
 {
-    int i, lanes = 0;
-#if BATCH_LANES && BATCH_STEPS
+#if BATCH_LANES
     if (self->kit != NULL) {
-        self->kit->look(&self->lanes, t);
-        lanes = 1;
+        note_lanes(self, t, call);
+        return;
     }
 #endif
-    for (i = 0; i < self->count; i++) {
-        loop *run = &self->run[i];
-        if (run->over) {
-            continue;
-        }
-#if BATCH_LANES && BATCH_STEPS
-        if (lanes && fine(self, i)) {
-            double error[BATCH_ROWS];
-            true_state state;
-            copy(state.at, run->x, BATCH_STATE);
-            note_use(run, &state, acting(run, call));
-            take(self, i, self->lanes.error, error, BATCH_ROWS);
-            record(run, t, error, acting(run, call));
-            continue;
-        }
-#endif
-        note(run, t, acting(run, call));
-    }
-    (void)lanes;
+    note(self->run, t, acting(self->run, call));
 }
 
-/* Whether a run has not ended. */
-static int any(const team *self)
+/* Ends the runs whose error is too large, or all. Returns whether one goes on. */
+static int goes_on(team *self, int last)
 {
     int i, found = 0;
+    self->ended = 0;
     for (i = 0; i < self->count; i++) {
-        found = found || !self->run[i].over;
+        loop *run = &self->run[i];
+        if (!run->over) {
+#if BATCH_LANES
+            if (self->kit != NULL) {
+                borrow(self, i);
+            }
+#endif
+            run->over = last || repeats(run);
+#if BATCH_LANES
+            if (self->kit != NULL && run->over) {
+                self->lanes.going[i] = 0;
+            }
+#endif
+        }
+        found = found || !run->over;
     }
     return found;
 }
@@ -1527,7 +1636,7 @@ static void march(team *self)
     const double late = sample->delay + sample->drive_delay, periods_late = -floor_of(-(late / sample->period - 1e-9)) - 1;
     const double whole = periods_late > 0 ? periods_late : 0, rest = late - whole * sample->period;
     double t = 0, row = 0, row_number = 0, checked = 0, k;
-    int i, j, part;
+    int i, part;
     for (i = 0; i < self->count; i++) {
         loop *run = &self->run[i];
         const int status = run->over ? NOSLIP_OK : init_drives(run, run->first);
@@ -1535,13 +1644,24 @@ static void march(team *self)
             stop(run, 0, status < 0 ? status : NOSLIP_BAD_PARAMETER);
         }
     }
+#if BATCH_LANES
+    if (self->kit != NULL) {
+        hand_over(self);
+    }
+#endif
     if (rows <= 0) {
         row = sample->duration;
     }
-    for (k = 0; any(self); k++) {
+    if (!goes_on(self, 0)) {
+        return;
+    }
+    for (k = 0;; k++) {
         const double end = (k + 1) * sample->period;
         double weight = 0;
         control_all(self, t, k, end);
+        if (self->ended && !goes_on(self, 0)) {
+            return;
+        }
         if (k >= checked) { /* this error represents those of the calls until the next estimate; frequent at first */
             weight = 1 + floor_of(least(k / 8, LATEST - 1));
             checked = k + weight;
@@ -1552,16 +1672,12 @@ static void march(team *self)
             while (t < last) {
                 const int due = row < last - slack;
                 const double until = due ? row : last;
-                for (i = 0; !BATCH_DRIVE && i < self->count; i++) {
-                    const double *tau = acting(&self->run[i], call);
-                    double *effort = self->run[i].outcome->effort;
-                    for (j = 0; !self->run[i].over && j < BATCH_INPUTS; j++) {
-                        const double size = noslip_abs(tau[j]);
-                        effort[j] = size > effort[j] ? size : effort[j];
-                    }
-                }
+                push_all(self, call);
                 if (until > t) {
                     hold_all(self, call, t, until - t, weight, end);
+                    if (self->ended && !goes_on(self, 0)) {
+                        return;
+                    }
                 }
                 t = until > t ? until : t;
                 if (due) {
@@ -1570,6 +1686,7 @@ static void march(team *self)
                         for (i = 0; i < self->count; i++) {
                             self->run[i].outcome->t_end = self->run[i].over ? self->run[i].outcome->t_end : row;
                         }
+                        (void)goes_on(self, 1);
                         return;
                     }
                     row_number++;
@@ -1577,8 +1694,8 @@ static void march(team *self)
                 }
             }
         }
-        for (i = 0; i < self->count; i++) {
-            self->run[i].over = self->run[i].over || repeats(&self->run[i]);
+        if (weight > 0 && !goes_on(self, 0)) {
+            return;
         }
     }
 }
@@ -1659,11 +1776,8 @@ static void attempt(team *self, double longest, double nudge)
         status[i] = start(&self->run[i], longest, nudge);
         self->run[i].over = status[i] < 0;
     }
-#if BATCH_LANES
-    if (self->kit != NULL) {
-        put_all(self);
-    }
-#endif
+    self->unusual = 1;
+    self->ended = 0;
     march(self);
     for (i = 0; i < self->count; i++) {
         finish(&self->run[i], status[i]);

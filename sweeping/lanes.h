@@ -1,14 +1,16 @@
 /*
  * lanes.h - robots that are simulated together, one in each lane of vectors; lanes.inc is compiled for several sizes of vectors.
  *
- * An entry is a vector: number k of an array, of the robot in lane i, is at [k * width + i].
+ * An entry is a vector: number k of an array, of the robot in lane i, is at [k * width + i]. Arrays are aligned, since each has as
+ * many bytes as a multiple of the longest vector, and what is not an array comes last.
  */
 #ifndef LANES_H
 #define LANES_H
 
 #include "batch_law.h"
 
-#define LANES_MOST 8 /* lanes of the longest vectors */
+#define LANES_MOST 8     /* lanes of the longest vectors */
+#define LANES_WAITING 64 /* calls whose commands wait for their delay */
 
 #define BATCH_STAGES 7 /* of the integrator, the method of order 6 of Butcher, On Runge-Kutta processes of high order, 1964 */
 #define BATCH_SHARES { \
@@ -35,11 +37,18 @@ typedef struct lanes_group {
     double x[LANES_MOST * BATCH_STATE];
     double sine[LANES_MOST * BATCH_STATE];             /* of x, where `turned` */
     double cosine[LANES_MOST * BATCH_STATE];
-    double given[LANES_MOST * BATCH_GIVEN];            /* what the drives are given; for torques, the inputs */
-    double apart[LANES_MOST];                          /* largest difference of the states by steps of the whole and half length */
-    double error[LANES_MOST * BATCH_ROWS];             /* of the true outputs */
+    double first[LANES_MOST * BATCH_GIVEN];            /* what the drives are given before the first call, and by the last calls */
+    double ring[LANES_WAITING][LANES_MOST * BATCH_GIVEN];
+    double total[LANES_MOST];                          /* estimated error of the integrator so far */
+    double final[LANES_MOST * BATCH_ROWS];             /* outcomes, as in batch.h */
+    double peak[LANES_MOST * BATCH_ROWS];
+    double settling[LANES_MOST * BATCH_ROWS];
+    double effort[LANES_MOST * BATCH_INPUTS];
+    double band[LANES_MOST * BATCH_ROWS];
+    double going[LANES_MOST];                          /* 1: the run has not ended */
     double fine[LANES_MOST];                           /* 1: the lane has what was asked for; 0: the scalar code must compute it */
-    int turned;
+    const double *acting;                              /* what the drives are given now: `first`, or one of the ring */
+    int turned, all;                                   /* all: 1 if each lane that is going is fine */
 } __attribute__((aligned(64))) lanes_group;
 
 #else
@@ -50,10 +59,13 @@ typedef struct lanes_group lanes_group;
 typedef struct lanes_kit {
     const char *name;
     int width;
-    /* Integrates x for `duration` seconds in `count` steps; if it `weighs`, also with half the steps, which gives `apart`. */
-    void (*hold)(lanes_group *group, double duration, int count, int weighs);
-    void (*step)(lanes_group *group, double t); /* the inputs at a time, by the law without dynamic extension in double */
-    void (*look)(lanes_group *group, double t); /* the errors at a time */
+    /* Integrates x for `duration` seconds in `count` steps; if `weight` is not 0, also with half the steps, and adds `weight` times
+     * the largest difference to the error. Lanes that are not fine stay where they are. */
+    void (*hold)(lanes_group *group, double duration, int count, double weight);
+    /* Where nothing else belongs to the loop: the inputs by the law, the outcomes at an output time, and those of inputs that act. */
+    void (*step)(lanes_group *group, double t, double *given);
+    void (*look)(lanes_group *group, double t);
+    void (*push)(lanes_group *group, const double *given);
 } lanes_kit;
 
 extern const lanes_kit lanes_plain, lanes_avx2, lanes_avx512;
