@@ -18,7 +18,7 @@ from noslip.codegen.printing import dynamics_c, lanes_c, law_c, robot_c
 from noslip.controllers.compiled import library
 from noslip.readers import kept
 from noslip.readers.robots import find_robot, law_of, system_of
-from noslip.verification import verify
+from noslip.verification import shares, verify
 from noslip.verification.extended import FUNCTIONS, evaluate
 
 LAW = "type_iv_segment"  # every entry point there is
@@ -199,6 +199,23 @@ def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, not_comp
     monkeypatch.setattr(codegen_files, "text_files", more)
     assert run("generate", tmp_path)[0] == 1
     assert capsys.readouterr().err.count("compared again") == 4  # the batch law with its law
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_processes_give_what_one_gives(wrong, tmp_path, monkeypatch, capsys, afresh):
+    """Two laws derived and compared by one process and by two: the same files, or the same difference."""
+    if wrong:
+        monkeypatch.setattr(*DEFECTS["singular"][:3])
+    found = []
+    for count in (1, 2):
+        monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path / f"cache_{count}"))
+        monkeypatch.setattr(shares, "processors", lambda count=count: count)
+        law_program.cache_clear()
+        asked = ["knife_edge", "--output", "type_i", "--output", "type_iv_line", "--scalar", "float"]
+        code = main(["generate", *asked, "-o", str(folder := tmp_path / str(count))])
+        files = {path.name: path.read_bytes() for path in folder.rglob("*.*")}
+        found.append((code, files, capsys.readouterr().err))
+    assert found[0] == found[1] and found[0][0] == wrong and bool(found[0][1]) != wrong
 
 
 def test_a_run_is_remembered(tmp_path, monkeypatch, capsys, not_compared):

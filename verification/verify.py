@@ -10,7 +10,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 import casadi as ca
@@ -266,7 +266,7 @@ class _LawInC(_InC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
-        library = Library(self.law, self.scalar, files, self.target)
+        library = _library(self.law, self.scalar, tuple(files.items()), self.target)
         random, singular = np.random.default_rng(SEED), 0
         for plant in _plants(self.law):
             params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
@@ -394,7 +394,7 @@ class _LanesInC(_LawInC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield lanes at random regular states and at arbitrary bits, without limits and with limits that many of them exceed."""
-        library, random = BatchLibrary(self.law, self.scalar, files, self.target), np.random.default_rng(SEED)
+        library, random = _library(self.law, self.scalar, tuple(files.items()), self.target), np.random.default_rng(SEED)
         for plant in _plants(self.law):
             params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
             numbers = {"params": params, "config": config, "gains": gains}
@@ -428,6 +428,13 @@ class _LanesInC(_LawInC):
         """Return the description of a difference: both values, and the inputs on which it depends."""
         from_c = f"status {sample.status}" if sample.value is None else _listed(sample.value)
         return f"{sample.label} differs: it has {from_c}; the step gives {_listed(sample.expected)} (at {self.inputs_of(sample)})"
+
+
+@lru_cache(maxsize=1)
+def _library(law: ControlLaw, scalar: str, files: tuple[tuple[str, str], ...], target: str) -> Library:
+    """Return the law's compiled C of these files, with that of its batch law if it is there; one for both comparisons."""
+    kind = BatchLibrary if any(name.endswith(("_steps.c", "_steps_f.c")) for name, _ in files) else Library
+    return kind(law, scalar, dict(files), target)
 
 
 @cache
