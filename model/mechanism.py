@@ -8,14 +8,14 @@ import math
 import numbers
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi as ca
 
 from .algebra.exact import canonical
-from .algebra.expression import degree, free_symbols, time_derivative
+from .algebra.expression import as_text, degree, free_symbols, time_derivative
 from .algebra.operations import kinks, refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .names import in_c, is_reserved, refuse_output, refuse_robot
@@ -637,6 +637,11 @@ class Mechanism:
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
         _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each raises unless linear in the rates
 
+    def declared(self) -> str:
+        """Return all that was declared, as text: robots with equal texts are equal."""
+        derived = {name for name, value in vars(Mechanism).items() if isinstance(value, cached_property)} | {"reduced"}
+        return "\n".join(f"{name} {_described(value)}" for name, value in vars(self).items() if name not in derived)
+
     @property
     def names(self) -> list[str]:
         """All names defined so far."""
@@ -740,6 +745,17 @@ class Mechanism:
                 f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and parameters"
             )
         return expression
+
+
+def _described(value: object) -> str:
+    """Return a text that is equal for equal values, expressions and dataclasses included."""
+    if isinstance(value, ca.SX):
+        return as_text(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_described, value))}]"
+    if is_dataclass(value):
+        return f"{type(value).__name__}{_described([getattr(value, part.name) for part in fields(value)])}"
+    return repr(value)
 
 
 def _is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
