@@ -138,8 +138,10 @@ def test_a_vehicle_on_a_belt_tracks_a_line_that_stands_still():
     np.testing.assert_allclose(qdot.full().ravel(), expected, atol=1e-14)
 
 
-def test_what_cannot_be_judged_is_refused(bad_input):
+def test_what_cannot_be_judged_is_refused(tmp_path, bad_input):
     assert "the robot with the surface at rest" in bad_input(["analyse", "turntable_ball"])
+    engine = ["--engine", "mujoco", "--set", "simulation.period=0.01", "-o", str(tmp_path / "run.csv")]
+    assert "turntable_ball: its ground moves" in bad_input(["simulate", "turntable_ball", *engine])
     robot = belt()
     robot.body("load", 1.0, 1.0, robot.rate(robot["x"]), robot.rate(robot["y"]), robot.rate(robot["heading"]))
     with pytest.raises(ModelError, match="body.* does not go with a moving surface"):

@@ -108,7 +108,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     """
     name = mechanism.name
     if mechanism.carried:
-        raise _refused(name, "the ground moves")
+        raise BadInput(f"--engine mujoco: {name}: its ground moves, the engine's floor does not; run it without --engine")
     if not mechanism.contacts:
         raise _refused(name, "it defines no contacts; add them with contact(name, mass, along, across)")
     x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
