@@ -8,11 +8,12 @@ import numpy as np
 from ..model.law import ControlLaw
 from ..model.mechanism import values_of
 from ..model.names import LawName
+from ..model.outputs import BAND
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
 from ..simulation.loop import axle_at, make_loop
 from ..simulation.specification.spec import DriveSection, Initial, OutputSection, PathSection, Reference, Simulation, Spec
-from ..verification.cases import gain_entries, integral_entries
+from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .motion import Setting, path_frame
 
 SPEED = 1.0  # m/s, default
@@ -31,9 +32,10 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
     config = {c.name: c.default for c in law.config}
     L = axle_at(law, {}) if name.extended else config.pop("L")
     W, extension = config.pop("W", 0.0), name.extended
+    near, band = "damped" if name.damped else "refuse", config.pop("band", BAND)
     if law.output.path:
         path = PathSection(kind=law.output.path.kind, parameters=config)
-        output = OutputSection(type="IV", L=L, W=W, extension=extension, path=path)
+        output = OutputSection(type="IV", L=L, W=W, near_singular=near, band=band, extension=extension, path=path)
         reference = Reference(speed=speed)
     else:
         output = OutputSection(type=name.type, L=L, W=W, extension=extension)
@@ -61,7 +63,8 @@ def setting_of(spec: Spec) -> Setting:
         raise BadInput(f"[reference] {kind}: the steady motion is along a line, or on a path of Type IV; leave it out")
     if spec.sensors or spec.limits or spec.drive:
         spec = replace(spec, sensors=None, correction=None, limits=None, drive=spec.drive if spec.kinematic else None)
-    spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
+    called = replace(spec.simulation, backend="casadi", period=spec.simulation.period or PERIOD)  # only what is held is used
+    spec = replace(spec, simulation=called)
     setting = _setting(spec)
     if spec.output.own:  # the steady motion is searched for near the start
         return setting
@@ -76,7 +79,7 @@ def setting_of(spec: Spec) -> Setting:
 def _setting(spec: Spec) -> Setting:
     """Return the numbers of the SPEC's loop. Raises BadInput as `make_loop` does."""
     loop = make_loop(spec)
-    law, ki = loop.law, integral_entries(loop.law, spec.gains)
+    law, ki, ko = loop.law, integral_entries(loop.law, spec.gains), observer_entries(loop.law, spec.gains)
     return Setting(
         law=law,
         true=loop.plant.parameters,
@@ -86,6 +89,7 @@ def _setting(spec: Spec) -> Setting:
         reference=loop.guidance.reference(0.0, loop.start),
         start=loop.start,
         integral=tuple(ki.get(f"ki_{row.name}", 0.0) for row in law.output.rows),
+        observer=tuple(ko.get(f"ko_{row.name}", 0.0) for row in law.output.rows),
     )
 
 

@@ -210,9 +210,14 @@ static void as_seen(const double *x, seen_state *state)
     }
 }
 
-/* det Phi at a state, by elimination for large Phi; NaN if it is undefined. */
+/* det Phi at a state, by elimination for large Phi; NaN if it is undefined. A damped law has no singular set to cross: 1. */
 static double determinant(const judge *law, const double *x)
 {
+#if BATCH_DAMPED
+    (void)law;
+    (void)x;
+    return 1;
+#else
     double Phi[BATCH_DOF][BATCH_DOF];
     true_state state;
     copy(state.at, x, BATCH_STATE);
@@ -245,6 +250,7 @@ static double determinant(const judge *law, const double *x)
         }
         return product;
     }
+#endif
 #endif
 }
 
@@ -419,8 +425,8 @@ static int update(loop *self)
         return NOSLIP_OK;
     }
     self->piece = self->guide.segment;
+    copy(where.at, self->sample->config, BATCH_CONFIG);
     where.named.L = self->guide.L;
-    BATCH_OFFSET(where.named, self->sample->W);
     where.named.x_s = self->guide.x;
     where.named.y_s = self->guide.y;
     where.named.direction = self->guide.heading;

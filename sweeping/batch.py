@@ -286,6 +286,8 @@ class Batch:
                 made["along"] = given["reference.acceleration"]
                 most = np.maximum(made["along"], made["deceleration"])
                 made["speed"] = np.minimum(made["speed"], top_speed(output.segments, made["lateral"], most))
+            for k, c in enumerate(law.config):  # the others are the segment's
+                made["config"][:, k] = given.get(f"output.{c.name}", zeros)
             return made["L"][:, int(output.segments[0].backward)]
         if output.type == "IV" and self._wheels:
             speed = given["reference.speed"]

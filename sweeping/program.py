@@ -177,6 +177,7 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
         "INTEGRAL_ROWS": _list(acting),
         "HIGHEST": _list([entries[k] + degree[k] for k in acting]),
         "SINGLE": int(bool(own.suffix)),
+        "DAMPED": int(law.output.band is not None),
         "SENSED": int(parts.sensed),
         "RECKONED": int(parts.reckoned),
         "ROUTE": int(parts.route),
@@ -193,8 +194,6 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
         known["POSE"] = _list(pose_coordinates(law.system))
     if parts.sensed:
         known["WHEELS"] = _list(angle_coordinates(law.system))
-    if parts.route:
-        known["OFFSET(where, offset)"] = "((where).W = (offset))" if "W" in [c.name for c in law.config] else "((void)(offset))"
     known |= vectors.known() if vectors else {"LANES": 0, "STEPS": 0}
     includes = [own.name(f"{mechanism.name}_{law.name}"), f"{mechanism.name}_{law.name}", f"{mechanism.name}_dynamics"]
     includes += [own.name(f"{mechanism.name}_dynamics")] if parts.drive != "torque" else []

@@ -77,7 +77,7 @@ class LanesC(LawC):
 
     def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
         """Return a statement that leaves the function on a condition, or one that keeps for a lane that its step would leave."""
-        if answer not in ("NOSLIP_SINGULAR", "NOSLIP_RANGE"):
+        if answer not in ("NOSLIP_SINGULAR", "NOSLIP_RANGE", self._near(STEP)):
             return super().leave(condition, answer)
         return masked(condition)
 
