@@ -26,7 +26,7 @@ from ..simulation.specification.vary import read_varied
 from .certification.safe_offsets import Offsets, safe_offsets
 from .certification.safety import BASIS, SAFE, Verdict, certify, of_each
 from .distributions import analysis as structure
-from .distributions.distribution import distribution
+from .distributions.distribution import distribution, provable
 from .distributions.properties import Check
 from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
@@ -40,6 +40,7 @@ ROLLING_BRACKETS = {  # brackets that span the space, by the dimension of Delta,
     2: (("s1", "s2"), ("[s1,s2]",), ("[s1,[s1,s2]]", "[s2,[s1,s2]]")),
     3: (("s1", "s2", "s3"), ("[s1,s3]", "[s2,s3]")),
 }
+KEPT = 16  # systems whose constraints are remembered
 NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
 
 
@@ -118,7 +119,7 @@ def analyse(
             check_law(system, law)
     verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
     with placed(system):
-        constraints = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
+        constraints = _of_contact(system, progress) if isinstance(system, Contact) else _of_distribution(system, progress)
     outputs, refused, nothing = _outputs(system, laws, progress)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
     rolling = {file: start_rolling(file) for file in starts}
@@ -249,9 +250,18 @@ def uncontrolled(form: NormalForm) -> str:
 # -- constraints --------------------------------------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=16)  # a robot is often analysed again with other starts
-def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
-    analysis = structure.analyse(system)
+_analysed: dict[Mechanism | Kinematics, Constraints] = {}  # a robot is often analysed again with other starts
+
+
+def _of_distribution(system: Mechanism | Kinematics, progress: Reported) -> Constraints:
+    if system not in _analysed:
+        if len(_analysed) >= KEPT:
+            del _analysed[next(iter(_analysed))]
+        _analysed[system] = _as_constraints(structure.analyse(system, progress))
+    return _analysed[system]
+
+
+def _as_constraints(analysis: structure.Analysis) -> Constraints:
     basis, before = analysis.certificate.basis, (0, *analysis.growth)
     levels = tuple(tuple(basis[a:b]) for a, b in zip(before, analysis.growth, strict=False))
     notes = {"integrals": analysis.holonomic.text(), "changes": analysis.places.text(), "taken positive": list(analysis.assumed)}
@@ -261,11 +271,11 @@ def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
     return Constraints(*ranks, levels, notes, analysis.checks, json, analysis.S, proof, analysis.controlled)
 
 
-def _of_contact(contact: Contact) -> Constraints:
+def _of_contact(contact: Contact, progress: Reported) -> Constraints:
     """Analyse as any distribution; if metrics have roots, by the structure equations only, which hold for any two surfaces."""
     growth, kinematics = rolling_growth(contact), contact.kinematics()
     rough = bool(distribution(kinematics).functions.roots)
-    constraints = _by_structure_equations(kinematics, growth) if rough else _of_distribution(kinematics)
+    constraints = _by_structure_equations(kinematics, growth) if rough else _of_distribution(kinematics, progress)
     notes = {"because": [growth.reason], "special orbits": list(growth.special)}
     if contact.formal:
         notes["formal only"] = [contact.formal]
@@ -318,7 +328,8 @@ def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[d
 
 @lru_cache(maxsize=64)
 def _form(system: ReducedSystem, law: str) -> NormalForm:
-    return normal_form(decouple(linearize(system, output_map(system, law))))
+    with provable(system.mechanism.name):
+        return normal_form(decouple(linearize(system, output_map(system, law))))
 
 
 def _reason(error: ModelError, system: Mechanism) -> str:

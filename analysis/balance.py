@@ -6,12 +6,13 @@ from functools import cached_property
 import cffi
 import numpy as np
 
+from ..codegen.printing.layout import WIDTH, aside, fill, guard_name
 from ..codegen.printing.scalar import SCALARS, Scalar
 from ..controllers.runtime import InC, declarations, load
 from ..readers.errors import BadInput
 from .underactuated import Balanced
 
-HEADER, WIDTH = "noslip_balance.h", 116
+HEADER = "noslip_balance.h"
 STATES, SEED, FAR = 200, 0, 2.0  # of a comparison; largest deviation of its states, SI: some have fallen
 ROUNDING = {"double": 1e-12, "float": 1e-5}  # relative to the largest input
 
@@ -19,18 +20,18 @@ ROUNDING = {"double": 1e-12, "float": 1e-5}  # relative to the largest input
 def header(balanced: Balanced, about: str) -> str:
     """Return the text of ROBOT_lqr.h, for both scalars; `about` says how it was made, on one line."""
     name, system = f"{balanced.name}_lqr", balanced.rest.partial.system
-    upper = name.upper()
+    upper, guard = name.upper(), guard_name(f"{name}.h")
     states = ", ".join(f"{q.name} ({q.unit})" for q in system.state)
     inputs = ", ".join(f"{q.name} ({q.unit})" for q in system.mechanism.inputs)
     sizes = f"{upper}_STATES = {len(system.state)}, {upper}_INPUTS = {len(system.mechanism.inputs)}"
     lines = [
         f"/* {name}.h - {about} */",
-        f"#ifndef {upper}_H",
-        f"#define {upper}_H",
+        f"#ifndef {guard}",
+        f"#define {guard}",
         "",
         f'#include "{HEADER}"',
         "",
-        *_wrapped(f"/* The state is {states}; the inputs are {inputs}. */", " * "),
+        *aside(f"The state is {states}; the inputs are {inputs}.", WIDTH),
         f"enum {{ {sizes} }};",
         "",
         *[line for scalar in SCALARS.values() for line in _init(balanced, name, scalar)],
@@ -67,17 +68,7 @@ def _init(balanced: Balanced, name: str, scalar: Scalar) -> list[str]:
 
 def _table(scalar: Scalar, name: str, values: Sequence[float] | np.ndarray) -> list[str]:
     text = ", ".join(scalar.literal(float(value)) for value in values)
-    return _wrapped(f"    static const {scalar.real} {name}[{len(values)}] = {{{text}}};", " " * 8)
-
-
-def _wrapped(text: str, indent: str) -> list[str]:
-    """Return the text as lines of at most WIDTH characters, broken at spaces."""
-    lines = []
-    while len(text) > WIDTH:
-        at = text.rindex(" ", len(indent) + 1, WIDTH)
-        lines.append(text[:at])
-        text = indent + text[at + 1 :]
-    return [*lines, text]
+    return fill(f"static const {scalar.real} {name}[{len(values)}] = {{{text}}};", "    ")
 
 
 DECLARED = """

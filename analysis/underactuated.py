@@ -178,14 +178,8 @@ class Balanced:
         """The numbers of the states that are the vehicle's position and heading; None if they are no coordinates, or the
         robot rests at another heading than 0.
         """
-        mechanism = self.rest.partial.system.mechanism
-        if mechanism.vehicle is None:
-            return None
-        of = (mechanism.vehicle.x, mechanism.vehicle.y, mechanism.vehicle.heading)
-        found = [[k for k, c in enumerate(mechanism.coordinates) if ca.is_equal(c.symbol, each)] for each in of]
-        if not all(found) or self.rest.q[found[2][0]] != 0.0:
-            return None
-        return found[0][0], found[1][0], found[2][0]
+        pose = self.rest.partial.system.mechanism.pose_numbers
+        return (pose[0], pose[1], pose[2]) if pose and self.rest.q[pose[2]] == 0.0 else None
 
     def step(self, state: np.ndarray, desired: np.ndarray) -> tuple[str, np.ndarray]:
         """See Feedback; "astray" where it has fallen."""

@@ -6,7 +6,6 @@ cycles.py estimates from them. Writes bench.json and bench.png; what a missing t
 
 import argparse
 import json
-from importlib.util import find_spec
 from pathlib import Path
 
 import batch
@@ -23,7 +22,6 @@ from noslip.codegen.files import robot_files
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.files import write_folder, write_whole
 from noslip.readers.robots import find_robot, law_of, system_of
-from physics import engine
 
 OURS = {"ours": programs.ours, "tested": programs.tested, "guarded": programs.guarded, "unoptimized": programs.unoptimized}
 OURS |= {"hand": programs.hand}
@@ -80,9 +78,6 @@ def main() -> int:
     print(_rates(result))
     result["sweep"] = batch.measure()
     print(batch.table(result["sweep"]))
-    if find_spec("mujoco"):
-        result["engine"] = engine.measure()
-        print(engine.table(result["engine"]))
     if not Target(work).missing:
         result["growth"] = growth.growth(work / "growth")
         print(growth.table(result["growth"]))

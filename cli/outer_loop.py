@@ -25,9 +25,10 @@ EXAMPLE = """examples:
   noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay --figures build/outer
   noslip outer-loop labmate --output type_iv_line --poles distance=-1,-4 --poles speed=-2 --json
   noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 --drive-delay 0.02
-  noslip outer-loop labmate --spec specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5"""
+  noslip outer-loop labmate --spec specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
+  noslip outer-loop labmate --output type_iv_line --hinf distance=0.1,0.2,0.5,0.3 --period 0.01"""
 
-DESIGNS = ("poles", "discrete_poles", "settling", "lqr")
+DESIGNS = ("poles", "discrete_poles", "settling", "lqr", "hinf")
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -65,6 +66,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
             "[ROW=]E,R,V",
             "LQR by largest error, its derivatives below the relative degree, integral (with --integral), v; SI units",
         ),
+        ("observer", "[ROW=]L", "rate at which a disturbance observer follows, 1/s, besides any design; 0: none"),
+        ("hinf", "[ROW=]E,R,V,D", "H-infinity by the same values and the largest disturbance of v, which is below that of v"),
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
     design.add_argument("--integral", action="store_true", help="design integral action too")
@@ -85,6 +88,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     sampled.add_argument("--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)")
     sampled.add_argument("--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
     parser.add_argument("--wrong", type=plain, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)")
+    parser.add_argument("--search", action="store_true", help="search all errors up to --wrong for the worst combination")
     parser.add_argument("--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder")
     parser.set_defaults(run=run)
 
@@ -119,9 +123,9 @@ def run(args: argparse.Namespace) -> int:
         check_folder(args.figures)
     pictures = {}
     with Progress() as progress:
-        report = OuterLoopReport(
-            law, spec, _gains(args, law, spec), Loops(args.period, args.delay, drive), required, args.wrong, progress
-        )
+        gains, sizes = _gains(args, law, spec), _sizes(args, law)
+        loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
+        report = OuterLoopReport(law, spec, gains, loops, *more)
         if args.figures:
             from ..outer.pictures import pictures_of
 
@@ -196,15 +200,16 @@ def _placed(spec: "Spec", L: float | None) -> "Spec":
 def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[str, "Gains"]:
     """Return the gains of each row: designed if an option requests it, else those of the SPEC, else the defaults of the law."""
     from ..model.law import gain_names
-    from ..outer.design import from_discrete_poles, from_lqr, from_poles, from_settling, gains_of
-    from ..verification.cases import gain_entries, integral_entries
+    from ..outer.design import from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, gains_of
+    from ..verification.cases import gain_entries, integral_entries, observer_entries
 
     own = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
     values = {gain.name: gain.default for gain in law.gains} | own
-    each = zip(law.output.rows, law.linearization.relative_degree, strict=True)
-    degrees = {row.name: degree for row, degree in each if degree}  # without what a kinematic law commands as it is
+    degrees = _degrees(law)
     rows = list(degrees)
-    requested = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in (*DESIGNS, "damping")}
+    options = (*DESIGNS, "damping", "observer")
+    requested = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in options}
+    observers = observer_entries(law, spec.gains)
     gains = {}
     for row, degree in degrees.items():
         ways = [name for name in DESIGNS if row in requested[name]]
@@ -222,12 +227,27 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
             gains[row] = from_discrete_poles(degree, numbers["discrete_poles"], args.period, args.integral, row)
         elif ways == ["lqr"]:
             gains[row] = from_lqr(degree, _real(numbers["lqr"], row), args.integral, args.period, row)
+        elif ways == ["hinf"]:
+            gains[row] = from_hinf(degree, _real(numbers["hinf"], row), args.integral, args.period, row)
         else:
             settling, damping = (_one(numbers.get(name, [1.0]), name, row) for name in ("settling", "damping"))
             gains[row] = from_settling(degree, settling, damping, args.integral, row)
+        ko = _one(requested["observer"].get(row, [observers.get(f"ko_{row}", 0.0)]), "observer", row)
+        gains[row] = replace(gains[row], observer=ko).check(row)
     if args.integral and not any(requested[name] for name in DESIGNS):
-        raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling or --lqr")
+        raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling, --lqr or --hinf")
     return gains
+
+
+def _degrees(law: "ControlLaw") -> dict[str, int]:
+    """Return the relative degrees by row, without rows that a kinematic law commands as they are."""
+    each = zip(law.output.rows, law.linearization.relative_degree, strict=True)
+    return {row.name: degree for row, degree in each if degree}
+
+
+def _sizes(args: argparse.Namespace, law: "ControlLaw") -> dict[str, list[float]]:
+    """Return the largest values of an H-infinity design by row."""
+    return {row: _real(numbers, row) for row, numbers in _by_row(args.hinf, list(_degrees(law)), "--hinf").items()}
 
 
 def _by_row(texts: Sequence[str], rows: Sequence[str], option: str) -> dict[str, list[complex]]:

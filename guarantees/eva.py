@@ -41,6 +41,7 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "labmate_ekf_tick": {"pose", "past", "self.filter.recorded", "self.filter.newest", *ESTIMATED},
     "noslip_ekf_correct": {f"self.filter.{member}" for member in ("nis", "rejected", "status")} | ESTIMATED,
     "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
+    "noslip_disturbance_step": {"self.estimate", "self.measured", "self.v", "self.begun", "added"},
     "noslip_velocity_step": {"self.command", "command"},
     "noslip_velocity_follow": {"self.command", "command"},
     "noslip_motor_step": {"command"},

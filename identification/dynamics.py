@@ -13,7 +13,8 @@ from ..model.reduction import ReducedSystem
 from ..model.vehicle import body_pose
 from ..readers.errors import BadInput
 from ..verification.extended import DIGITS, evaluate
-from .identifiability import RANGE, Combination, determined
+from .bounds import Triangle, triangles
+from .identifiability import RANGE, Combination, determined, generic_rank
 from .motors import REQUIRED, check_names, logged_inputs, motor_quantities, torques, used_quantities
 
 GYRO = "gyro"
@@ -119,7 +120,15 @@ class Dynamics:
         return np.array([given.get(name, known.get(shared.get(name, ""), value)) for name, value in known.items()])
 
     def check(self, fitted: Sequence[str], given: Mapping[str, float]) -> None:
-        """Raise BadInput if a motor's parameter that is needed is neither fitted nor given, or one exceeds its largest value."""
+        """Raise BadInput if a motor's parameter that is needed is neither fitted nor given, one exceeds its largest value, or
+        inertias are those of no body.
+        """
+        values = dict(zip((q.name for q in self.quantities), self.values(given).tolist(), strict=True))
+        for each in self.triangles:
+            inertias = dict.fromkeys((each.inertia, *each.others))
+            if not inertias.keys() & set(fitted) and not each.holds(values):
+                named = ", ".join(f"{name} = {values[name]:g}" for name in inertias)
+                raise BadInput(f"no body has the inertias {named}: {each} must hold")
         for name, most in self.upper.items():
             if given.get(name, most) > most:
                 raise BadInput(f"{name} = {given[name]:g} must be at most {most:g}")
@@ -137,6 +146,11 @@ class Dynamics:
         """The largest values of parameters: efficiencies do not exceed 1."""
         starts = ("efficiency", "back_efficiency")
         return {q.name: 1.0 for q in self.quantities if q.name.startswith(starts) and q.name not in self.robot}
+
+    @property
+    def triangles(self) -> tuple[Triangle, ...]:
+        """What limits the inertias of the robot's bodies."""
+        return triangles(self.system.mechanism)
 
     @cached_property
     def rates(self) -> ca.SX:
@@ -157,13 +171,14 @@ class Dynamics:
             k for k in range(len(self.outputs)) if not ca.depends_on(jacobian[k, :], self.parameters) and jacobian[k, :].nnz()
         ]
 
-    def logged_as(self, velocity: Quantity, state: Collection[str]) -> str:
-        """Return the column that a quasi-velocity comes from, of a log with these columns of the state."""
-        if velocity.name not in state:
-            for k, q in enumerate(self.system.mechanism.coordinates):
-                if q.name in state and ca.is_equal(self.system.qdot[k], velocity.symbol, 2):
-                    return q.name
-        return velocity.name
+    def velocities_in(self, state: Collection[str]) -> list[str]:
+        """Return the column that each quasi-velocity comes from, of a log with these columns of the state: its own, or the angle
+        whose rate it is.
+        """
+        coordinates = self.system.mechanism.coordinates
+        angles = ([coordinates[k].name for k in places] for places in self.system.coordinates_by_velocity)
+        columns = ([q.name, *each] for q, each in zip(self.system.quasi_velocities, angles, strict=True))
+        return [next((name for name in names if name in state), names[0]) for names in columns]
 
     @cached_property
     def start_places(self) -> list[int]:
@@ -180,12 +195,7 @@ class Dynamics:
         return [q.name for q in system.mechanism.coordinates if ca.depends_on(read, q.symbol)]
 
     def _check_outputs(self) -> None:
-        rows = ca.jacobian(self.rates, self.system.nu)[self.direct, :]
-        symbols = ca.vertcat(self.state, self.parameters)
-        at = ca.Function("at", [symbols], [ca.densify(rows)])
-        points = np.random.default_rng(1).uniform(0.3, 1.2, (4, symbols.shape[0]))
-        rank = max((int(np.linalg.matrix_rank(at(point).full())) for point in points), default=0) if self.direct else 0
-        if rank < self.system.dof:
+        if generic_rank(ca.jacobian(self.rates, self.system.nu)[self.direct, :]) < self.system.dof:
             names, velocities = (", ".join(q.name for q in each) for each in (self.outputs, self.system.quasi_velocities))
             raise BadInput(
                 f"outputs {names} do not determine the quasi-velocities {velocities} of {self.system.mechanism.name} whatever "

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 
 import casadi as ca
 import numpy as np
@@ -46,12 +46,18 @@ def identify(
         raise BadInput(f"--fit {' '.join(names)}: the motion of {mechanism.name} does not depend on these parameters")
     free = [c.pivot for c in basis]
     _check_motions(log, dynamics, every)
+
+    @cache
+    def first(names: tuple[str, ...]) -> np.ndarray:
+        """Return the parameters with which the equations of motion hold best, those of these names fitted."""
+        equations = InverseDynamics(log, dynamics, names, every)
+        _check_inputs(log, dynamics, equations)
+        return equations.fit(dynamics.upper)
+
     fits = {way: predicted(log, dynamics, free, every, way, progress) for way in ((True, False) if held is None else (held,))}
     for fit in fits.values():
         fit.leave_out_unseen()
-        equations = InverseDynamics(log, dynamics, fit.names, every)
-        _check_inputs(log, dynamics, equations)
-        fit.begin(equations.fit(dynamics.upper))
+        fit.begin(first(tuple(fit.names)))
         fit.fit()
     way = min(fits, key=lambda each: fits[each].cost)
     outputs = [(q.name, q.unit) for q in dynamics.outputs]
@@ -70,12 +76,13 @@ def _check_motions(log: Log, dynamics: Dynamics, values: np.ndarray) -> None:
 def _check_inputs(log: Log, dynamics: Dynamics, equations: InverseDynamics) -> None:
     """Raise BadInput if inputs and velocities of the log contradict the equations of motion, unless one is changed."""
     n, inputs = len(dynamics.system.mechanism.coordinates), [q.name for q in dynamics.inputs]
-    velocities = [dynamics.logged_as(q, log.state) for q in dynamics.system.quasi_velocities]
+    velocities = dynamics.velocities_in(log.state)
     columns = dict(zip((*velocities, *inputs), np.hstack([log.x[:, n:], log.inputs]).T, strict=True))
 
     def misfit(changed: Mapping[str, np.ndarray]) -> float:
         nu, given = (np.column_stack([changed[name] for name in names]) for names in (velocities, inputs))
-        return equations.misfit_of(nu, given, log, dynamics.upper)
+        other = equations.with_columns(nu, given)
+        return other.misfit(other.fit(dynamics.upper))
 
     check_dynamics(columns, misfit, velocities, inputs)
 
@@ -86,7 +93,8 @@ def predicted(
     """Return the prediction of the outputs of a log. `values`: all parameters; `names`: those that may be fitted."""
     windows = _windows(log, dynamics, held)
     steps = min(MOST_STEPS, max(1, math.ceil(float(windows.inputs[:, :, -1].max()) / LONGEST_STEP - 1e-6)))
-    return OutputError(_prediction(dynamics, steps, names), windows, dynamics.quantities, values, progress, dynamics.upper)
+    bounds = dynamics.upper, dynamics.triangles
+    return OutputError(_prediction(dynamics, steps, names), windows, dynamics.quantities, values, progress, *bounds)
 
 
 def _windows(log: Log, dynamics: Dynamics, held: bool) -> Windows:
@@ -102,7 +110,7 @@ def _windows(log: Log, dynamics: Dynamics, held: bool) -> Windows:
     middle, last = (first, first) if held else (_between(log)[rows], log.inputs[next_row])
     inputs = np.concatenate([first, middle, last, dt[:, :, None]], axis=2)
     used = np.arange(len(starts)) % LEFT_OUT != LEFT_OUT - 1
-    return Windows(x[:, 0], dynamics.start_places, inputs, log.measured(n)[rows], used, log.t[rows])
+    return Windows(x[:, 0], dynamics.start_places, inputs, log.measured(n)[rows], used, log.t[rows], rows)
 
 
 def _between(log: Log) -> np.ndarray:

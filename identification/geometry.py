@@ -13,7 +13,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import pose_names
-from .identifiability import Combination, determined
+from .identifiability import Combination, determined, generic_rank
 from .log import PoseLog, filled
 from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
 from .plausibility import check_kinematics
@@ -141,7 +141,7 @@ class _Geometry:
         turning = ca.SX.sym("turning", len(places))
         S = ca.substitute(system.S, reported, scale * reported + zero)
         rows = S[places, :]
-        if _generic_rank(rows) < system.dof:
+        if generic_rank(rows) < system.dof:
             others = [q.name for q in mechanism.coordinates if q.name not in (*pose_names(system), *angles)]
             raise BadInput(
                 f"{', '.join(angles)} alone cannot tell how {mechanism.name} moves in its {system.dof} quasi-velocities; "
@@ -193,36 +193,34 @@ class _Geometry:
         )
 
 
-def _generic_rank(matrix: ca.SX) -> int:
-    """Return the largest rank at some random values of the symbols."""
-    symbols = ca.symvar(matrix)
-    at = ca.Function("at", [ca.vertcat(*symbols)], [ca.densify(matrix)])
-    points = np.random.default_rng(1).uniform(0.3, 1.2, (4, len(symbols)))
-    return max(int(np.linalg.matrix_rank(at(point).full())) for point in points)
-
-
 def _windows(logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str]) -> Windows:
     """Divide the logs at measured poses; shorter windows are filled with rows in which nothing moves or is measured."""
     coordinates = [q.name for q in system.mechanism.coordinates]
     angles, places = ([coordinates.index(name) for name in names] for names in (logs[0].names, pose))
     longest = max(2, math.ceil(sum(len(log.t) for log in logs) / WINDOWS))
-    pieces = [(log, *piece) for log in logs for stretch in log.stretches for piece in _pieces(log, stretch, longest)]
+    begins = np.cumsum([0, *(len(log.t) for log in logs)])
+    pieces = [
+        (log, begin, *piece)
+        for log, begin in zip(logs, begins, strict=False)
+        for stretch in log.stretches
+        for piece in _pieces(log, stretch, longest)
+    ]
     if not pieces:
         raise BadInput("the log has no two poses on a stretch without a gap; two or more are needed")
-    rows = max(last - first for _, first, last in pieces) + 1
+    rows = max(last - first for _, _, first, last in pieces) + 1
     start = np.zeros((len(pieces), len(coordinates)))
     inputs, measured = np.zeros((len(pieces), rows, 2 * len(angles))), np.full((len(pieces), rows, 3), math.nan)
-    t = np.full((len(pieces), rows), math.nan)
-    for k, (log, first, last) in enumerate(pieces):
+    t, number = np.full((len(pieces), rows), math.nan), np.full((len(pieces), rows), -1)
+    for k, (log, begin, first, last) in enumerate(pieces):
         here, count = slice(first, last + 1), last + 1 - first
         change = np.diff(log.angles[here], axis=0)
         inputs[k, : count - 1, : len(angles)] = change
         rates = change / np.diff(log.t[here])[:, None]
         inputs[k, :count, len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
-        measured[k, :count], t[k, :count] = log.pose[here], log.t[here]
+        measured[k, :count], t[k, :count], number[k, :count] = log.pose[here], log.t[here], begin + np.arange(first, last + 1)
         start[k, angles] = log.angles[first]
         start[k, places] = np.nan_to_num(log.pose[first])
-    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool), t)
+    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool), t, number)
 
 
 def _pieces(log: PoseLog, stretch: range, longest: int) -> list[tuple[int, int]]:

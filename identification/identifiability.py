@@ -10,6 +10,7 @@ import numpy as np
 from ..verification.extended import DIGITS, evaluate
 
 RANGE = (-1.5, 1.5)  # of random motions
+POSITIVE = (0.3, 1.2)  # of random values that may be those of lengths and masses
 NEGLIGIBLE = mpmath.mpf(10) ** (-DIGITS // 2)
 
 
@@ -50,6 +51,14 @@ def determined(
             entries = evaluate(ca.densify(rates), symbols, [*moved, *values])
             rows += [entries[i::dimension] for i in range(dimension)]
         return _reduced(rows, names)
+
+
+def generic_rank(matrix: ca.SX) -> int:
+    """Return the rank of a matrix at almost all values of its symbols: the largest at some random ones."""
+    symbols = ca.symvar(matrix)
+    at = ca.Function("at", [ca.vertcat(*symbols)], [ca.densify(matrix)])
+    points = np.random.default_rng(1).uniform(*POSITIVE, (4, len(symbols)))
+    return max(int(np.linalg.matrix_rank(at(point).full())) for point in points)
 
 
 def _reduced(rows: list[list[mpmath.mpf]], names: Sequence[str]) -> list[Combination]:

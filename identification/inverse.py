@@ -1,6 +1,7 @@
 """The first fit: parameters with which the smoothed motion satisfies the equations of motion (inverse dynamics)."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import casadi as ca
 import numpy as np
@@ -20,12 +21,7 @@ class InverseDynamics:
     def __init__(self, log: Log, dynamics: Dynamics, names: Sequence[str], values: np.ndarray):
         """`values`: all parameters; `names`: those to fit."""
         system = dynamics.system
-        n = len(system.mechanism.coordinates)
-        nu = smooth(log.x[:, n:], log.stretches)
-        inside = np.concatenate([np.arange(s.start + 1, s.stop - 1) for s in log.stretches])
-        rows = inside[:: 1 + len(inside) // MOST_ROWS]
-        signals = (log.x[:, :n], nu, slopes(log.t, nu, log.stretches), smooth(log.inputs, log.stretches))
-        self._taken, self._rows = rows, [each[rows].T for each in signals]
+        self._log, self._coordinates = log, len(system.mechanism.coordinates)
         self._values, self._quantities = values, {q.name: q for q in dynamics.quantities}
         self.names = list(names)
         self._places = [list(self._quantities).index(name) for name in names]
@@ -35,7 +31,13 @@ class InverseDynamics:
         arguments = [system.mechanism.q, system.nu, nudot, dynamics.logged, dynamics.parameters]
         derivative = ca.densify(ca.jacobian(error, ca.vertcat(*fitted)))
         self._equations = ca.Function("equations", arguments, [ca.densify(error), ca.densify(forces), derivative])
-        self._scale = self._rms(self._at(values)[1])
+        self._take(log.x[:, self._coordinates :], log.inputs)
+
+    def with_columns(self, velocities: np.ndarray, inputs: np.ndarray) -> "InverseDynamics":
+        """Return the equations with other columns of the log: quasi-velocities (N, n-m) and inputs (N, r)."""
+        other = copy(self)
+        other._take(velocities, inputs)
+        return other
 
     def fit(self, upper: dict[str, float]) -> np.ndarray:
         """Return all parameters, with the named ones fitted within their bounds; `upper`: the largest values of some."""
@@ -52,22 +54,19 @@ class InverseDynamics:
         )
         return self._with(fitted.x)
 
-    def misfit_of(self, velocities: np.ndarray, inputs: np.ndarray, log: Log, upper: dict[str, float]) -> float:
-        """Return `misfit` after a fit with other columns of the log: quasi-velocities (N, n-m) and inputs (N, r)."""
-        kept = self._rows, self._scale
-        nu = smooth(velocities, log.stretches)
-        signals = (nu, slopes(log.t, nu, log.stretches), smooth(inputs, log.stretches))
-        self._rows = [kept[0][0], *(each[self._taken].T for each in signals)]
-        self._scale = self._rms(self._at(self._values)[1])
-        try:
-            return self.misfit(self.fit(upper))
-        finally:
-            self._rows, self._scale = kept
-
     def misfit(self, values: np.ndarray) -> float:
         """Return the RMS error of the equations, relative to that of the forces."""
         error, forces, _ = self._at(values)
         return float(np.sqrt(np.mean((error / self._scale) ** 2) / np.mean((forces / self._scale) ** 2)))
+
+    def _take(self, velocities: np.ndarray, inputs: np.ndarray) -> None:
+        """Smooth the signals, and take rows inside the stretches, at most about MOST_ROWS."""
+        log, nu = self._log, smooth(velocities, self._log.stretches)
+        inside = np.concatenate([np.arange(s.start + 1, s.stop - 1) for s in log.stretches])
+        rows = inside[:: 1 + len(inside) // MOST_ROWS]
+        signals = (log.x[:, : self._coordinates], nu, slopes(log.t, nu, log.stretches), smooth(inputs, log.stretches))
+        self._rows = [each[rows].T for each in signals]
+        self._scale = self._rms(self._at(self._values)[1])
 
     def _least(self, name: str, value: float) -> float:
         return {"any": -np.inf, "nonnegative": 0.0}.get(self._quantities[name].sign, SMALLEST * abs(value))

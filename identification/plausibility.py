@@ -95,10 +95,8 @@ def _wheels(system: ReducedSystem, columns: Columns) -> list[tuple[list[str], li
     """Return the measured angle and the measured rate, as far as there are, of each wheel or joint whose rate
     is a quasi-velocity.
     """
-    coordinates = system.mechanism.coordinates
-    angles = (
-        [c.name for k, c in enumerate(coordinates) if ca.is_equal(system.qdot[k], q.symbol, 2)] for q in system.quasi_velocities
-    )
+    names = [c.name for c in system.mechanism.coordinates]
+    angles = [[names[k] for k in places] for places in system.coordinates_by_velocity]
     known = [(each, [q.name]) for each, q in zip(angles, system.quasi_velocities, strict=True)]
     return [([n for n in angle if n in columns], [n for n in rate if n in columns]) for angle, rate in known]
 

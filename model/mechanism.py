@@ -8,14 +8,14 @@ import math
 import numbers
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi as ca
 
 from .algebra.exact import canonical
-from .algebra.expression import degree, free_symbols, time_derivative
+from .algebra.expression import as_text, degree, free_symbols, time_derivative
 from .algebra.operations import kinks, refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .names import in_c, is_reserved, refuse_output, refuse_robot
@@ -201,6 +201,7 @@ class Mechanism:
         self.outputs: list[Output] = []
         self.lines: list[ca.SX] = []
         self.bodies: list[Body] = []
+        self.inertias: list[tuple[str, str, str]] = []
         self._constraints: list[ca.SX] = []
         self._surfaces: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
@@ -295,6 +296,40 @@ class Mechanism:
         self._constraints.append(self._velocity(velocity, f"constraint {name!r}"))
         self.constraint_names.append(name)
         self._forget()
+
+    @_before_reduction
+    def ground_moves(self, /, **rates: ca.SX | float) -> None:
+        """Let the constraints so far hold on ground that moves: a robot at rest on it has these `rates` of coordinates, by their
+        names, in coordinates and parameters; the others' are zero. Adds A rates to the velocities b of their surfaces.
+
+        A belt along x: ground_moves(x=speed); a turntable: ground_moves(x=-Omega * y, y=Omega * x, phi=Omega).
+        """
+        names = [c.name for c in self.coordinates]
+        if unknown := [name for name in rates if name not in names]:
+            raise ModelError(f"{self.name}: ground_moves: no coordinate {unknown[0]!r}; coordinates are {', '.join(names)}")
+        where = "ground_moves, rate"
+        moved = [self._smooth(self._at_rest(self._scalar(rates.get(n, 0.0), f"{where} of {n}"), where), where) for n in names]
+        at_rest = ca.substitute(ca.vertcat(*self._constraints), self.qdot, ca.vertcat(*moved))
+        self._surfaces = [surface + b for surface, b in zip(self._surfaces, ca.vertsplit(at_rest), strict=True)]
+        self._forget()
+
+    def time(self, name: str = "t") -> ca.SX:
+        """Add the time, s, for what moves as a known function of it; return its symbol. It is a coordinate with the rate 1."""
+        t = self.coordinate(name, "s", "time")
+        self.rolls(f"{name} is the time", self.rate(t), surface=1.0)
+        return t
+
+    def given(self, name: str, unit: str, about: str = "") -> ca.SX:
+        """Add a known function of time; return its symbol. Its value and its rate are coordinates, which every state contains.
+
+        The law takes both from the state at each step. A simulation goes on from the rate at its start, which stays as it is; for
+        a rate that changes, write the function in `time`.
+        """
+        value = self.coordinate(name, unit, about)
+        rate = self.coordinate(f"{name}_rate", per_second(unit), f"rate of {name}")
+        self.rolls(f"{name} is given", self.rate(value), surface=rate)
+        self.rolls(f"{name}_rate is given", self.rate(rate), surface=0.0)
+        return value
 
     def holds(self, name: str, position: ca.SX) -> None:
         """Add a holonomic constraint (1) C(q) = const; its derivative becomes a row of A."""
@@ -432,6 +467,24 @@ class Mechanism:
             raise ModelError(f"{where}: parameters must be created with config(name, default, unit, about)")
         self.outputs.append(Output(name, about, tuple(checked), tuple(parameters)))
 
+    def principal_inertias(self, *inertias: ca.SX) -> None:
+        """Declare that three parameters are the principal inertias (kg m^2) of one rigid body, such as (I, J, J) of a wheel with
+        I about its axle and J about any diameter. Fits of parameters keep each at most the sum of the other two; no equation
+        depends on this. With a geared motor, whose inertia counts by the square of the ratio, a wheel is no rigid body.
+
+        Raises ModelError unless they are three parameters, whose defaults are those of a body.
+        """
+        names = {p.symbol.element_hash(): p for p in self.parameters}
+        found = [names.get(symbol.element_hash()) for symbol in map(ca.SX, inertias) if symbol.is_symbolic()]
+        known = [p for p in found if p]
+        if len(inertias) != 3 or len(known) != 3:
+            raise ModelError(f"{self.name}: principal_inertias requires three parameters; one may be given twice")
+        values = [p.default for p in known]
+        if 2 * max(values) > sum(values) * (1 + 1e-9):
+            text = ", ".join(f"{p.name} = {p.default:g}" for p in known)
+            raise ModelError(f"{self.name}: no body has the principal inertias {text} kg m^2: one exceeds the sum of the others")
+        self.inertias.append((known[0].name, known[1].name, known[2].name))
+
     def draws(self, *lines: Sequence[tuple[ca.SX | float, ca.SX | float]]) -> None:
         """Declare how the robot looks from above: lines through points (x, y), m, in coordinates and parameters.
 
@@ -460,6 +513,17 @@ class Mechanism:
         if self.vehicle is None:
             raise ModelError(f"{self.name}: Types I to IV require the pose of the vehicle; call moves_in_plane(x, y, heading)")
         return self.vehicle
+
+    @property
+    def pose_numbers(self) -> list[int]:
+        """Which coordinates are x, y and heading of the vehicle, counted from 0; empty unless each is one."""
+        return self.coordinate_numbers([self.vehicle.x, self.vehicle.y, self.vehicle.heading]) if self.vehicle else []
+
+    def coordinate_numbers(self, expressions: Iterable[ca.SX]) -> list[int]:
+        """Return which coordinates the expressions are, counted from 0; empty unless each is one."""
+        known = {c.symbol.element_hash(): k for k, c in enumerate(self.coordinates)}
+        found = [known.get(each.element_hash(), -1) if each.is_symbolic() else -1 for each in expressions]
+        return [] if -1 in found else found
 
     @property
     def q(self) -> ca.SX:
@@ -593,9 +657,8 @@ class Mechanism:
             raise ModelError(f"{self.name}: no constraints; add them with rolls(name, velocity) or holds(name, position)")
         if not self.inputs:
             raise ModelError(f"{self.name}: no inputs; add them with input(name, unit, on=velocity)")
-        if self.carried and (self.bodies or self.contacts):
-            what = "body" if self.bodies else "contact"
-            raise ModelError(f"{self.name}: {what}(...) does not go with a moving surface yet; leave it out")
+        if self.carried and self.bodies:
+            raise ModelError(f"{self.name}: body(...) does not go with a moving surface yet; use kinetic_energy(...)")
         symbols = ca.vertcat(self.q, self.qdot, self.p)
         for where, expression in self._everything():
             refuse_strangers(expression, symbols, f"{self.name}: {where}", "coordinate, rate or parameter of it")
@@ -606,6 +669,11 @@ class Mechanism:
         if not quadratic or not self._simple(rest).is_zero():
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
         _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each raises unless linear in the rates
+
+    def declared(self) -> str:
+        """Return all that was declared, as text: robots with equal texts are equal."""
+        derived = {name for name, value in vars(Mechanism).items() if isinstance(value, cached_property)} | {"reduced"}
+        return "\n".join(f"{name} {_described(value)}" for name, value in vars(self).items() if name not in derived)
 
     @property
     def names(self) -> list[str]:
@@ -710,6 +778,17 @@ class Mechanism:
                 f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and parameters"
             )
         return expression
+
+
+def _described(value: object) -> str:
+    """Return a text that is equal for equal values, expressions and dataclasses included."""
+    if isinstance(value, ca.SX):
+        return as_text(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_described, value))}]"
+    if is_dataclass(value):
+        return f"{type(value).__name__}{_described([getattr(value, part.name) for part in fields(value)])}"
+    return repr(value)
 
 
 def _is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:

@@ -59,6 +59,12 @@ class ReducedSystem:
         return ca.SX(self.S.shape[0], 1) if self.particular is None else self.particular
 
     @cached_property
+    def coordinates_by_velocity(self) -> tuple[tuple[int, ...], ...]:
+        """For each quasi-velocity the places in q of the coordinates whose rate it is: of a wheel's rate, the wheel's angle."""
+        rates = ca.vertsplit(canonical(self.qdot))
+        return tuple(tuple(k for k, rate in enumerate(rates) if ca.is_equal(rate, nu)) for nu in ca.vertsplit(self.nu))
+
+    @cached_property
     def convective(self) -> ca.SX:
         """The second derivative of q with nudot = 0: Sdot nu, and ds/dt where surfaces move, n x 1."""
         rate = self.Sdot @ self.nu

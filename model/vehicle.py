@@ -132,7 +132,8 @@ def steered_axle(system: ReducedSystem) -> SteeredAxle | None:
     if pose is None or not _is_on_axle(system):
         return None
     x, y, heading = (q.symbol for q in pose)
-    for steers, angle in _measured(system):
+    angles = [(k, mechanism.coordinates[i].symbol) for k, each in enumerate(system.coordinates_by_velocity) for i in each]
+    for steers, angle in angles:
         if not canonical(vehicle.heading - angle - heading).is_zero():
             continue
         cosine, sine = ca.cos(heading), ca.sin(heading)
@@ -157,10 +158,3 @@ def _is_on_axle(system: ReducedSystem) -> bool:
         return axle(system).is_zero()
     except ModelError:
         return False
-
-
-def _measured(system: ReducedSystem) -> list[tuple[int, ca.SX]]:
-    """Return the index of each quasi-velocity that is the rate of a coordinate, and that coordinate."""
-    rates = ca.vertsplit(system.qdot)
-    pairs = [(rate, q.symbol) for rate, q in zip(rates, system.mechanism.coordinates, strict=True)]
-    return [(k, q) for k, nu in enumerate(ca.vertsplit(system.nu)) for rate, q in pairs if ca.is_equal(canonical(rate), nu)]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from ..controllers.angles import nearest_angle
 from ..simulation.guidance import ShortWay
 from .channel import Channel, Required, longest_period, longest_period_with
-from .design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling, settling_time
+from .design import Gains, from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, settling_time
 from .drive import DriveLoop
 from .margins import Margins, margins
 from .motion import Setting, SteadyMotion, steady_motion
@@ -42,6 +42,7 @@ __all__ = [
     "corners",
     "default_spec",
     "from_discrete_poles",
+    "from_hinf",
     "from_lqr",
     "from_poles",
     "from_settling",

@@ -1,7 +1,7 @@
 """One linear channel of the outer loop: its poles, loop, response, and longest sampling period."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from ..model.mechanism import derivative_name
 from ..readers.errors import BadInput
 from .design import Gains, by_speed, chain, positive, sampled_chain, show
 from .drive import DriveLoop, sampled_late
-from .margins import Broken, Margins, margins
+from .margins import Broken, Margins, margins, norm
 
 if TYPE_CHECKING:
     import control  # slow to import
@@ -60,6 +60,8 @@ class Channel:
             raise BadInput(f"{self.name}: a delay of one sample requires a period")
         elif self.drive:
             raise BadInput(f"{self.name}: {self.drive} require a period: commands are given at calls")
+        if self.drive and self.gains.observer:
+            raise BadInput(f"{self.name}: a disturbance observer does not go with {self.drive}: v acts later than it is given")
 
     @property
     def ideal(self) -> "Channel":
@@ -108,6 +110,27 @@ class Channel:
         self.check_stable()
         return margins(self.broken())
 
+    def disturbed(self, largest: Sequence[float]) -> Broken:
+        """Return the system from a disturbance of v, held between calls, to error, derivatives, integral and v; each relative to
+        its largest value, in the order of `from_hinf`. Raises BadInput behind drives.
+        """
+        if self.drive:
+            raise BadInput(f"{self.name}: what a disturbance does behind {self.drive} is not computed; leave out --hinf")
+        A, B, K = self._matrices()
+        degree, integral = self.gains.degree, bool(self.gains.integral)
+        order = [*range(integral, integral + degree), *range(integral)]
+        C = np.vstack([np.eye(len(A))[order], -K]) / np.array(largest[:-1])[:, None]
+        enters = np.zeros((len(A), 1))
+        enters[: degree + integral] = self._chain()[1]
+        return Broken(A - B @ K, enters * largest[-1], C, self.dt)
+
+    def norm(self, largest: Sequence[float]) -> float:
+        """Return the H-infinity norm of that system: at most 1 if a steady or oscillating disturbance of at most its largest
+        value keeps all others within theirs. Raises BadInput if the sampled channel is not stable.
+        """
+        self.check_stable()
+        return norm(self.disturbed(largest))
+
     def check_stable(self) -> None:
         """Raise BadInput for a period beyond stability."""
         fastest = max(self.poles, key=abs)
@@ -125,9 +148,9 @@ class Channel:
         """Return the period (s) at which the channel loses stability, with or without a delay of one sample; 0 if it is not
         stable at the shortest one tried.
         """
-        if self.drive is None and self.gains.degree <= MOST_EXACT:
+        if self.drive is None and self.gains.degree <= MOST_EXACT and not self.gains.observer:
             return longest_period(self.gains, delay)
-        unit = 1 / max(abs(self.gains.poles))
+        unit = 1 / max(self.gains.rates)
         first = max(FIRST, self.drive.shortest / unit) if self.drive else FIRST
         return first_unstable(lambda T: replace(self, period=T, delay=delay)._excess(), unit, first)
 
@@ -135,7 +158,7 @@ class Channel:
         """Return the factor by which all poles of the continuous channel may be faster until this sampled one loses stability."""
         if self.period is None:
             return math.inf
-        unit = 1 / (self.period * max(abs(self.gains.poles)))
+        unit = 1 / (self.period * max(self.gains.rates))
         return first_unstable(lambda factor: replace(self, gains=self.gains.faster(factor))._excess(), unit, 1e-4)
 
     def _excess(self) -> float:
@@ -153,6 +176,8 @@ class Channel:
         reference = self.gains.error * B
         if self.gains.integral:  # z counts y - y_d
             reference[0, 0] -= self.period or 1.0
+        if self.gains.observer:
+            reference[degree + first, 0] -= self.gains.error * self._follows
         C = np.vstack([np.eye(size)[first : first + degree], -K])
         D = np.zeros((degree + 1, 1))
         D[-1, 0] = self.gains.error
@@ -161,16 +186,35 @@ class Channel:
         return control.ss(A - B @ K, reference, C, D, self.dt, name=f"{self.name}_closed", **signals)
 
     def _matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B of the chain [z,] y [, ydot] [, e of the drive] [, the v of the calls before], and K with v = -K state."""
-        K, integral = self.gains.vector[None, :], bool(self.gains.integral)
-        if self.period is None:
-            return *chain(K.shape[1]), K
-        if self.drive:
+        """A, B of the chain [z,] y [, ydot] [, m of the observer] [, e of the drive] [, the v of the calls before], and K with
+        v = -K state.
+
+        The estimate is l y^(r-1) + m, with dm/dt = -l v without the estimate; or m - l T of that v at each call, l of which is
+        the part of a change that the estimate follows, over T.
+        """
+        K = self.gains.vector[None, :]
+        if self.drive and self.period:
             return self._behind(self.drive, self.period, K)
-        A, B = sampled_chain(self.gains.degree, self.period, integral)
+        A, B = self._chain()
+        if self.gains.observer:
+            part = self._follows
+            A = np.block([[A, np.zeros((len(A), 1))], [part * K, np.eye(1) if self.period else np.zeros((1, 1))]])
+            B = np.vstack([B, [[0.0]]])
+            K = np.append(K + part / (self.period or 1.0) * np.eye(len(K[0]))[-1:], [[1.0]], axis=1)
         if not self.delay:
             return A, B, K
         return *delayed(A, B), np.hstack([K, [[0.0]]])
+
+    @property
+    def _follows(self) -> float:
+        """The part of a change of the disturbance that the estimate follows in a period; in continuous time in 1 s."""
+        rate, period = self.gains.observer, self.period
+        return rate if period is None else rate * period / (1 + rate * period)
+
+    def _chain(self) -> tuple[np.ndarray, np.ndarray]:
+        """A, B of the chain [z,] y [, ydot ...], driven by v."""
+        degree, integral = self.gains.degree, bool(self.gains.integral)
+        return chain(degree + integral) if self.period is None else sampled_chain(degree, self.period, integral)
 
     def _behind(self, drive: DriveLoop, period: float, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         between = drive.between_samples(*chain(self.gains.degree), period)

@@ -1,4 +1,4 @@
-"""Gains of one channel of the outer loop: from poles, from settling time and damping, LQR; continuous or sampled.
+"""Gains of one channel of the outer loop: from poles, from settling time and damping, LQR, H-infinity; continuous or sampled.
 
 After the second feedback (20) each output is a chain of as many integrators as its relative degree, driven by v. The law is
 
@@ -6,12 +6,13 @@ After the second feedback (20) each output is a chain of as many integrators as 
     relative degree 1:  v = ydot_d + kv (y_d - y) + ki z                            s^2 + kv s + ki
 
 with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root less. Longer chains,
-those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on.
+those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on. An observer of the
+disturbance d in y^(r) = v + d subtracts its estimate from v; it adds a pole at -ko, and the others stay.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_continuous_are, solve_discrete_are
@@ -29,7 +30,7 @@ SAMPLES = 4000  # instants at which an error is evaluated to find its settling t
 @dataclass(frozen=True)
 class Gains:
     """Gains of a channel: on the error (kp, or kv for relative degree 1), on its rate (kd), on its integral (ki), and on the
-    errors of `higher` derivatives, from the second on (ka, kj, ...); SI.
+    errors of `higher` derivatives, from the second on (ka, kj, ...); the rate of its disturbance `observer` (ko); SI.
     """
 
     degree: int
@@ -37,6 +38,7 @@ class Gains:
     rate: float = 0.0
     integral: float = 0.0
     higher: tuple[float, ...] = ()
+    observer: float = 0.0
 
     @property
     def of_errors(self) -> list[float]:
@@ -50,19 +52,25 @@ class Gains:
 
     @property
     def poles(self) -> np.ndarray:
-        """Closed-loop poles, 1/s, slowest first."""
+        """Closed-loop poles, 1/s, slowest first; that of the observer is not among them."""
         return by_speed(np.roots([1.0, *self.vector[::-1]]))
 
+    @property
+    def rates(self) -> np.ndarray:
+        """Magnitudes of all poles, with that of the observer, 1/s."""
+        return np.abs([*self.poles, *[self.observer] * bool(self.observer)])
+
     def named(self, row: str) -> dict[str, float]:
-        """Return the gains by name as in the law: kp_distance, ... ; ki_distance only with integral action."""
+        """Return the gains by name as in the law: kp_distance, ... ; ki_distance, ko_distance only where there are any."""
         gains = {f"{name}_{row}": gain for name, gain in zip(gain_names(self.degree), self.of_errors, strict=True)}
-        return gains | ({f"ki_{row}": self.integral} if self.integral else {})
+        more = {f"ki_{row}": self.integral, f"ko_{row}": self.observer}
+        return gains | {name: gain for name, gain in more.items() if gain}
 
     def faster(self, factor: float) -> "Gains":
         """Return the gains whose poles are `factor` times as fast."""
         d = self.degree
         errors = [gain * factor ** (d - order) for order, gain in enumerate(self.of_errors)]
-        return gains_of(d, errors, self.integral * factor ** (d + 1))
+        return replace(gains_of(d, errors, self.integral * factor ** (d + 1)), observer=self.observer * factor)
 
     def check(self, where: str = "gains") -> "Gains":
         """Return itself. Raises BadInput, with the reason, if a gain is negative or not finite, or the channel is not stable."""
@@ -143,23 +151,75 @@ def from_lqr(
     `largest` are the largest acceptable values of these, SI, in this order. With a period (s), the sampled channel is
     regulated. Raises BadInput for a wrong number of values, or values that are not positive.
     """
-    size = _order(degree, integral, where)
-    names = ["error", *ORDINAL[1:degree]] + ["integral"] * int(integral) + ["v"]
-    if len(largest) != size + 1:
-        raise BadInput(f"{where}: LQR requires {size + 1} largest values ({', '.join(names)}), not {len(largest)}")
+    names = size_names(degree, integral)
+    _check_sizes("LQR", names, largest, where)
+    return _regulator(degree, largest, 1 / float(largest[-1]) ** 2, integral, period)[0].check(where)
+
+
+def from_hinf(
+    degree: int,
+    largest: Sequence[float],
+    integral: bool = False,
+    period: float | None = None,
+    where: str = "channel",
+) -> Gains:
+    """Return the gains of the central H-infinity state feedback against a disturbance d of the virtual input, y^(r) = v + d.
+
+    `largest` are the values of `from_lqr` followed by the largest |d|, all SI. The H-infinity norm from d to error, derivatives,
+    integral and v, each divided by its largest value, is below 1 (`Channel.norm`): a steady or oscillating disturbance of at most
+    that size keeps all of them within theirs. As d enters where v does, the gains exist in continuous time if and only if d is
+    smaller than v, and the Riccati equation is that of a regulator with v^2 - d^2 in place of v^2. With a period (s), the
+    disturbance too is held over it, which v cannot answer before the next call: d must be smaller still.
+
+    T. Basar and P. Bernhard, H-infinity-Optimal Control and Related Minimax Design Problems, theorems 4.8 and 3.8.
+    Raises BadInput for a wrong number of values, values that are not positive, and a disturbance that is too large.
+    """
+    _check_sizes("H-infinity", [*size_names(degree, integral), "disturbance"], largest, where)
+    v, d = map(float, largest[-2:])
+    if not d < v:
+        raise BadInput(f"{where}: the largest disturbance, {d:g}, must be below the largest v, {v:g}, which has to compensate it")
+
+    def play(d: float) -> tuple[Gains, float]:
+        gains, cost = _regulator(degree, largest[:-1], 1 / (v**2 - d**2), integral, period)
+        return gains, d**2 * cost - 1
+
+    gains, excess = play(d)
+    if not excess < 0:
+        bearable = brentq(lambda d: play(d)[1], 0.0, d, rtol=1e-9)
+        raise BadInput(
+            f"{where}: called every {period:g} s, no gains keep all within these values under a disturbance of {d:g}, only below "
+            f"{bearable:.4g}; make the period shorter, the disturbance smaller, or the other values larger"
+        )
+    part = v**2 / (v**2 - d**2)  # of what the game's two players do together, v's share
+    return gains_of(degree, [part * gain for gain in gains.of_errors], part * gains.integral).check(where)
+
+
+def size_names(degree: int, integral: bool) -> list[str]:
+    """Return what the largest values of LQR and H-infinity design are of, in their order."""
+    _order(degree, integral, "channel")
+    return ["error", *ORDINAL[1:degree], *["integral"] * int(integral), "v"]
+
+
+def _check_sizes(design: str, names: Sequence[str], largest: Sequence[float], where: str) -> None:
+    if len(largest) != len(names):
+        raise BadInput(f"{where}: {design} requires {len(names)} largest values ({', '.join(names)}), not {len(largest)}")
     for name, value in zip(names, largest, strict=True):
         positive(f"largest {name}", value, where)
+
+
+def _regulator(degree: int, largest: Sequence[float], R: float, integral: bool, period: float | None) -> tuple[Gains, float]:
+    """Return the gains that minimize the sum of squares of `largest` without its last, v, and R v^2; and, with a period (s), the
+    least cost from the state to which v = 1 leads, else 0.
+    """
     of_chain = [*largest[degree : degree + integral], *largest[:degree]]
-    Q, R = np.diag(1 / np.square(of_chain, dtype=float)), np.array([[1 / float(largest[-1]) ** 2]])
+    Q = np.diag(1 / np.square(of_chain, dtype=float))
     if period is None:
-        A, B = chain(size)
-        X = solve_continuous_are(A, B, Q, R)
-        vector = np.linalg.solve(R, B.T @ X)[0]
-    else:
-        A, B = sampled_chain(degree, positive("period", period, where), integral)
-        X = solve_discrete_are(A, B, Q, R)
-        vector = np.linalg.solve(R + B.T @ X @ B, B.T @ X @ A)[0]
-    return _gains(degree, vector, integral).check(where)
+        A, B = chain(degree + integral)
+        return _gains(degree, (B.T @ solve_continuous_are(A, B, Q, R) / R)[0], integral), 0.0
+    A, B = sampled_chain(degree, positive("period", period, "channel"), integral)
+    X = solve_discrete_are(A, B, Q, R)
+    cost = float((B.T @ X @ B)[0, 0])
+    return _gains(degree, (B.T @ X @ A)[0] / (R + cost), integral), cost
 
 
 def from_discrete_poles(

@@ -112,6 +112,8 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
     """
     if loop.drive.commands:
         raise BadInput("these systems take torques: not with drives that take velocities")
+    if loop.observers.rows:
+        raise BadInput("gains: ko: these systems have no disturbance observers; leave it out, or take ki")
     law, controller = loop.law, loop.guidance.leg.controller
     if law.extension and loop.integral.rows:
         raise BadInput(f"{law.name} has a dynamic extension: its closed loop has no integral action here; leave ki out")

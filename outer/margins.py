@@ -1,4 +1,4 @@
-"""Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; continuous and sampled loops.
+"""Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; norms; continuous and sampled loops.
 
 L is the loop's transfer function where it is broken, negative feedback: S = (1 + L)^-1, T = L (1 + L)^-1. Everything is
 found on a grid of frequencies and refined between its points, which does not require slycot and allows delays (poles at z = 0).
@@ -14,6 +14,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 POINTS = 600  # frequencies
 BELOW, ABOVE = 1e-3, 1e2  # the grid reaches so far below the slowest closed-loop pole and above the fastest
+SCALINGS, STEP, STEP_SHRINKS = 60, 1.0, 0.1  # of the search for the scaling of a structured singular value
 SURE = 2  # inputs up to which the disk margin for all at once is exact, not a lower bound
 
 
@@ -76,6 +77,13 @@ def margins(loop: "Linear") -> Margins:
     return Margins(*one, Ms, Mt, disk, *disk_interval(disk))
 
 
+def norm(system: "Linear") -> float:
+    """Return the H-infinity norm of a stable system: the largest singular value of its frequency response."""
+    omega = np.append(0.0, _grid(np.linalg.eigvals(system.A), system.dt))
+    response = Response(system)
+    return _peak(response, omega, response(omega), _largest)
+
+
 def disk_interval(disk: float) -> tuple[float, float]:
     """Largest factor, and largest phase (rad), in the disk of the balanced disk margin alpha."""
     bounded = disk < 2 - 1e-9  # at 2 any factor that does not turn the sign is in the disk
@@ -101,13 +109,17 @@ class Response:
 
 def frequencies(loop: "Linear") -> np.ndarray:
     """Return the grid, rad/s: around the closed loop's poles, up to half the sampling rate, or inf in continuous time."""
-    poles = np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)).astype(complex)
-    rates = np.abs(np.log(poles[poles != 0]) / loop.dt if loop.dt else poles)
+    return _grid(np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)), loop.dt)
+
+
+def _grid(poles: np.ndarray, dt: float) -> np.ndarray:
+    poles = poles.astype(complex)
+    rates = np.abs(np.log(poles[poles != 0]) / dt if dt else poles)
     rates = rates[rates > 1e-9 * max(rates, default=1.0)]
     slowest, fastest = min(rates, default=1.0), max(rates, default=1.0)
-    end = np.pi / loop.dt if loop.dt else ABOVE * fastest
+    end = np.pi / dt if dt else ABOVE * fastest
     grid = np.geomspace(min(BELOW * slowest, end / 10), end, POINTS)
-    return grid if loop.dt else np.append(grid, np.inf)
+    return grid if dt else np.append(grid, np.inf)
 
 
 def _of_S(L: np.ndarray) -> np.ndarray:
@@ -128,10 +140,10 @@ def _sensitivity(L: np.ndarray) -> np.ndarray:
 
 
 def _largest(matrices: np.ndarray) -> np.ndarray:
-    """Largest singular value of (N, r, r), in closed form up to 2 x 2."""
+    """Largest singular value of (N, p, r), in closed form for one column and 2 x 2."""
     if matrices.shape[-1] == 1:
-        return np.abs(matrices[:, 0, 0])
-    if matrices.shape[-1] == 2:
+        return np.sqrt((np.abs(matrices) ** 2).sum(axis=(1, 2)))
+    if matrices.shape[1:] == (2, 2):
         return _greater(matrices, (np.abs(matrices) ** 2).sum(axis=(1, 2)))
     return np.linalg.norm(matrices, 2, axis=(1, 2))
 
@@ -145,13 +157,32 @@ def _greater(matrices: np.ndarray, squares: np.ndarray) -> np.ndarray:
 def structured(matrices: np.ndarray) -> np.ndarray:
     """Structured singular value of (N, r, r) for complex factors, one on each place; from three places on an upper bound.
 
-    For two it is the largest singular value of D M D^-1 with the diagonal D that makes it least: the determinant and the
-    diagonal do not change, so that it is least where both entries off the diagonal have the same size.
+    It is at most the largest singular value of D M D^-1 for any diagonal D > 0. For two places the D that makes that least is
+    known: the determinant and the diagonal do not change, so that it is least where both entries off the diagonal have the same
+    size, and there it is the structured singular value, as for three. For more places than two D is searched for.
+    A. Packard and J. Doyle, The complex structured singular value, 1993.
     """
-    if matrices.shape[-1] != 2:
+    if matrices.shape[-1] > 2:
+        return _scaled(matrices)
+    if matrices.shape[-1] == 1:
         return _largest(matrices)
     diagonal = np.abs(matrices[:, 0, 0]) ** 2 + np.abs(matrices[:, 1, 1]) ** 2
     return _greater(matrices, diagonal + 2 * np.abs(matrices[:, 0, 1] * matrices[:, 1, 0]))
+
+
+def _scaled(matrices: np.ndarray) -> np.ndarray:
+    """Return the least of the largest singular values of D M D^-1, (N, r, r), over D that lead to the least.
+
+    Where the largest singular value is simple, its logarithm grows with log d_i as |u_i|^2 - |v_i|^2, with u and v its vectors.
+    """
+    scale = np.zeros(matrices.shape[:2])
+    least = np.full(len(matrices), np.inf)
+    for k in range(SCALINGS):
+        scaled = matrices * np.exp(scale[:, :, None] - scale[:, None, :])
+        left, sizes, right = np.linalg.svd(scaled)
+        least = np.minimum(least, sizes[:, 0])
+        scale -= STEP / (1 + STEP_SHRINKS * k) * (np.abs(left[:, :, 0]) ** 2 - np.abs(right[:, 0, :]) ** 2)
+    return least
 
 
 def _peak(response: Response, omega: np.ndarray, values: np.ndarray, measure: Callable[[np.ndarray], np.ndarray]) -> float:

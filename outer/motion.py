@@ -7,7 +7,8 @@ equilibrium of
 
     d rho/dt = r(rho, tau),    tau = kappa(rho, z),    dz/dt = y_d - y    (z only with integral action)
 
-The states xi of a law's dynamic extension are held in z too, after the integrals: d xi/dt is a function of rho and z.
+After the integrals, z has the estimates w of disturbance observers, by which v is reduced: dw/dt = ko (dx/dt - v), with x the
+measured y^(r-1) and v without w; and then the states xi of a law's dynamic extension: d xi/dt is a function of rho and z.
 
 With velocity-controlled drives (drive.py) the acceleration nudot takes the place of tau, and u that of kappa: the drives make
 nudot follow u. With a kinematic law its command c takes the place of tau: the drives make nu follow c, nudot = omega (c - nu).
@@ -46,8 +47,8 @@ class Setting:
     """All numbers of a closed loop, in the order of the law's groups; SI.
 
     `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `measured` what errors are measured
-    by (None: the same). `bias` is the error of the measured state, `integral` has a gain ki for each output. `drive`: the
-    drives take velocities.
+    by (None: the same). `bias` is the error of the measured state, `integral` has a gain ki, and `observer` a rate ko, for each
+    output. `drive`: the drives take velocities.
     """
 
     law: ControlLaw
@@ -61,6 +62,7 @@ class Setting:
     bias: np.ndarray | None = None
     measured: np.ndarray | None = None
     drive: DriveLoop | None = None
+    observer: tuple[float, ...] = ()
 
     @property
     def acting(self) -> tuple[int, ...]:
@@ -68,9 +70,14 @@ class Setting:
         return tuple(k for k, ki in enumerate(self.integral) if ki)
 
     @property
+    def observing(self) -> tuple[int, ...]:
+        """Rows with a disturbance observer."""
+        return tuple(k for k, ko in enumerate(self.observer) if ko)
+
+    @property
     def held(self) -> int:
-        """How many numbers the controller holds: integrals, and the states of its dynamic extension."""
-        return len(self.acting) + len(self.law.extension)
+        """How many numbers the controller holds: integrals, estimates, and the states of its dynamic extension."""
+        return len(self.acting) + len(self.observing) + len(self.law.extension)
 
     def arguments(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
         """Return the arguments of `functions` at a state and integrals."""
@@ -86,7 +93,8 @@ class SteadyMotion:
     """An equilibrium and the loop linearized about it: d rho/dt = A rho + B tau, tau = K rho + H z, dz/dt = E rho + F z.
 
     `state` is one state [q; nu] of the motion, `torque` its constant inputs, `rho` the coordinates there by `names`, `z` what
-    the integrals hold, in the order of the rows that have one, and the states of a dynamic extension. With a drive, tau stands
+    the integrals and observers hold, in the order of the rows that have one, and the states of a dynamic extension. `X`: the
+    derivatives of what the observers measure by rho; their rows of E and F are those of -v. With a drive, tau stands
     for the accelerations nudot, the loop without a period is that of ideal drives, and `fed` is what the feed-forward of
     torque adds (`Fed`). With a kinematic law tau stands for its command, and the loop without a period is that behind drives
     without dead time.
@@ -104,6 +112,7 @@ class SteadyMotion:
     H: np.ndarray
     E: np.ndarray
     F: np.ndarray
+    X: np.ndarray
     fed: "Fed | None" = None
 
     @property
@@ -167,13 +176,24 @@ class SteadyMotion:
         n, held, r = len(self.rho), len(self.z), self.B.shape[1]
         A = np.block([[self.A, np.zeros((n, held))], [self.E, self.F]])
         B, K = np.vstack([self.B, np.zeros((held, r))]), np.hstack([self.K, self.H])
+        ko = np.array([self.setting.observer[k] for k in self.setting.observing])[:, None]
+        first = n + len(self.setting.acting)
+        observed = slice(first, first + len(ko))
         if period is None:
+            A[observed] *= ko
+            A[observed, :n] += ko * self.X @ self.A
+            B[observed] = ko * self.X @ self.B
             return A, B, K
         if self.setting.drive:
             return self._behind(self.setting.drive, period, delay)
         moved = exponential(period * np.block([[self.A, self.B], [np.zeros((r, n + r))]]))
-        A[:n, :n], B[:n], A[n:, :n] = moved[:n, :n], moved[:n, n:], period * self.E
-        A[n:, n:] = np.eye(held) + period * self.F
+        A[:n, :n], B[:n] = moved[:n, :n], moved[:n, n:]
+        follows = ko / (1 + ko * period)
+        A[n:] *= period
+        A[observed] *= follows
+        A[observed, :n] += follows * self.X @ (A[:n, :n] - np.eye(n))
+        B[observed] = follows * self.X @ B[:n]
+        A[n:, n:] += np.eye(held)
         return (*delayed(A, B), np.hstack([K, np.zeros((r, r))])) if delay else (A, B, K)
 
     def _behind(self, drive: DriveLoop, period: float, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -214,7 +234,7 @@ def steady_motion(setting: Setting) -> SteadyMotion:
     Raises BadInput if there is none (a path whose curvature changes, a reference that does not move uniformly), or if the loop
     depends on the position along it.
     """
-    look, held = functions(setting.law, setting.acting, setting.drive is not None), setting.held
+    look, held = functions(setting.law, setting.acting, setting.drive is not None, setting.observing), setting.held
     x, z = np.array(setting.start, float), np.zeros(held)
     for _ in range(STEPS):
         values = look(setting, x, z)
@@ -236,7 +256,7 @@ def steady_motion(setting: Setting) -> SteadyMotion:
 
 def _linearized(setting: Setting, values: dict[str, np.ndarray], x: np.ndarray, z: np.ndarray) -> SteadyMotion:
     right = np.linalg.pinv(values["P"])
-    reduced = {name: values[name] @ right for name in ("r_x", "kappa_x", "e_x")}
+    reduced = {name: values[name] @ right for name in ("r_x", "kappa_x", "e_x", "x_x")}
     _check_steady(setting.law, values, reduced)
     fed = None
     if setting.drive and setting.drive.feeds:
@@ -255,13 +275,14 @@ def _linearized(setting: Setting, values: dict[str, np.ndarray], x: np.ndarray, 
         H=values["kappa_z"],
         E=reduced["e_x"],
         F=values["e_z"],
+        X=reduced["x_x"],
         fed=fed,
     )
 
 
 def _check_steady(law: ControlLaw, values: dict[str, np.ndarray], reduced: dict[str, np.ndarray]) -> None:
     """Raise BadInput if rho does not describe the motion completely, or the loop changes along a moving reference."""
-    taken = {"r_x": 0.0, "kappa_x": values["kappa_t"], "e_x": values["e_t"]}
+    taken = {"r_x": 0.0, "kappa_x": values["kappa_t"], "e_x": values["e_t"], "x_x": 0.0}
     for name, matrix in reduced.items():
         left = [values[name] - matrix @ values["P"], matrix @ values["moves"] + taken[name]]
         largest = max(np.abs(part).max(initial=0.0) for part in left)
@@ -278,17 +299,18 @@ def coordinates(law: ControlLaw) -> tuple[str, ...]:
 
 
 class MotionFunctions:
-    """Residuals and their derivatives by name, for a law and the rows that have integral action.
+    """Residuals and their derivatives by name, for a law and the rows that have integral action, or are `observing`.
 
     `driven`: the input tau is the acceleration nudot instead, and kappa the law's u; of a kinematic law its command.
     """
 
-    def __init__(self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False):
+    def __init__(self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False, observing: tuple[int, ...] = ()):
         system, rows = law.system, _position_rows(law)
         x, p = symbols(system.state), symbols(law.parameters)
         xi = ca.SX.sym("xi", len(law.extension))
+        estimates = ca.SX.sym("d", len(observing))
         z, tau = (
-            ca.vertcat(ca.SX.sym("z", len(acting)), xi),
+            ca.vertcat(ca.SX.sym("z", len(acting)), estimates, xi),
             ca.SX.sym("tau", system.dof if driven else len(system.mechanism.inputs)),
         )
         believed, config, measured = (ca.SX.sym(n, k) for n, k in _sizes(law))
@@ -299,14 +321,17 @@ class MotionFunctions:
 
         # The law at the measured state.
         virtual = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
-        kappa = ca.substitute(law.u_of_v if acts else law.tau_of_v, symbols(law.virtual_input), virtual)
+        less = ca.vertcat(*[estimates[observing.index(k)] if k in observing else 0 for k in range(len(law.output.rows))])
+        kappa = ca.substitute(law.u_of_v if acts else law.tau_of_v, symbols(law.virtual_input), virtual - less)
         substitution = [
             ca.vertcat(x, symbols(law.extension), p, symbols(law.config)),
             ca.vertcat(x + bias, xi, believed, config),
         ]
         kappa = ca.substitute(kappa, *substitution)
         errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
-        e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors, law.extension_rate), *substitution)
+        without = [-virtual[k] for k in observing]
+        e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors, *without, law.extension_rate), *substitution)
+        measured_x = ca.substitute(ca.vertcat(ca.SX(0, 1), *[_observed(law, k) for k in observing]), *substitution)
 
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
@@ -324,7 +349,7 @@ class MotionFunctions:
         along = moves[: len(rows)]
         answers |= {"moves": moves, "kappa_t": ca.jacobian(kappa, y_d) @ along, "e_t": ca.jacobian(e, y_d) @ along}
         answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z)}
-        answers |= {"e_x": ca.jacobian(e, x), "e_z": ca.jacobian(e, z)}
+        answers |= {"e_x": ca.jacobian(e, x), "e_z": ca.jacobian(e, z), "x_x": ca.jacobian(measured_x, x)}
         moving = {"r": r, "r_x": ca.jacobian(r, x), "r_tau": ca.jacobian(r, tau)}
         arguments = [x, z, p, believed, config, gains, ki, reference, bias, measured, omega]
         self._law = ca.Function("law", arguments, [ca.densify(v) for v in answers.values()])
@@ -341,8 +366,8 @@ class MotionFunctions:
 
 
 @lru_cache(maxsize=16)
-def functions(law: ControlLaw, acting: tuple[int, ...], driven: bool = False) -> MotionFunctions:
-    return MotionFunctions(law, acting, driven)
+def functions(law: ControlLaw, acting: tuple[int, ...], driven: bool = False, observing: tuple[int, ...] = ()) -> MotionFunctions:
+    return MotionFunctions(law, acting, driven, observing)
 
 
 @lru_cache(maxsize=16)
@@ -364,6 +389,13 @@ def feed_function(law: ControlLaw) -> ca.Function:
 def _seen(setting: Setting, x: np.ndarray) -> list[np.ndarray]:
     bias = np.zeros(len(x)) if setting.bias is None else setting.bias
     return [x, setting.true, setting.believed, bias]
+
+
+def _observed(law: ControlLaw, k: int) -> ca.SX:
+    """Return the derivative of row k below its relative degree."""
+    io = law.linearization
+    before, degree = sum(order - 1 for order in io.relative_degree[:k]), io.relative_degree[k]
+    return io.h[k] if degree == 1 else io.rate[before + degree - 2]
 
 
 def _sizes(law: ControlLaw) -> tuple[tuple[str, int], ...]:

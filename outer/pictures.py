@@ -14,7 +14,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, legend_below, say, with_data
 from .channel import Channel
-from .design import settling_time
+from .design import settling_time, size_names
 from .margins import Margins, Response, frequencies
 from .report import OuterLoopReport
 from .robustness import Loops, one_by_one
@@ -30,6 +30,8 @@ OUTLIERS = 0.02  # part of the fastest eigenvalues that may be left of the view
 def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
     """Return files by name: png, and the plotted data as csv."""
     drawn = {"loops": draw_loops, "steps": draw_steps}
+    if report.sizes:
+        drawn["disturbances"] = draw_disturbances
     if not report.why_not:
         drawn |= {"period": draw_period, "wrong": draw_wrong}
     files: dict[str, bytes] = {}
@@ -85,6 +87,27 @@ def draw_steps(report: OuterLoopReport) -> Figure:
         effort.set(title=f"v of {channel.name}", xlabel="time t (s)", ylabel=f"v ({unit.replace('m/s/s', 'm/s$^2$')})")
         legend_below(output)
         legend_below(effort)
+    return figure
+
+
+def draw_disturbances(report: OuterLoopReport) -> Figure:
+    """Draw what disturbances of each frequency do to the channels of an H-infinity design, relative to the largest values."""
+    about = "what a disturbance of v does, relative to the largest values of the design"
+    figure, ((*each,),) = _grid(report, 1, len(report.sizes), about, 5.2)
+    for axes, (name, sizes) in zip(each, report.sizes.items(), strict=True):
+        channel = report.channels[name]
+        for version, style, label in zip(_versions(channel), ("-", "--"), ("", None), strict=False):
+            system = version[0].disturbed(sizes)
+            omega = np.geomspace(0.02 * min(abs(channel.gains.poles)), 40 * max(abs(channel.gains.poles)), 600)
+            omega = omega[omega <= np.pi / system.dt] if system.dt else omega
+            response = np.abs(Response(system)(omega)[:, :, 0])
+            parts = [*size_names(channel.gains.degree, bool(channel.gains.integral)), "all together"]
+            for part, colour, values in zip(parts, COLOURS, [*response.T, np.linalg.norm(response, axis=1)], strict=False):
+                axes.loglog(omega, values, style, color=colour, label=part if label == "" else None, linewidth=1.4)
+            axes.plot([], [], style, color=FAINT, label=f"{version[2]}: norm {version[0].norm(sizes):.3g}")
+        axes.axhline(1, color=STOP, linewidth=1.2, label="bound")
+        axes.set(title=name, xlabel="frequency (rad/s)", ylabel="amplitude / largest value", ylim=(1e-3, 3))
+        legend_below(axes, 3)
     return figure
 
 
@@ -186,11 +209,11 @@ def _grid(
 
 
 def _versions(channel: Channel) -> list[tuple[Channel, str, str]]:
-    """The channel in continuous time and, where it is sampled, as it is run."""
+    """The channel in continuous time and, where it is sampled, as it is run; the title tells of a delay."""
     versions = [(channel.ideal, CONTINUOUS, "continuous")]
     if channel.period is None:
         return versions
-    return [*versions, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms" + ", delay of one sample" * channel.delay)]
+    return [*versions, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms")]
 
 
 def _phase(L: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 """The report of `noslip outer-loop`: gains, channels, the whole loop, and the effect of model errors."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,10 +14,10 @@ from ..readers.printing import plain
 from ..readers.progress import Reported, silent
 from ..simulation.specification.spec import Spec
 from .channel import Channel, Required, first_unstable, last_kept, longest_period_with
-from .design import Gains, by_speed, settling_time, show
+from .design import Gains, by_speed, settling_time, show, size_names
 from .margins import Margins, margins
 from .motion import SteadyMotion, steady_motion
-from .robustness import LARGE_OFFSET, Harm, Loops, Wrong, corners, ranking
+from .robustness import LARGE_OFFSET, Harm, Loops, Searched, Wrong, corners, ranking, search
 from .setting import setting_of
 
 NEUTRAL = 1e-9  # 1/s: rates of decay up to this count as zero, as of the heading of a robot at rest
@@ -26,7 +26,8 @@ NEUTRAL = 1e-9  # 1/s: rates of decay up to this count as zero, as of the headin
 @dataclass(frozen=True, eq=False)
 class OuterLoopReport:
     """A law with its channels by row, as defined by SPEC and gains; `loops`: period and delay; `spread`: size of the model
-    errors.
+    errors; `sizes`: largest values of an H-infinity design, by row; `searches`: whether the worst combination of errors is
+    searched for.
 
     Results are computed on first use. Raises BadInput for a period beyond the stability limit.
     """
@@ -38,10 +39,14 @@ class OuterLoopReport:
     required: Required
     spread: float
     progress: Reported = silent
+    sizes: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    searches: bool = False
 
     def __post_init__(self):
-        for channel in self.channels.values():
+        for name, channel in self.channels.items():
             channel.check_stable()
+            if name in self.sizes:
+                channel.disturbed(self.sizes[name])
         if self.why_not:
             return
         motion, period, delay, drive = self.motion, self.loops.period, self.loops.delay, self.loops.drive
@@ -93,6 +98,11 @@ class OuterLoopReport:
         return list(corners(self.motion, self.spread, self.loops, progress=self.progress))
 
     @cached_property
+    def searched(self) -> Searched:
+        """The worst combination of errors that a search finds."""
+        return search(self.motion, self.spread, self.loops, self.corners, progress=self.progress)
+
+    @cached_property
     def at_once(self) -> Margins:
         """Margins of the whole loop, broken at all inputs; with velocity drives at all accelerations u, or commands."""
         return margins(self.motion.broken(self.loops.period, self.loops.delay))
@@ -135,9 +145,9 @@ class OuterLoopReport:
         """Gains by name, as the law's struct has them and, with integral action, ki."""
         return {name: value for row, gains in self.gains.items() for name, value in gains.named(row).items()}
 
-    def integral(self) -> dict[str, float]:
-        """Return the gains of integral action, which in C is not part of the law."""
-        return {name: value for name, value in self.entries().items() if name.startswith("ki_")}
+    def remembering(self) -> dict[str, float]:
+        """Return the gains of integral action and of observers, which in C are not part of the law."""
+        return {name: value for name, value in self.entries().items() if name.startswith(("ki_", "ko_"))}
 
     def spec_text(self) -> str:
         """Return the entry of a SPEC."""
@@ -145,8 +155,8 @@ class OuterLoopReport:
 
     def c_text(self) -> str:
         """Return the C initializer of the law's gains."""
-        prefix, integral = f"{self.law.system.mechanism.name}_{self.law.name}", self.integral()
-        own = ", ".join(f".{name} = {value!r}" for name, value in self.entries().items() if name not in integral)
+        prefix, own_header = f"{self.law.system.mechanism.name}_{self.law.name}", self.remembering()
+        own = ", ".join(f".{name} = {value!r}" for name, value in self.entries().items() if name not in own_header)
         return f"const {prefix}_gains gains = {{{own}}};"
 
     def as_json(self) -> dict[str, Any]:
@@ -161,11 +171,33 @@ class OuterLoopReport:
             "gains": self.entries(),
             "spec": self.spec_text(),
             "c": self.c_text(),
-            "channels": {name: _channel_json(channel, self.required) for name, channel in self.channels.items()},
+            "channels": {name: self._channel_json(name, channel) for name, channel in self.channels.items()},
             "whole": {"refused": self.why_not} if self.why_not else self._whole_json(),
             "robust": {"refused": self.why_not} if self.why_not else self._robust_json(),
         }
         return plain(results)
+
+    def _norms(self, name: str) -> dict[str, float | None]:
+        """Return the H-infinity norms of a channel of such a design; empty for another."""
+        if name not in self.sizes:
+            return {}
+        channel, sizes = self.channels[name], self.sizes[name]
+        return {"continuous": channel.ideal.norm(sizes), "sampled": channel.norm(sizes) if channel.period else None}
+
+    def _channel_json(self, name: str, channel: Channel) -> dict[str, Any]:
+        return {
+            "relative_degree": channel.gains.degree,
+            "unit": channel.unit,
+            "gains": channel.gains.named(name),
+            "poles": channel.gains.poles,
+            "discrete_poles": channel.poles if channel.period else None,
+            "settling_time": settling_time(channel.gains),
+            "continuous": _margins_json(channel.ideal.margins()),
+            "sampled": _margins_json(channel.margins()) if channel.period else None,
+            "longest_period": _periods(channel, self.required),
+            "fastest": channel.fastest() if channel.drive else None,
+            "norms": self._norms(name) or None,
+        }
 
     def _whole_json(self) -> dict[str, Any]:
         motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
@@ -195,6 +227,18 @@ class OuterLoopReport:
                 "slowest_decay": worst.decay,
                 "amounts": worst.amounts,
             },
+            "searched": self._searched_json() if self.searches else None,
+        }
+
+    def _searched_json(self) -> dict[str, Any]:
+        found = self.searched
+        return {
+            "slowest_decay": found.worst.decay,
+            "amounts": found.worst.amounts,
+            "offset": found.worst.offset,
+            "tried": found.tried,
+            "drawn": found.drawn,
+            "slowest_drawn": found.slowest_drawn,
         }
 
     def text(self) -> str:
@@ -211,10 +255,11 @@ class OuterLoopReport:
             f"  {self.spec_text()}",
             f"  {self.c_text()}",
         ]
-        for name, value in self.integral().items():
-            row = name.removeprefix("ki_")
+        for name, value in self.remembering().items():
+            kind, row = name.split("_", 1)
+            header = "noslip_integral.h" if kind == "ki" else "noslip_disturbance.h"
             highest = f"{row}_acceleration" if self.gains[row].degree == 2 else f"{row}_rate"
-            lines.append(f"  {name} = {value!r}: in C by noslip_integral.h, its result added to the reference's {highest}")
+            lines.append(f"  {name} = {value!r}: in C by {header}, its result added to the reference's {highest}")
         return "\n".join(lines)
 
     def _channels_text(self) -> str:
@@ -229,6 +274,8 @@ class OuterLoopReport:
             if channel.period:
                 rows.append(_margins_text(f"every {channel.period:g} s", channel.margins()))
                 rows.append(f"  z {_show(channel.poles)}")
+            if norms := self._norms(name):
+                rows.append(_norms_text(channel, self.sizes[name], norms))
             if channel.drive:
                 rows.append(f"  {_faster_text(channel.fastest())}")
             periods = _periods(channel, self.required)
@@ -267,6 +314,16 @@ class OuterLoopReport:
             f"  all at once, {tried} {together['combinations']} combinations of signs: {together['unstable']} unstable, "
             f"slowest decay {together['slowest_decay']:.4g} 1/s{' in the sample' if sample else ''}"
         )
+        if self.searches:
+            found = self.searched
+            amounts = ", ".join(
+                f"{name} {amount:+.3g} rad" if name == "heading" else f"{name} {100 * amount:+.3g} %"
+                for name, amount in found.worst.amounts.items()
+            )
+            lines.append(
+                f"  worst found in the box, after {found.tried} loops: decay {found.worst.decay:.4g} 1/s, with {amounts}"
+                f"; {found.drawn} more at random: none slower than {found.slowest_drawn:.4g} 1/s"
+            )
         return "\n".join(lines)
 
 
@@ -285,19 +342,15 @@ def _faster_text(factor: float) -> str:
     return f"stable behind the drives with poles up to {factor:.4g} times as fast"
 
 
-def _channel_json(channel: Channel, required: Required) -> dict[str, Any]:
-    return {
-        "relative_degree": channel.gains.degree,
-        "unit": channel.unit,
-        "gains": channel.gains.named(channel.name),
-        "poles": channel.gains.poles,
-        "discrete_poles": channel.poles if channel.period else None,
-        "settling_time": settling_time(channel.gains),
-        "continuous": _margins_json(channel.ideal.margins()),
-        "sampled": _margins_json(channel.margins()) if channel.period else None,
-        "longest_period": _periods(channel, required),
-        "fastest": channel.fastest() if channel.drive else None,
-    }
+def _norms_text(channel: Channel, sizes: Sequence[float], norms: Mapping[str, float | None]) -> str:
+    named = zip(size_names(channel.gains.degree, bool(channel.gains.integral)), sizes, strict=False)
+    relative = ", ".join(f"{name}/{size:g}" for name, size in named)
+    achieved = ", ".join(
+        f"{norms[how]:.4g} {text}"
+        for how, text in (("continuous", "continuous"), ("sampled", f"every {channel.dt:g} s"))
+        if norms[how] is not None
+    )
+    return f"  H-infinity norm from a disturbance/{sizes[-1]:g} of v to {relative}: {achieved}"
 
 
 def _margins_json(margins: Margins) -> dict[str, float]:

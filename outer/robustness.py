@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
+from scipy.optimize import differential_evolution
 
 from ..controllers.odometry import vehicle_wheels
 from ..readers.errors import BadInput
@@ -14,6 +15,8 @@ from .margins import margins
 from .motion import Setting, SteadyMotion, steady_motion
 
 MOST_CORNERS = 256  # largest number of combinations of all errors; if there are more, as many are drawn at random
+LOST = 1e6  # 1/s: stands for a loop without a steady motion
+POPULATION, GENERATIONS, DRAWN = 32, 20, 200  # of the search for the worst errors; errors drawn at random to check it
 LARGE_OFFSET = 0.1  # SI unit of the first output: an offset regarded as equivalent to the loss of all decay or margin
 
 
@@ -143,6 +146,50 @@ def corners(
     for k, each in enumerate(signs):
         progress(k, len(signs), "combinations of errors")
         yield with_errors(nominal, dict(zip(names, (spread * sign for sign in each), strict=True)), loops)
+
+
+@dataclass(frozen=True)
+class Searched:
+    """The slowest loop that a search in the box of all errors found, after `tried` loops; and the slowest decay (1/s) of `drawn`
+    further ones whose errors were drawn at random. No proof: a bound of all of them may be lower.
+    """
+
+    worst: Wrong
+    tried: int
+    drawn: int
+    slowest_drawn: float
+
+
+def search(
+    nominal: SteadyMotion,
+    spread: float,
+    loops: Loops = CONTINUOUS,
+    begun: Sequence[Wrong] = (),
+    names: Sequence[str] = (),
+    progress: Reported = silent,
+) -> Searched:
+    """Search all errors within +-spread for those with the slowest decay, by differential evolution from a fixed seed (R. Storn
+    and K. Price, 1997). It begins with the slowest of the loops `begun`, such as `corners`, and others at random.
+    """
+    names, random = tuple(names or errors_of(nominal.setting)), np.random.default_rng(0)
+    best, tried = min(begun, key=lambda case: case.decay, default=with_errors(nominal, {}, loops)), 0
+    all_of_it = POPULATION * (GENERATIONS + 1) + DRAWN
+
+    def decay(amounts: np.ndarray) -> float:
+        nonlocal best, tried
+        progress(tried, all_of_it, "errors in search of the worst")
+        case = with_errors(nominal, dict(zip(names, amounts.tolist(), strict=True)), loops)
+        best, tried = min(best, case, key=lambda each: each.decay), tried + 1
+        return max(case.decay, -LOST)
+
+    slowest = sorted(begun, key=lambda case: case.decay)[: POPULATION // 2]
+    start = np.array([[case.amounts[name] for name in names] for case in slowest]).reshape(-1, len(names))
+    more = random.uniform(-spread, spread, (POPULATION - len(start), len(names)))
+    box = [(-spread, spread)] * len(names)
+    options = {"init": np.vstack([start, more]), "maxiter": GENERATIONS, "tol": 0.0, "polish": False}
+    differential_evolution(decay, box, rng=np.random.default_rng(0), **options)
+    searched, drawn = tried, [decay(each) for each in random.uniform(-spread, spread, (DRAWN, len(names)))]
+    return Searched(best, searched, DRAWN, float(min(drawn)))
 
 
 def ranking(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, progress: Reported = silent) -> list[Harm]:

@@ -13,7 +13,7 @@ from ..readers.errors import BadInput
 from ..readers.robots import find_robot
 from ..simulation.loop import axle_at, make_loop
 from ..simulation.specification.spec import DriveSection, Initial, OutputSection, PathSection, Reference, Simulation, Spec
-from ..verification.cases import gain_entries, integral_entries
+from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .motion import Setting, path_frame
 
 SPEED = 1.0  # m/s, default
@@ -63,7 +63,8 @@ def setting_of(spec: Spec) -> Setting:
         raise BadInput(f"[reference] {kind}: the steady motion is along a line, or on a path of Type IV; leave it out")
     if spec.sensors or spec.limits or spec.drive:
         spec = replace(spec, sensors=None, correction=None, limits=None, drive=spec.drive if spec.kinematic else None)
-    spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
+    called = replace(spec.simulation, backend="casadi", period=spec.simulation.period or PERIOD)  # only what is held is used
+    spec = replace(spec, simulation=called)
     setting = _setting(spec)
     if spec.output.own:  # the steady motion is searched for near the start
         return setting
@@ -78,7 +79,7 @@ def setting_of(spec: Spec) -> Setting:
 def _setting(spec: Spec) -> Setting:
     """Return the numbers of the SPEC's loop. Raises BadInput as `make_loop` does."""
     loop = make_loop(spec)
-    law, ki = loop.law, integral_entries(loop.law, spec.gains)
+    law, ki, ko = loop.law, integral_entries(loop.law, spec.gains), observer_entries(loop.law, spec.gains)
     return Setting(
         law=law,
         true=loop.plant.parameters,
@@ -88,6 +89,7 @@ def _setting(spec: Spec) -> Setting:
         reference=loop.guidance.reference(0.0, loop.start),
         start=loop.start,
         integral=tuple(ki.get(f"ki_{row.name}", 0.0) for row in law.output.rows),
+        observer=tuple(ko.get(f"ko_{row.name}", 0.0) for row in law.output.rows),
     )
 
 

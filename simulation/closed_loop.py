@@ -50,6 +50,7 @@ def simulate(
     config, reference = (np.array([getattr(row, name) for row in rows]) for name in ("config", "reference"))
     entries = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
     measured = floor.measured() if floor else None
+    memory = np.array([row.integral for row in rows])
     return Run(
         spec=spec,
         law=law,
@@ -65,7 +66,7 @@ def simulate(
         seen=np.array([row.seen for row in rows]),
         piece=np.array([row.piece for row in rows]),
         config=config,
-        integral=np.array([row.integral for row in rows]),
+        integral=memory[:, : len(loop.integral.rows)],
         extension=np.array([row.extension for row in rows]),
         integral_rows=loop.integral.rows,
         command=np.array([row.command for row in rows]),
@@ -73,6 +74,8 @@ def simulate(
         use=_use(loop, x, tau, spec, measured),
         warnings=(*loop.warnings, *(floor.engine.warnings if floor else ())),
         floor=measured,
+        disturbance=memory[:, len(loop.integral.rows) :],
+        disturbance_rows=loop.observers.rows,
     )
 
 

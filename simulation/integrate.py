@@ -17,6 +17,7 @@ from .specification.spec import MOST_ROWS, Simulation
 SHORTEST = 1e-9  # s: a step that meets an error is shortened down to this, then the run stops
 PACE = 4000  # steps from which on the time they covered decides whether the run goes on
 MOST_STEPS = 100_000  # while the inputs are held
+OTHER_OUTPUT = "saturated"  # for observers, where another piece of a path begins: there is nothing to compare with
 BEYOND = 1e-9  # m: a piece of a path is left so little beyond its end, where rounding cannot call it back
 
 
@@ -24,8 +25,9 @@ BEYOND = 1e-9  # m: a piece of a path is left so little beyond its end, where ro
 class Row:
     """One instant: true state, state the controller saw, inputs, status, what was followed and how (config, reference).
 
-    `integral`: of the error, for each output with integral action; `extension`: the states of the dynamic extension; `command`:
-    the velocities that drives were given, if any; `noticed`: friction believed, uncertain heading and way, if slip is noticed.
+    `integral`: of the error, for each output with integral action, and then the estimates of observers; `extension`: the states
+    of the dynamic extension; `command`: the velocities that drives were given, if any; `noticed`: friction believed, uncertain
+    heading and way, if slip is noticed.
     """
 
     t: float
@@ -106,14 +108,18 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
     x, t, status = loop.start, 0.0, "ok"
     held, waiting = loop.drive.begin(x), deque[tuple[float, np.ndarray]]()
     integrators = loop.integral.integrators(simulation.backend)
+    observers, piece = loop.observers.observers(simulation.backend), loop.guidance.piece
     for k in itertools.count():
         if k:
             xi = xi + period * loop.extension_rate
         loop.sense(t, x)
         loop.guidance.update(t, loop.seen(x))
         add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x, xi), strict=True)])
-        z = np.array([one.z for one in integrators])
-        status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add, xi))
+        before = status if loop.guidance.piece == piece else OTHER_OUTPUT
+        piece, observed = loop.guidance.piece, zip(observers, *loop.observed(t, x, add), strict=True)
+        less = np.array([one.step(measured, v, period, before) for one, measured, v in observed])
+        z = np.array([*[one.z for one in integrators], *[one.estimate for one in observers]])
+        status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add, xi, less))
         if status not in RUNNING:
             yield _row(loop, t, x, None, status, z, xi)
             return

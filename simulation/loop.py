@@ -10,6 +10,7 @@ from ..controllers.approach import Approach, make_approach
 from ..controllers.backends import SCALAR, make_controller
 from ..controllers.controller import RUNNING, Controller, Friction, Limits
 from ..controllers.estimation.adaptation import Adaptation, AdaptationOptions
+from ..controllers.estimation.disturbance import DisturbanceObservers
 from ..controllers.ground.slip import Noticed
 from ..controllers.integral import IntegralAction, hurwitz
 from ..controllers.odometry import vehicle_wheels
@@ -28,7 +29,7 @@ from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
-from ..verification.cases import gain_entries, integral_entries
+from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .contact import friction_accelerations
 from .drive import Drive, make_drive
 from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
@@ -82,6 +83,7 @@ class Loop:
     guidance: Guidance
     start: np.ndarray
     integral: IntegralAction
+    observers: DisturbanceObservers
     sensing: Sensing | None
     drive: Drive
     extension: np.ndarray
@@ -117,10 +119,20 @@ class Loop:
         seen = self.seen(x)
         return self.integral.error(self.guidance.leg.controller, np.append(seen, xi), self.reference(t, seen))
 
-    def command(self, t: float, x: np.ndarray, add: np.ndarray, xi: np.ndarray) -> tuple[str, np.ndarray]:
+    def observed(self, t: float, x: np.ndarray, add: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the observers of disturbances compare: y^(r-1) and v without the estimates; `add` as for `command`."""
+        if not self.observers.rows:
+            return np.zeros(0), np.zeros(0)
+        seen = self.seen(x)
+        return self.observers.seen(self.guidance.leg.controller, seen, self.integral.added(self.reference(t, seen), add))
+
+    def command(
+        self, t: float, x: np.ndarray, add: np.ndarray, xi: np.ndarray, less: np.ndarray | None = None
+    ) -> tuple[str, np.ndarray]:
         """Return status and inputs (N, N m) of the controller at time t in state x; zeros on an error.
 
-        `add`: value of integral action for each output that has it; `xi`: states of the dynamic extension, if any.
+        `add`: value of integral action for each output that has it; `xi`: states of the dynamic extension, if any; `less`: minus
+        the estimate for each output that has an observer.
         """
         seen, leg = self.seen(x), self.guidance.leg
         known, noticed = np.append(seen, xi), self.noticed
@@ -129,7 +141,8 @@ class Loop:
         reference = self.reference(t, seen)
         if np.isnan(reference).any():  # no point of the course is the nearest
             return "singular", np.zeros(len(self.law.inputs))
-        status, tau = leg.controller.step(known, self.integral.added(reference, add))
+        reference = self.integral.added(reference, add)
+        status, tau = leg.controller.step(known, reference if less is None else self.observers.added(reference, less))
         if self.learning:
             self.learning.applied = tau if status in RUNNING else None
         if status in RUNNING and leg.side(known) <= 0:
@@ -178,6 +191,7 @@ def make_loop(spec: Spec) -> Loop:
     used = believed.copy()
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
     limits, integral = _limits(spec, len(mechanism.inputs)), _integral(spec, law, gains)
+    observers = _observers(spec, law, gains)
 
     def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
         controller = make_controller(spec.simulation.backend, law, used, config, gains, limits)
@@ -224,9 +238,8 @@ def make_loop(spec: Spec) -> Loop:
     vehicle = _vehicle_limits(spec, law, believed) if spec.kinematic and spec.limits else None
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
-    loop = Loop(
-        law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, extension, None, warnings
-    )
+    memory = (integral, observers, sensing, drive, extension)
+    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, *memory, None, warnings)
     _check_start(loop)
     if spec.adaptation:
         loop = replace(loop, learning=Learning(law, used, spec.adaptation, spec.simulation))
@@ -292,6 +305,15 @@ def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction
             "at each call, the status of the previous one decides whether the integral may grow"
         )
     return IntegralAction(law, gains, ki, spec.limits.integral)
+
+
+def _observers(spec: Spec, law: ControlLaw, gains: list[float]) -> DisturbanceObservers:
+    ko = observer_entries(law, spec.gains)
+    if any(ko.values()) and not spec.simulation.period:
+        raise BadInput("gains: ko requires [simulation] period > 0: an observer compares what v did between two calls")
+    if any(ko.values()) and spec.drive and spec.drive.takes_velocity and not spec.kinematic:
+        raise BadInput(f'gains: ko does not go with [drive] kind = "{spec.drive.kind}": v acts later than it is given')
+    return DisturbanceObservers(law, gains, ko, spec.limits.disturbance if spec.limits else (0.0,))
 
 
 def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[Approach]:

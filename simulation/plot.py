@@ -13,7 +13,7 @@ from ..controllers.odometry import vehicle_wheels
 from ..model.paths import Path
 from ..model.segments import Segment
 from ..readers.errors import BadInput
-from ..verification.cases import gain_entries, integral_entries
+from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .drawing import at_times, draw_floor, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
 from .engine.measured import SLIPS, FloorMeasurements
 from .guidance import vehicle_motion
@@ -107,6 +107,7 @@ def _gains(run: Run) -> dict[str, float]:
     given = gain_entries(run.law, run.spec.gains, "gains")
     used = {gain.name: given.get(gain.name, gain.default) for gain in run.law.gains}
     used |= {name: ki for name, ki in integral_entries(run.law, run.spec.gains).items() if ki}
+    used |= {name: ko for name, ko in observer_entries(run.law, run.spec.gains).items() if ko}
     alike = {name[:2]: {value for other, value in used.items() if other[:2] == name[:2]} for name in used}
     return {name[:2] if len(alike[name[:2]]) == 1 else name: value for name, value in used.items()}
 

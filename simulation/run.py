@@ -49,7 +49,8 @@ class Run(Outputs):
     friction believed and by how much dead reckoning may be wrong because of slip, rad and m, if the SPEC has notice_slip, else
     (N, 0). `use` is the
     friction use (N) of each contact by name, if the SPEC has [contact]. `floor` is what was measured in a physics engine, where
-    the robot need not roll; None otherwise.
+    the robot need not roll; None otherwise. `disturbance` (N, K) are the estimates of the observers, of the outputs
+    `disturbance_rows`.
     If a run stopped, its last row has the time, the state and the status that stopped it, and no torque.
     """
 
@@ -75,6 +76,8 @@ class Run(Outputs):
     use: Mapping[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     floor: FloorMeasurements | None = None
+    disturbance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    disturbance_rows: tuple[str, ...] = ()
 
     @property
     def columns(self) -> list[str]:
@@ -86,6 +89,7 @@ class Run(Outputs):
         names += [*lambda_columns(mechanism), *(f"use_{name.replace(' ', '_')}" for name in self.use)]
         names += [f"seen_{q.name}" for q in state] if self.spec.sensors else []
         names += [f"integral_{row}" for row in self.integral_rows]
+        names += [f"disturbance_{row}" for row in self.disturbance_rows]
         names += [q.name for q in self.law.extension]
         names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
         names += ["believed_mu", "uncertain_heading", "uncertain_way"][: self.noticed.shape[1]]
@@ -106,8 +110,19 @@ class Run(Outputs):
         """Return the run as CSV, with 17 significant digits."""
         numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
         seen, floor = [self.seen] if self.spec.sensors else [], [self.floor.values] if self.floor else []
+        estimates = [self.disturbance] if self.disturbance_rows else []
         more = np.column_stack(
-            [self.forces, *self.use.values(), *seen, self.integral, self.extension, self.command, self.noticed, *floor]
+            [
+                self.forces,
+                *self.use.values(),
+                *seen,
+                self.integral,
+                *estimates,
+                self.extension,
+                self.command,
+                self.noticed,
+                *floor,
+            ]
         ).tolist()
         pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
         lines = [

@@ -3,7 +3,6 @@
 import math
 from collections import deque
 
-import casadi as ca
 import numpy as np
 
 from ..controllers import SCALAR
@@ -12,7 +11,6 @@ from ..controllers.direct import Direct
 from ..controllers.estimation.ekf import Filter, FilterOptions
 from ..controllers.ground.slip import Noticed, SlipOptions, make_slip
 from ..controllers.odometry import make_odometry, vehicle_wheels
-from ..model.algebra.exact import canonical
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
@@ -278,21 +276,16 @@ def _each(values: tuple[float, ...], count: int, where: str = "[sensors] noise")
 
 def pose_coordinates(system: ReducedSystem) -> list[int]:
     """Which coordinates are the vehicle's x, y and heading."""
-    vehicle = system.mechanism.vehicle
-    names = [c.name for c in system.mechanism.coordinates]
-    found = [str(place) for place in (vehicle.x, vehicle.y, vehicle.heading)] if vehicle else [""]
-    if not set(found) <= set(names):
-        raise BadInput(f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {', '.join(names)}")
-    return [names.index(name) for name in found]
+    found = system.mechanism.pose_numbers
+    if not found:
+        names = ", ".join(c.name for c in system.mechanism.coordinates)
+        raise BadInput(f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {names}")
+    return found
 
 
 def angle_coordinates(system: ReducedSystem) -> list[int]:
-    """For each quasi-velocity the coordinate whose rate it is."""
-    found = []
-    for k, velocity in enumerate(system.quasi_velocities):
-        unit = ca.SX.eye(system.dof)[k, :]
-        rows = [i for i in range(system.S.shape[0]) if canonical(system.S[i, :] - unit).is_zero()]
-        if not rows:
+    """For each quasi-velocity the coordinate whose rate it is. Raises BadInput if one is that of none."""
+    for velocity, places in zip(system.quasi_velocities, system.coordinates_by_velocity, strict=True):
+        if not places:
             raise BadInput(f"[sensors]: dead reckoning needs {velocity.name} to be the rate of a coordinate, a wheel's angle")
-        found.append(rows[0])
-    return found
+    return [places[0] for places in system.coordinates_by_velocity]

@@ -13,7 +13,7 @@ from ..readers.errors import BadInput
 from ..readers.robots import suggestion
 from ..simulation.loop import Loop, axle_at, initial_of
 from ..simulation.specification.spec import NoiseSection, OutputSection, Spec
-from ..verification.cases import gain_entries, integral_entries
+from ..verification.cases import gain_entries, integral_entries, observer_entries
 
 Place = tuple[str | int, ...]  # path to a number in a Spec: names of entries and indices of items
 SEED = "seed"
@@ -120,6 +120,8 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     mechanism = law.system.mechanism
     names = [p.name for p in law.parameters]
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
+    if any(observer_entries(law, spec.gains).values()):
+        raise BadInput("gains: ko: a sweep has no disturbance observers; leave it out, or take ki")
     ki = {name: value for name, value in integral_entries(law, spec.gains).items() if value}
     parameters = mechanism.parameter_values(spec.parameters)
     changed: dict[str, Any] = {

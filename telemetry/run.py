@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..codegen.follower.follower import placed_names
@@ -94,18 +93,8 @@ def times(start: Start, period: float) -> np.ndarray:
 
 def angle_names(system: ReducedSystem) -> list[str]:
     """Return for each wheel the coordinate whose rate its quasi-velocity is; "" if there is none."""
-    S = system.S
-    names = []
-    for k in range(S.shape[1]):
-        unit = [float(i == k) for i in range(S.shape[1])]
-        rows = [j for j in range(S.shape[0]) if _numbers(S[j, :]) == unit]
-        names.append(system.mechanism.coordinates[rows[0]].name if rows else "")
-    return names
-
-
-def _numbers(row: ca.SX) -> list[float]:
-    """Return the entries of a constant row; none for another."""
-    return [float(row[i]) for i in range(row.shape[1])] if row.is_constant() else []
+    names = [c.name for c in system.mechanism.coordinates]
+    return [names[places[0]] if places else "" for places in system.coordinates_by_velocity]
 
 
 def angles(start: Start, config: Any, steered: SteeredAxle | None) -> np.ndarray:

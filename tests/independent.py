@@ -147,21 +147,25 @@ def rolling_disk() -> Motion:
     return d.kane()
 
 
-def _steered(driven_in_front: bool) -> Motion:
-    d = Description("x y phi delta theta", "tau_d tau_s", "m l c r I_c I_s I_w")
-    (x, y, phi, delta, theta), (tau_d, tau_s), (m, l, c, r, I_c, I_s, I_w) = d.q, d.inputs, d.parameters  # noqa: E741
+def _steered(driven_in_front: bool, linked: bool = False) -> Motion:
+    """With a rear axle that is `linked`, a body of its own turns by -k delta with the driven wheels on it."""
+    d = Description("x y phi delta theta", "tau_d tau_s", "m l c r I_c I_s I_w" + " k I_r" * linked)
+    (x, y, phi, delta, theta), (tau_d, tau_s), (m, l, c, r, I_c, I_s, I_w, *of_rear) = d.q, d.inputs, d.parameters  # noqa: E741
     N, B = d.N, d.N.orientnew("B", "Axis", (phi, d.N.z))
     F = B.orientnew("F", "Axis", (delta, B.z))
-    carrier = F if driven_in_front else B
+    H = B.orientnew("H", "Axis", (-of_rear[0] * delta, B.z)) if linked else B
+    carrier = F if driven_in_front else H
     W = carrier.orientnew("W", "Axis", (theta, carrier.y))
     rear = d.point("R", d.O, x * N.x + y * N.y)
     front, centre = d.point("F", rear, l * B.x), d.point("C", rear, c * B.x)
     d.body("body", centre, B, m, (0, 0, I_c))
     d.body("fork", front, F, 0, (0, 0, I_s))
+    if linked:
+        d.body("rear axle", rear, H, 0, (0, 0, of_rear[1]))
     d.body("wheel", front if driven_in_front else rear, W, 0, (0, I_w, 0))
     axle = front if driven_in_front else rear
     # The constraints first that can be solved for x, y, theta at any speed of phi and delta.
-    d.contact(rear.vel(N), B.y)
+    d.contact(rear.vel(N), H.y)
     d.contact(front.vel(N), F.y)
     d.contact(axle.vel(N) + W.ang_vel_in(N).cross(-r * N.z), carrier.x)
     d.loads = [(W, tau_d * carrier.y), (carrier, -tau_d * carrier.y), (F, tau_s * N.z), (B, -tau_s * N.z)]
@@ -203,6 +207,51 @@ def _platform(d: Description, x, y, phi, wheels: Sequence, b, dd, r, m_c, m_w, I
 
 
 LABMATE = "b d r m_c m_w I_c I_w I_m"
+
+
+def castor_platform() -> Motion:
+    names = "x y phi theta_r theta_l beta_r gamma_r beta_l gamma_l"
+    d = Description(names, "tau_r tau_l", "b d r m I I_w e f c r_k m_k I_k I_r")
+    x, y, phi, theta_r, theta_l, *castors = d.q
+    b, ahead, r, m, I, I_w, e, f, trail, r_k, m_k, I_k, I_r = d.parameters  # noqa: E741
+    N, B = d.N, d.N.orientnew("B", "Axis", (phi, d.N.z))
+    axle = d.point("P_o", d.O, x * N.x + y * N.y)
+    d.body("platform", d.point("P_c", axle, ahead * B.x), B, m, (0, 0, I))
+    d.contact(axle.vel(N), B.y)
+    both = zip((-1, 1), (theta_r, theta_l), d.inputs, (castors[:2], castors[2:]), strict=True)
+    for side, theta, tau, (beta, gamma) in both:
+        W = B.orientnew(f"driven_{side}", "Axis", (theta, B.y))
+        C = B.orientnew(f"castor_{side}", "Axis", (beta, B.z))
+        K = C.orientnew(f"wheel_{side}", "Axis", (gamma, C.y))
+        hub = d.point(f"hub_{side}", axle, side * b * B.y)
+        own = d.point(f"hub_of_castor_{side}", axle, e * B.x + side * f * B.y - trail * C.x)
+        d.body(f"driven {side}", hub, W, 0, (0, I_w, 0))
+        d.body(f"castor {side}", own, C, m_k, (0, 0, I_k))
+        d.body(f"wheel {side}", own, K, 0, (0, I_r, 0))
+        d.contact(hub.vel(N) + W.ang_vel_in(N).cross(-r * N.z), B.x)
+        d.contact(own.vel(N) + K.ang_vel_in(N).cross(-r_k * N.z), C.x, C.y)
+        d.loads += [(W, tau * B.y), (B, -tau * B.y)]
+    return d.lagrange()
+
+
+def mecanum() -> Motion:
+    """Wheels as discs; the point of the rim on the ground slides across the axis of its roller only."""
+    names = "x y phi theta_fr theta_fl theta_rr theta_rl"
+    d = Description(names, "tau_fr tau_fl tau_rr tau_rl", "l_x l_y r gamma m I_z I_w")
+    x, y, phi, *angles = d.q
+    l_x, l_y, r, gamma, m, I_z, I_w = d.parameters
+    N, B = d.N, d.N.orientnew("B", "Axis", (phi, d.N.z))
+    middle = d.point("M", d.O, x * N.x + y * N.y)
+    d.body("platform", middle, B, m, (0, 0, I_z))
+    for k, (theta, tau) in enumerate(zip(angles, d.inputs, strict=True)):
+        ahead, aside = (1, -1)[k // 2], (-1, 1)[k % 2]
+        W = B.orientnew(f"wheel_{k}", "Axis", (theta, B.y))
+        R = B.orientnew(f"roller_{k}", "Axis", (-ahead * aside * gamma, B.z))
+        hub = d.point(f"hub_{k}", middle, ahead * l_x * B.x + aside * l_y * B.y)
+        d.body(f"wheel {k}", hub, W, 0, (0, I_w, 0))
+        d.contact(hub.vel(N) + W.ang_vel_in(N).cross(-r * N.z), R.x)
+        d.loads += [(W, tau * B.y), (B, -tau * B.y)]
+    return d.lagrange()
 
 
 def slope_platform() -> Motion:
@@ -260,6 +309,9 @@ DERIVATIONS: dict[str, Callable[[], Motion]] = {
     "mobile_manipulator": mobile_manipulator,
     "geared_arm": geared_arm,
     "slope_platform": slope_platform,
+    "bus": lambda: _steered(driven_in_front=False, linked=True),
+    "castor_platform": castor_platform,
+    "mecanum": mecanum,
 }
 
 

@@ -20,8 +20,9 @@ NIGHTLY = {
         r"test_battery\[((tricycle|rolling_disk|four_wheel|car) type_iv_circle|mobile_manipulator end_point|geared_arm joints)\]",
         r"test_battery\[(turtlebot3_waffle_pi type_i|pioneer_3dx type_ii|(f1tenth|forklift) type_iv_line)\]",
         r"test_battery\[tractor_trailer:(1 type_ii|4 type_i)\]",
+        r"test_battery\[(bus type_iv_circle|castor_platform type_iv_circle)\]",
         r"passes_its_own_test\[((tractor_trailer|car)-|ball_plate-generic)",
-        r"energy_is_the_work_done\[(tractor_trailer:4|turtlebot3_waffle_pi|f1tenth|forklift)\]",
+        r"energy_is_the_work_done\[(tractor_trailer:4|turtlebot3_waffle_pi|f1tenth|forklift|castor_platform)\]",
     ),
     "test_batch": (
         r"friction_is_that_of_simulate\[fastest\]",
@@ -67,6 +68,7 @@ NIGHTLY = {
     ),
     "test_dynamics": (
         r"the_c_is_the_textbook\[(coupled_6|tractor_trailer:3|turtlebot3_waffle_pi|pioneer_3dx|f1tenth|forklift)-",
+        r"the_c_is_the_textbook\[(bus|castor_platform|mecanum)-",
         r"the_c_is_the_textbook\[(car|twins|slope_platform|four_wheel|off_axle|knife_edge)-",
     ),
     "test_ekf": (
@@ -226,12 +228,14 @@ NIGHTLY = {
     "test_robot_figures": (
         r"claims_hold_and_can_fail\[(mobile_manipulator|slope_platform|rolling_disk|geared_arm)\]",
         r"claims_hold_and_can_fail\[(tractor_trailer|tricycle|turtlebot3_\w+|car|four_wheel|pioneer_3dx|f1tenth|forklift)\]",
+        r"claims_hold_and_can_fail\[(bus|castor_platform|mecanum)\]",
     ),
     "test_robots": (
-        r"analyse_answers_as_json\[(mobile_manipulator|slope_platform|car|tricycle)\]",
-        r"what_brackets_give\[(car|tricycle|slope_platform|mobile_manipulator)\]",
-        r"in_closed_form\[(tricycle|car)",
-        r"those_of_kane_and_lagrange\[(mobile_manipulator|tricycle)\]",
+        r"analyse_answers_as_json\[(mobile_manipulator|slope_platform|car|tricycle|bus|castor_platform|mecanum)\]",
+        r"what_brackets_give\[(car|tricycle|slope_platform|mobile_manipulator|bus|castor_platform)\]",
+        r"in_closed_form\[(tricycle|car|bus)",
+        r"those_of_kane_and_lagrange\[(mobile_manipulator|tricycle|castor_platform)\]",
+        r"\[castor_platform\]",
     ),
     "test_rolling": (
         r"rates_do_to_rigid_bodies\[(ellipsoid on plane|hollow_ellipsoid|cap on saddle|cylinder)",

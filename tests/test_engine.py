@@ -52,7 +52,7 @@ def run(mu: float, height: float = 0.0, share: float = 0.7, gentle: bool = False
     return simulate(spec, engine="mujoco")
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", [*ROBOTS, "castor_platform", "mecanum"])
 def test_the_engines_mass_matrix_is_that_of_the_mechanism(name):
     """MuJoCo's joint-space inertia, taken back to the coordinates and projected by S(q), at random states; its total mass."""
     random, made = np.random.default_rng(1992), engine(name)

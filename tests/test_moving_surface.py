@@ -138,15 +138,173 @@ def test_a_vehicle_on_a_belt_tracks_a_line_that_stands_still():
     np.testing.assert_allclose(qdot.full().ravel(), expected, atol=1e-14)
 
 
-def test_what_cannot_be_judged_is_refused(bad_input):
+def test_what_cannot_be_judged_is_refused(tmp_path, bad_input):
     assert "the robot with the surface at rest" in bad_input(["analyse", "turntable_ball"])
+    engine = ["--engine", "mujoco", "--set", "simulation.period=0.01", "-o", str(tmp_path / "run.csv")]
+    assert "turntable_ball: its ground moves" in bad_input(["simulate", "turntable_ball", *engine])
     robot = belt()
-    robot.contact("wheel", 12.0, across=robot.rate(robot["y"]))
-    with pytest.raises(ModelError, match="contact.* does not go with a moving surface"):
+    robot.body("load", 1.0, 1.0, robot.rate(robot["x"]), robot.rate(robot["y"]), robot.rate(robot["heading"]))
+    with pytest.raises(ModelError, match="body.* does not go with a moving surface"):
         reduce(robot)
+    with pytest.raises(ModelError, match="ground_moves: no coordinate 'z'; coordinates are x, y, heading"):
+        belt().ground_moves(z=1.0)
     robot = belt()
     with pytest.raises(ModelError, match="surface"):
         robot.rolls("a rate", robot.rate(robot["x"]), surface=robot.rate(robot["y"]))
+
+
+# -- what moves as a known function of time -----------------------------------------------------------------------------
+
+
+def plate(t):
+    """How a plate moves: its displacement, velocity and acceleration along x and y."""
+    place = ca.vertcat(0.3 * sin(1.7 * t), 0.2 * t**2 - 0.05 * t**3)
+    rate = ca.jacobian(place, t)
+    return place, rate, ca.jacobian(rate, t)
+
+
+def on_plate() -> Mechanism:
+    """The LABMATE, in the world, on a plate that moves as `plate`."""
+    robot = labmate()
+    _, (v_x, v_y), _ = (ca.vertsplit(part) for part in plate(robot.time()))
+    robot.ground_moves(x_c=v_x, y_c=v_y)
+    return robot
+
+
+def beside_plate() -> Mechanism:
+    """The same in axes that move with the plate: ordinary constraints, and the force -mass times acceleration."""
+    robot = labmate()
+    _, _, (a_x, a_y) = (ca.vertsplit(part) for part in plate(robot.time()))
+    x, y, phi, d = (robot[name] for name in ("x_c", "y_c", "phi", "d"))
+    for mass, point in ((robot["m_c"], (x, y)), (2 * robot["m_w"], (x - d * cos(phi), y - d * sin(phi)))):
+        for place, a in zip(point, (a_x, a_y), strict=True):
+            robot.force(-mass * a, on=robot.rate(place))
+    return robot
+
+
+def driven(robot: Mechanism, start: np.ndarray, duration: float) -> tuple[Plant, np.ndarray]:
+    """The plant and its states with torques that change; the last column is the work done on it."""
+    plant = plant_of(robot)
+
+    def rate(t: float, state: np.ndarray) -> np.ndarray:
+        tau = np.array([2.0 * np.sin(t), 1.0])
+        return np.append(plant.rate(state[:-1], tau), plant.power(state[:-1], tau)[0])
+
+    instants = np.linspace(0, duration, 11)
+    run = solve_ivp(rate, (0, duration), np.append(start, 0.0), "DOP853", instants, rtol=1e-11, atol=1e-12)
+    return plant, run.y.T
+
+
+def test_a_vehicle_on_a_plate_that_accelerates_moves_as_in_axes_of_the_plate():
+    """Change of frame: the place in the world is that on the plate and the plate's; energy is the work of motors and drive."""
+    start = np.array([0.1, -0.2, 0.4, 0.0, 0.0, 0.0, 1.0, 2.0])  # on the plate at t = 0; wheel rates
+    t = ca.SX.sym("t")
+    displaced = ca.Function("displaced", [t], [plate(t)[0]])
+    world, in_world = driven(on_plate(), start, 3.0)
+    _, on_it = driven(beside_plate(), start, 3.0)
+    moved = np.array([displaced(each).full().ravel() for each in in_world[:, 5]])
+    assert np.ptp(moved, axis=0).min() > 0.2
+    np.testing.assert_allclose(in_world[:, :2], on_it[:, :2] + moved, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(in_world[:, 2:8], on_it[:, 2:8], rtol=0, atol=1e-9)
+    energy = world.energy(in_world[:, :-1])
+    np.testing.assert_allclose(energy - energy[0], in_world[:, -1], rtol=0, atol=1e-9)
+    assert np.abs(world.slip(in_world[:, :-1])).max() < 1e-12
+    by_motors = world.power(in_world[:1, :-1], np.array([[0.0, 1.0]]))[0] - 1.0 * 2.0
+    assert abs(by_motors) > 1e-2, "the drive of the plate works too"
+
+
+def test_a_cylinder_on_a_plate_that_accelerates():
+    """A third of the plate's acceleration if it is solid: a I / (I + m R^2); the drive pushes with m times that."""
+    robot = Mechanism("cylinder", "on a plate")
+    x, theta = robot.coordinate("x", "m"), robot.coordinate("theta", "rad")
+    m, R, I = robot.parameter("m", 2.0, "kg"), robot.parameter("R", 0.1, "m"), robot.parameter("I", 0.01, "kg m^2")  # noqa: E741
+    robot.kinetic_energy(m * robot.rate(x) ** 2 / 2 + I * robot.rate(theta) ** 2 / 2)
+    robot.rolls("rim", robot.rate(x) - R * robot.rate(theta))
+    robot.ground_moves(x=robot.given("speed", "m/s"))
+    robot.input("push", "N", on=robot.rate(x))
+    robot.quasi_velocity("v", "m/s", robot.rate(x))
+    plant, state = plant_of(robot), np.array([0.0, 0.3, 0.5, 1.2, 0.5])  # at the plate's speed, which grows at 1.2 m/s^2
+    np.testing.assert_allclose(plant.rate(state, np.zeros(1)), [0.5, 0.0, 1.2, 0.0, 1.2 / 3], rtol=0, atol=1e-13)
+    assert plant.power(state, np.zeros(1))[0] == pytest.approx(2.0 * 0.4 * 0.5, abs=1e-12)
+    after = plant.step(state, np.zeros(1), 2.0, 1e-10)[0]
+    np.testing.assert_allclose(after, [0.5 * 2 + 0.2 * 4, 0.3 - 8.0 * 2, 2.9, 1.2, 0.5 + 0.8], rtol=0, atol=1e-9)
+
+
+def test_a_ball_on_a_turntable_whose_speed_varies():
+    """z' - 2/7 i Omega(t) z is constant for a solid ball; where it is zero, z = z_0 exp(2/7 i theta) with Omega = theta'."""
+    robot = Mechanism("ball", "on a turntable")
+    x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
+    turns = [robot.coordinate(f"turn_{axis}", "rad") for axis in "xyz"]
+    v_x, v_y, *w = (robot.rate(each) for each in (x, y, *turns))
+    m, R = 0.2, 0.03
+    robot.kinetic_energy(m * (v_x**2 + v_y**2) / 2 + 0.4 * m * R**2 * sum(each**2 for each in w) / 2)
+    robot.rolls("along x", v_x - R * w[1])
+    robot.rolls("along y", v_y + R * w[0])
+    t = robot.time()
+    Omega = 1.0 + 0.8 * sin(3.0 * t)
+    robot.ground_moves(x=-Omega * y, y=Omega * x, turn_z=Omega)
+    for name, on in (("f_x", v_x), ("f_y", v_y), ("torque", w[2])):
+        robot.input(name, "N", on=on)
+        robot.quasi_velocity(f"v_{name}", "m/s", on)
+    plant, place = plant_of(robot), 0.4 + 0.1j
+    velocity = 2j / 7 * place
+    state = np.array([0.4, 0.1, 0.0, 0.0, 0.0, 0.0, velocity.real, velocity.imag, 0.5])
+    for k in range(1, 101):
+        state, _ = plant.step(state, np.zeros(3), 0.05, 1e-12)
+        turned = 0.05 * k + 0.8 / 3 * (1 - np.cos(0.15 * k))
+        assert abs(complex(*state[:2]) - place * np.exp(2j / 7 * turned)) < 1e-9
+
+
+CONVEYOR = """
+from noslip.model.robots.labmate import labmate
+
+
+def conveyor():
+    robot = labmate()
+    robot.ground_moves(x_c=robot.given("belt", "m/s", "speed of the conveyor along x"))
+    return robot
+"""
+ALONG = """
+robot = "{file}:conveyor"
+output = {{ type = "IV", L = 0.5, path = {{ kind = "line", A = 0.0, B = 1.0, C = 0.0 }} }}
+gains = {{ kp = 1.0, kd = 2.5, kv = 2.0 }}
+reference = {{ speed = 0.8 }}
+initial = {{ q = [0.0, 0.6, 1.2, 0.0, 0.0, 0.3, 0.2], nu = [2.0, 2.0] }}
+simulation = {{ duration = 5.0, output_step = 0.5, backend = "{backend}" }}
+"""
+
+
+@pytest.mark.parametrize("backend", ["c", pytest.param("casadi", marks=pytest.mark.nightly)])
+def test_the_labmate_on_a_conveyor_that_gains_speed_follows_a_line(backend, tmp_path):
+    """Its law has the speed of the conveyor and its rate in the state, and compensates both: d'' + 2.5 d' + d = 0 in the world,
+    speed' = -2 (speed - 0.8). The contacts are judged too.
+    """
+    file = tmp_path / "conveyor.py"
+    file.write_text(CONVEYOR)
+    run = simulate(spec_of(ALONG.format(file=file, backend=backend), ""))
+    assert run.stopped is None
+    t, (d, speed) = run.t, (run.y_d - run.y).T
+    p = {q.name: q.default for q in labmate().parameters}
+    forward, turning, phi, belt = 2.0 * p["r"], 0.0, 1.2, 0.3
+    # Seen from the ground: the belt carries it along x; across its heading it moves as the belt does.
+    along = forward + belt * np.cos(phi)
+    rate = -(along * np.sin(phi) + -belt * np.sin(phi) * np.cos(phi) + 0.8 * turning * np.cos(phi))
+    slow, fast = -0.5, -2.0
+    a = (rate - fast * d[0]) / (slow - fast)
+    np.testing.assert_allclose(d, a * np.exp(slow * t) + (d[0] - a) * np.exp(fast * t), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(speed, (0.8 - along) * np.exp(-2 * t), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(run.x[:, 5], 0.3 + 0.2 * t, rtol=0, atol=1e-10)
+    assert np.abs(run.plant.slip(run.x)).max() < 1e-12
+
+
+def test_the_c_of_a_law_takes_the_speed_of_the_ground_and_its_rate(tmp_path, capsys):
+    file = tmp_path / "conveyor.py"
+    file.write_text(CONVEYOR)
+    robot = f"{file}:conveyor"
+    assert main(["generate", robot, "--output", "type_iv_line", "--output", "dynamics", "-o", str(tmp_path / "c")]) == 0
+    header = next((tmp_path / "c").glob("*/labmate.h")).read_text()
+    assert "double belt;" in header and "double belt_rate;" in header
+    assert main(["check", "--robot", robot, "--output", "type_iv_line", "--states", "50"]) == 0
 
 
 def test_a_surface_at_rest_changes_nothing():

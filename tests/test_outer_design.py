@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 from noslip.outer.channel import Channel, Required, longest_period, longest_period_with
-from noslip.outer.design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling, settling_time
+from noslip.outer.design import Gains, from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, settling_time
 from noslip.outer.exponential import exponential
 from noslip.outer.margins import margins, structured
 from noslip.readers.errors import BadInput
@@ -132,6 +132,98 @@ def test_lqr_is_python_controls(degree):
     sampled = control.c2d(control.ss(A[1:, 1:], B[1:], np.eye(degree), 0), 0.1)
     discrete = control.dlqr(sampled.A, sampled.B, Q[1:, 1:], [[4.0]], method="scipy")[0][0]
     assert from_lqr(degree, [*largest[:degree], 0.5], period=0.1).vector == pytest.approx(discrete, rel=1e-9)
+
+
+def hamiltonian_norm(A: np.ndarray, B: np.ndarray, C: np.ndarray) -> float:
+    """The H-infinity norm of a stable system without feedthrough: the least gamma for which the Hamiltonian matrix has no
+    eigenvalue on the imaginary axis (Boyd, Balakrishnan, Kabamba 1989), by bisection: no frequencies are tried."""
+    low, high = 0.0, 1e3
+    while high - low > 1e-9 * high:
+        gamma = (low + high) / 2
+        matrix = np.block([[A, B @ B.T / gamma**2], [-C.T @ C, -A.T]])
+        values = np.linalg.eigvals(matrix)
+        crosses = (np.abs(values.real) < 1e-8 * np.abs(values).max()).any()
+        low, high = (gamma, high) if crosses else (low, gamma)
+    return high
+
+
+def weighed(gains: Gains, largest: list[float], period: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C from a disturbance to everything relative to its largest value, written out; z sums the errors at the calls."""
+    degree, integral = gains.degree, bool(gains.integral)
+    size, K = degree + integral, gains.vector[None, :]
+    A, B = np.eye(size, k=1), np.eye(size)[:, -1:]
+    if period:
+        moved = expm(period * np.block([[A, B], [np.zeros((1, size + 1))]]))
+        A, B = moved[:size, :size], moved[:size, size:]
+        if integral:
+            A[0], B[0] = [1.0, period] + [0.0] * (degree - 1), 0.0
+    of_chain = [*largest[degree : degree + integral], *largest[:degree]]
+    return A - B @ K, largest[-1] * B, np.vstack([np.diag(1 / np.array(of_chain)), -K / largest[-2]])
+
+
+@pytest.mark.parametrize("degree", [1, 2, 4])
+@pytest.mark.parametrize("integral", [False, True])
+@pytest.mark.parametrize("period", [None, 0.02])
+def test_hinf_keeps_all_within_their_values(degree, integral, period):
+    """The norm is below 1, as the channel computes it, by a Hamiltonian matrix or by 40 000 frequencies."""
+    largest = [*[0.1, 0.2, 0.5, 1.5][:degree], *[0.1] * integral, 0.5, 0.35]
+    gains = from_hinf(degree, largest, integral, period)
+    found = Channel("y", "m", gains, period).norm(largest)
+    assert 0.7 - 1e-9 <= found < 1  # v itself must compensate a steady disturbance: 0.35 / 0.5
+    A, B, C = weighed(gains, largest, period)
+    if period is None:
+        assert found == pytest.approx(hamiltonian_norm(A, B, C), rel=1e-7)
+    omega = np.append(0.0, np.geomspace(1e-4, math.pi / (period or 0.01), 40_000))
+    at = np.exp(1j * omega * period) if period else 1j * omega
+    tried = np.linalg.norm(C @ np.linalg.solve(at[:, None, None] * np.eye(len(A)) - A, B), 2, axis=(1, 2)).max()
+    assert found == pytest.approx(tried, rel=1e-6)
+
+
+def test_hinf_of_one_integrator_in_closed_form():
+    """kv = v^2 / (e sqrt(v^2 - d^2)); the norm is largest at rest, |d| sqrt(1 / (kv e)^2 + 1 / v^2)."""
+    e, v, d = 0.2, 0.5, 0.3
+    gains = from_hinf(1, [e, v, d])
+    assert gains.error == pytest.approx(v**2 / (e * math.sqrt(v**2 - d**2)), rel=1e-10)
+    expected = d * math.hypot(1 / (gains.error * e), 1 / v)
+    assert Channel("y", "m", gains).norm([e, v, d]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_hinf_does_what_lqr_does_not():
+    """Near the largest disturbance that v can compensate, a regulator by the same values leaves one of them."""
+    largest = [0.1, 0.2, 0.5]
+    lqr, hinf = from_lqr(2, largest), from_hinf(2, [*largest, 0.48])
+    assert Channel("y", "m", lqr).norm([*largest, 0.48]) > 1.3
+    assert Channel("y", "m", hinf).norm([*largest, 0.48]) < 1
+
+
+def test_hinf_without_disturbance_is_lqr():
+    largest = [0.1, 0.2, 0.3, 0.5]
+    for period in (None, 0.05):
+        found = from_hinf(2, [*largest, 1e-9], True, period)
+        assert found.vector == pytest.approx(from_lqr(2, largest, True, period).vector, rel=1e-12)
+
+
+def test_hinf_ends_where_no_gain_can_do_it():
+    """One integrator called every 0.2 s: over all gains kv the least norm is 1 at the disturbance that the message names."""
+    e, v, period = 0.1, 0.5, 0.2
+    with pytest.raises(BadInput, match=r"only below 0\.\d+") as refused:
+        from_hinf(1, [e, v, 0.499], period=period)
+    bearable = float(str(refused.value).split("only below ")[1].split(";")[0])
+    tried = np.linspace(0.1, 9.9, 981)
+    norms = [Channel("y", "m", Gains(1, gain), period).norm([e, v, bearable]) for gain in tried]
+    assert min(norms) == pytest.approx(1, abs=2e-3)
+    good = from_hinf(1, [e, v, 0.999 * bearable], period=period)
+    assert Channel("y", "m", good, period).norm([e, v, 0.999 * bearable]) < 1
+
+
+def test_hinf_against_slicot():
+    """python-control's linfnorm of the closed loop."""
+    pytest.importorskip("slycot")
+    largest = [0.1, 0.2, 0.5, 0.35]
+    for period in (None, 0.02):
+        gains = from_hinf(2, largest, period=period)
+        system = control.ss(*weighed(gains, largest, period), 0, period or 0)
+        assert Channel("y", "m", gains, period).norm(largest) == pytest.approx(control.linfnorm(system)[0], rel=1e-7)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -314,6 +406,30 @@ def test_structured_singular_value(seed):
     M = random.normal(size=(1, 2, 2)) + 1j * random.normal(size=(1, 2, 2))
     turned = [np.diag([1, np.exp(1j * angle)]) @ M[0] for angle in np.linspace(0, 2 * np.pi, 20_001)]
     assert structured(M)[0] == pytest.approx(np.abs(np.linalg.eigvals(turned)).max(), rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [3, 4, 6])
+def test_structured_singular_value_of_products_in_closed_form(size):
+    """M = a b* has the structured singular value sum |a_i b_i|, a diagonal matrix its largest entry. Bounds, and close ones."""
+    random = np.random.default_rng(size)
+    a, b = (random.normal(size=(40, size)) + 1j * random.normal(size=(40, size)) for _ in range(2))
+    a *= 10 ** random.uniform(-1, 1, (40, size))
+    found, exact = structured(a[:, :, None] * b[:, None, :].conj()), np.abs(a * b).sum(axis=1)
+    assert (found >= exact * (1 - 1e-12)).all() and (found <= 1.03 * exact).all()
+    diagonal = np.array([np.diag(row) for row in a])
+    assert structured(diagonal) == pytest.approx(np.abs(a).max(axis=1), rel=1e-12)
+
+
+def test_structured_singular_value_is_reached_for_three():
+    """Some unitary diagonal U makes rho(U M) as large, with three places: found by a search over two angles."""
+    random = np.random.default_rng(8)
+    angles = np.exp(1j * np.linspace(0, 2 * np.pi, 121))
+    for _ in range(5):
+        matrix = (random.normal(size=(3, 3)) + 1j * random.normal(size=(3, 3))) * np.exp(random.normal(size=(3, 1)))
+        turned = np.array([matrix * np.array([[1], [s], [t]]) for s in angles for t in angles])
+        reached = np.abs(np.linalg.eigvals(turned)).max()
+        found = structured(matrix[None])[0]
+        assert reached <= found * (1 + 1e-12) and found <= 1.05 * reached < 1.05 * np.linalg.norm(matrix, 2)
 
 
 def test_disk_margin_of_two_loops_side_by_side():

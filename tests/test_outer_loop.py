@@ -13,12 +13,13 @@ import pytest
 from noslip.cli.main import main
 from noslip.controllers.angles import compiled_nearest_angle, nearest_angle
 from noslip.controllers.runtime import runtime
+from noslip.outer import robustness
 from noslip.outer.channel import Channel
 from noslip.outer.design import Gains
 from noslip.outer.interop import ControllerRefused, Moving, closed_loop_system, command, controller_system, hold, robot_system
 from noslip.outer.margins import margins
 from noslip.outer.motion import SteadyMotion, steady_motion
-from noslip.outer.robustness import Loops, corners, errors_of, one_by_one, ranking, with_errors, wrong
+from noslip.outer.robustness import Loops, corners, errors_of, one_by_one, ranking, search, with_errors, wrong
 from noslip.outer.setting import default_spec, setting_of
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
@@ -285,6 +286,21 @@ def test_ranking():
     assert radius.disk == pytest.approx(min(margins(motion.loop()).disk for motion in both), rel=1e-9)
 
 
+def test_search_for_the_worst_errors(monkeypatch):
+    """With a wrong heading the slowest loop is not at an end of the range: a scan finds it, and the search does."""
+    monkeypatch.setattr(robustness, "POPULATION", 12)
+    monkeypatch.setattr(robustness, "GENERATIONS", 8)
+    motion = default_motion("type_iv_circle")
+    names = ("heading", "speed")
+    ends = list(corners(motion, 0.3, names=names))
+    scan = [with_errors(motion, {"heading": amount, "speed": 0.3}).decay for amount in np.linspace(-0.3, 0.3, 61)]
+    found = search(motion, 0.3, begun=ends, names=names)
+    assert found.worst.decay <= found.slowest_drawn and found.tried == 12 * 9 and found.drawn == robustness.DRAWN
+    assert min(scan) - 1e-5 < found.worst.decay < min(case.decay for case in ends) - 1e-3
+    assert found.worst.decay == with_errors(motion, found.worst.amounts).decay
+    assert all(abs(amount) <= 0.3 for amount in found.worst.amounts.values())
+
+
 def test_errors_that_are_too_large_are_seen():
     """Stability lost at a period: no margin left; all together are worse than each alone."""
     motion, loops = motion_of(CIRCLE), Loops(period=0.08)
@@ -534,6 +550,42 @@ def test_command_integral(capsys):
     assert "ki_distance = " in data["spec"] and "ki_" not in data["c"]
 
 
+def test_command_search(capsys, monkeypatch):
+    for name in ("POPULATION", "GENERATIONS", "DRAWN"):
+        monkeypatch.setattr(robustness, name, 6)
+    monkeypatch.setattr(robustness, "MOST_CORNERS", 16)
+    data = answer(capsys, "labmate", "--output", "type_iv_line", "--search")["robust"]
+    assert data["searched"]["slowest_decay"] <= min(data["together"]["slowest_decay"], data["searched"]["slowest_drawn"])
+    assert set(data["searched"]["amounts"]) == {harm["name"] for harm in data["ranking"]}
+    assert main(["outer-loop", "labmate", "--output", "type_iv_line", "--search"]) == 0
+    assert "worst found in the box, after 42 loops: decay 0." in capsys.readouterr().out
+
+
+def test_command_observer(capsys):
+    """The whole loop has a pole for each observer; in C they are beside the law."""
+    data = answer(
+        capsys, "labmate", "--output", "type_iv_line", "--observer", "distance=4", "--observer", "speed=6", "--period", "0.01"
+    )
+    assert data["gains"]["ko_distance"] == 4.0 and "ko_speed = 6.0" in data["spec"] and "ko_" not in data["c"]
+    rates = [value[0] for value in data["whole"]["eigenvalues"]]
+    assert all(min(abs(rate - expected) for rate in rates) < 1e-6 for expected in (-0.5, -2, -2, -4, -6))
+    assert len(data["whole"]["discrete_eigenvalues"]) == 6
+
+
+def test_command_hinf(capsys, tmp_path):
+    """The norms that are stated are those of the gains that are printed, and of the channel that is called at the period."""
+    options = ["--hinf", "distance=0.1,0.2,0.5,0.3", "--poles", "speed=-2", "--period", "0.05", "--delay"]
+    data = answer(capsys, "labmate", "--output", "type_iv_ellipse", *options, "--figures", str(tmp_path / "figures"))
+    gains = Gains(2, data["gains"]["kp_distance"], data["gains"]["kd_distance"])
+    norms = data["channels"]["distance"]["norms"]
+    assert norms["continuous"] == pytest.approx(Channel("y", "m", gains).norm([0.1, 0.2, 0.5, 0.3]))
+    assert norms["continuous"] < norms["sampled"]
+    assert data["channels"]["speed"]["norms"] is None
+    assert (tmp_path / "figures" / "disturbances.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["outer-loop", "labmate", "--output", "type_iv_ellipse", *options]) == 0
+    assert "norm from a disturbance/0.3 of v to error/0.1, rate/0.2, v/0.5: " in capsys.readouterr().out
+
+
 def test_command_text_and_figures(capsys, tmp_path):
     folder = tmp_path / "figures"
     assert main(["outer-loop", "labmate", "--output", "type_iv_line", "--period", "0.05", "--figures", str(folder)]) == 0
@@ -587,7 +639,17 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_i", "--settling", "4,5"], "takes one number"),
         (["--output", "type_i", "--settling", "1j"], "must be real"),
         (["--output", "type_i", "--damping", "1"], "--damping requires --settling"),
+        (["--output", "type_i", "--observer=-1"], "ko_x_l = -1 is negative"),
+        (["--output", "type_i", "--observer", "1,2"], "--observer takes one number"),
+        (
+            ["--output", "type_i", "--observer", "3", "--drive", "velocity", "--bandwidth", "5", "--period", "0.01"],
+            "a disturbance observer does not go with velocity drives",
+        ),
         (["--output", "type_i", "--integral"], "--integral requires a design"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5"], "requires 4 largest values (error, rate, v, disturbance), not 3"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5,0.5"], "must be below the largest v, 0.5"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5,0.49", "--period", "0.2"], "only below 0.36"),
+        (["--output", "type_i", "--hinf", "0.1,0.2,0.5,-0.3"], "largest disturbance = -0.3 must be positive"),
         (["--output", "type_i", "--delay"], "--delay needs --period"),
         (["--output", "type_i", "--discrete-poles", "0.9,0.8"], "--discrete-poles needs --period"),
         (["--output", "type_i", "--wrong", "1.5"], "between 0 and 1"),

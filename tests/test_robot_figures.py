@@ -17,7 +17,13 @@ from noslip.tests.figures_made import figure_of
 
 NAMES = [figure.name for figure in robots.FIGURES]
 
-WHEELS = ("slope_platform", "tractor_trailer", "turtlebot3_burger", "turtlebot3_waffle_pi", "pioneer_3dx")  # two side by side
+WHEELS = (
+    "slope_platform",
+    "tractor_trailer",
+    "turtlebot3_burger",
+    "turtlebot3_waffle_pi",
+    "pioneer_3dx",
+)  # two side by side
 
 
 def test_every_shipped_robot_but_the_labmate_has_one():

@@ -13,7 +13,8 @@ from casadi import cos, sin
 from noslip.analysis.answers import analyse
 from noslip.cli.main import main
 from noslip.model import Mechanism, ModelError, config, reduce
-from noslip.model.algebra.exact import by_addition_theorems, canonical
+from noslip.model.algebra.entries import by_addition_theorems
+from noslip.model.algebra.exact import canonical
 from noslip.model.contacts import combination
 from noslip.model.reduction import ReducedSystem
 from noslip.model.robots import ROBOTS
@@ -28,7 +29,7 @@ from noslip.tests.independent import DERIVATIONS, Motion, motion
 from scipy.integrate import solve_ivp
 
 NAMES = tuple(DERIVATIONS)
-VEHICLES = ("knife_edge", "rolling_disk", "car", "tricycle", "slope_platform")
+VEHICLES = ("knife_edge", "rolling_disk", "car", "tricycle", "slope_platform", "bus", "castor_platform")
 STATES = 25
 SPECS = Path(__file__).parents[1] / "specs" / "robots"
 
@@ -201,7 +202,7 @@ def test_the_arm_hangs_still_only_where_gravity_lets_it():
 # -- contacts --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [*VEHICLES, "mobile_manipulator"])
+@pytest.mark.parametrize("name", [*VEHICLES, "mobile_manipulator", "mecanum"])
 def test_contacts_stand_still_and_carry_the_weight(name):
     robot = system(name).mechanism
     defaults = {parameter.name: parameter.default for parameter in robot.parameters}
@@ -210,6 +211,7 @@ def test_contacts_stand_still_and_carry_the_weight(name):
     weights = {
         "slope_platform": (defaults.get("m_c", 0) + 2 * defaults.get("m_w", 0)) * np.cos(defaults.get("slope", 0)),
         "mobile_manipulator": sum(defaults.get(m, 0) for m in ("m_c", "m_w", "m_w", "m_1", "m_2")),
+        "castor_platform": sum(defaults.get(m, 0) for m in ("m", "m_k", "m_k")),
     }
     assert abs(mass.item() - weights.get(name, defaults.get("m"))) < 1e-12 * mass.item() and np.all(np.isfinite(C))
 
@@ -227,6 +229,9 @@ GROWTH = {
     "mobile_manipulator": (4, 5, 6),
     "geared_arm": (2,),
     "slope_platform": (2, 3, 4),
+    "bus": (2, 3, 5),
+    "castor_platform": (2, 3, 5, 7, 8),
+    "mecanum": (3, 5),
 }
 
 
@@ -253,14 +258,18 @@ def test_growth_is_what_is_known_and_what_brackets_give(name):
 
 def test_integrals_are_the_gears_and_the_plates():
     """q that never leaves a level set: each integral's rate vanishes along every column of S."""
-    for name, count in (("geared_arm", 2), ("ball_plate", 2), ("mobile_manipulator", 1), ("slope_platform", 1)):
+    for name, count in (("geared_arm", 2), ("ball_plate", 2), ("mobile_manipulator", 1), ("slope_platform", 1), ("mecanum", 2)):
         robot, S = system(name).mechanism, system(name).S
         texts = analysed(name).constraints.json["integrals"]
         symbol_of = {q.name: q.symbol for q in (*robot.coordinates, *robot.parameters)}
         assert len(texts) == count
         for text in texts:
             left, right = text.split(" = ")
-            integral = eval(f"{left} - ({right.removesuffix(' + const')})", {"__builtins__": {}}, symbol_of)
+            integral = eval(
+                f"{left} - ({right.removesuffix('const').removesuffix(' + ') or 0})",
+                {"__builtins__": {}, "sin": ca.sin, "cos": ca.cos},
+                symbol_of,
+            )
             assert canonical(ca.jacobian(integral, robot.q) @ S).is_zero(), text
 
 
@@ -270,6 +279,7 @@ SINGULAR = {
     ("car", "type_i"): "L*r/cos(delta)",
     ("tricycle", "type_i"): "L*r",
     ("tricycle", "type_ii"): "r*cos(phi + delta)",
+    ("bus", "type_i"): "L*r*cos(k*delta)/cos(delta)",
     ("geared_arm", "tip"): "l_1*l_2*sin(q_2)",
     ("geared_arm", "joints"): "1",
     ("ball_plate", "ball"): "1",
@@ -283,6 +293,53 @@ def test_determinants_in_closed_form(name, law):
     names = {str(s): s for s in determinant.free_symbols}
     expected = sp.sympify(SINGULAR[name, law], {"I": sp.Symbol("I"), **names})
     assert sp.simplify(sp.expand_trig(determinant**2 - expected**2)) == 0
+
+
+def rates_of(name: str, state: State) -> dict[str, float]:
+    """The rates of the coordinates, and the quasi-velocities, by name."""
+    model = system(name)
+    found = {q.name: rate for q, rate in zip(model.mechanism.coordinates, answers(name, state)[0][:, 0], strict=True)}
+    return {**found, **{q.name: rate for q, rate in zip(model.quasi_velocities, state.nu, strict=True)}}
+
+
+def test_mecanum_wheels_turn_as_in_the_literature():
+    """Inverse kinematics: (v_x -+ v_y -+ (l_x + l_y) w) / r for rollers at 45 degrees (Lynch, Park, Modern Robotics, 13.2)."""
+    for state in states("mecanum"):
+        p = dict(zip([q.name for q in system("mecanum").mechanism.parameters], state.p, strict=True)) | {"gamma": np.pi / 4}
+        moved = rates_of("mecanum", replace(state, p=np.array(list(p.values()))))
+        arm = (p["l_x"] + p["l_y"]) * moved["yaw_rate"]
+        for at, aside, turned in (("fl", -1, -1), ("fr", 1, 1), ("rl", 1, -1), ("rr", -1, 1)):
+            expected = (moved["forward"] + aside * moved["left"] + turned * arm) / p["r"]
+            assert abs(moved[f"theta_{at}"] - expected) < 1e-12 * max(1.0, abs(expected))
+
+
+def test_a_bus_turns_about_the_point_where_its_axles_meet():
+    """Of a body with both axles steered, by d and -k d: yaw rate = v (tan d + tan k d) / l at the speed v along its heading; with
+    an axle that is not steered it is the car.
+    """
+    bus_of, car_of = ([q.name for q in system(name).mechanism.parameters] for name in ("bus", "car"))
+    for state in states("bus"):
+        p = dict(zip(bus_of, state.p, strict=True))
+        moved, (phi, delta) = rates_of("bus", state), state.q[2:4]
+        along = np.cos(phi) * moved["x"] + np.sin(phi) * moved["y"]
+        assert along == pytest.approx(p["r"] * moved["thetadot"] * np.cos(p["k"] * delta), rel=1e-12)
+        assert moved["phi"] == pytest.approx(along * (np.tan(delta) + np.tan(p["k"] * delta)) / p["l"], rel=1e-11)
+        fixed = p | {"k": 0.0, "I_r": 0.0}
+        one = answers("bus", replace(state, p=np.array(list(fixed.values()))))
+        other = answers("car", replace(state, p=np.array([fixed[name] for name in car_of])))
+        assert all(close(a, b, 1e-12) for a, b in zip(one[:3], other[:3], strict=True))
+
+
+def test_castors_swing_behind_their_pins():
+    """Pulled straight ahead by s, tan(beta / 2) decays as exp(-s / trail), whichever way a castor lies at first."""
+    model = system("castor_platform")
+    parameters, start = model.mechanism.parameter_values({}), np.array([0, 0, 0, 0, 0, 2.0, 0, -1.5, 0.0])
+    p = {q.name: q.default for q in model.mechanism.parameters}
+    qdot = ca.Function("qdot", [model.mechanism.q, model.nu, model.mechanism.p], [model.qdot])
+    run = solve_ivp(lambda _, q: qdot(q, [1.0, 0.0], parameters).full()[:, 0], (0, 0.1), start, "DOP853", rtol=1e-11, atol=1e-12)
+    assert run.y[0, -1] == pytest.approx(0.1, abs=1e-12)  # at 1 m/s
+    for k in (5, 7):
+        assert np.tan(run.y[k, -1] / 2) == pytest.approx(np.tan(start[k] / 2) * np.exp(-0.1 / p["c"]), rel=1e-8)
 
 
 def test_a_vehicle_starts_with_its_wheels_straight():
@@ -334,7 +391,7 @@ def test_analyse_answers_as_json(name, capsys):
     assert tuple(answer["growth"]) == GROWTH[name] and answer["outputs"]
 
 
-OWN = {**dict.fromkeys(VEHICLES, "type_i"), "mobile_manipulator": "end_point"}
+OWN = {**dict.fromkeys(VEHICLES, "type_i"), "mobile_manipulator": "end_point", "mecanum": "pose"}
 
 
 # -- one robot that this method cannot have ---------------------------------------------------------------------------

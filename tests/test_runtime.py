@@ -669,7 +669,7 @@ def test_controllers_do_not_touch_each_other(program):
 def test_headers_are_current():
     """Those made from one text for both scalars are what that text says."""
     made = headers()
-    assert len(made) == 20
+    assert len(made) == 21
     for path, text in made.items():
         assert path.read_text() == text, f"{path.name}: python -m noslip.guarantees.headers"
 
@@ -677,7 +677,7 @@ def test_headers_are_current():
 def test_each_public_name_is_in_a_header():
     """Each function that the runtime's library has stands in a header by its whole name, in double and in float."""
     text = "".join(path.read_text() for path in RUNTIME.glob("*.h"))
-    for header in ("angle", "integral", "odometry", "path", "reversing", "solve"):
+    for header in ("angle", "disturbance", "integral", "odometry", "path", "reversing", "solve"):
         names = re.findall(r"\b(noslip_\w+)\(", declarations(f"noslip_{header}.h"))
         assert {name + "_f" for name in names} & set(names)
         for name in names:

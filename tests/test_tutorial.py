@@ -12,7 +12,7 @@ from noslip.readers.robots import beside, find_robot
 from noslip.simulation.specification.spec import read_spec
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "your_robot.md").read_text()
-FILES = {"python": ("forklift.py", "balancer.py", "variants.py"), "toml": ("lift.toml",)}
+FILES = {"python": ("forklift.py", "conveyor.py", "balancer.py", "variants.py"), "toml": ("lift.toml",)}
 
 
 def blocks(kind: str) -> list[str]:

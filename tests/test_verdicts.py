@@ -88,11 +88,15 @@ LEWIS = "A. D. Lewis, Local configuration controllability ... with a single inpu
 BRM = "A. M. Bloch, M. Reyhanoglu, N. H. McClamroch, IEEE TAC 37(11), 1992"
 FLAT = "P. Rouchon, M. Fliess, J. Levine, P. Martin, Flatness, motion planning and trailer systems, CDC 1993"
 FLAG = "P. Martin, P. Rouchon, Feedback linearization and driftless systems, Math. Control Signals Systems 7, 1994"
+ENGEL = "S. Sekhavat, P. Rouchon, J. Hermosillo, Computing the flat outputs of Engel differential systems, ACC 2001"
+MUIR = "P. F. Muir, C. P. Neuman, Kinematic modeling for feedback control of an omnidirectional wheeled mobile robot, ICRA 1987"
 # robot, number of holonomic constraints, answers to QUESTIONS where the robot can go, source
 SHIPPED: dict[str, tuple[int, tuple[bool | None, ...], str]] = {
     "labmate": (1, (YES, YES, NO, YES), "Sarkar, Yun, Kumar 1992"),
     "knife_edge": (0, (YES, YES, NO, YES), BRM),
     "car": (0, (YES, YES, NO, YES), FLAT),
+    "bus": (0, (YES, YES, NO, NO), f"{ENGEL}, as it is with the angle of its wheels: the flag is (2, 3, 5)"),
+    "mecanum": (2, (YES, YES, NO, YES), f"{MUIR}: any motion of the body in the plane, and the wheels' angles are flat"),
     "tractor_trailer": (1, (YES, YES, NO, NO), f"{FLAG}, as it is with the angles of its wheels: the flag is (2, 3, 5)"),
     "balancer": (1, (YES, OPEN, NO, OPEN), "K. Pathak, J. Franch, S. K. Agrawal, IEEE Transactions on Robotics 21(3), 2005"),
     "roller_racer": (0, (YES, NO, NO, OPEN), LEWIS),

@@ -66,7 +66,7 @@ MEANING = {  # of the keys, for the schema
     "v": "virtual input (20), in SI units",
 }
 DECIMAL = r"^\s*[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
-INTEGRAL = "ki"
+INTEGRAL, OBSERVER = "ki", "ko"
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +170,12 @@ def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, A
 def gain_entries(law: ControlLaw, values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return gains by the names of law.gains: kp, kd, kv apply to all gains of that kind; a full name takes precedence.
 
-    Those of integral action are left to `integral_entries`. Raises BadInput for an unknown name.
+    Those of integral action are left to `integral_entries`, those of observers to `observer_entries`. Raises BadInput for an
+    unknown name.
     """
     names = [gain.name for gain in law.gains]
-    allowed = (*SHORT_GAINS, INTEGRAL, *names, *[f"{INTEGRAL}_{row.name}" for row in law.output.rows])
+    with_memory = [f"{kind}_{row.name}" for kind in (INTEGRAL, OBSERVER) for row in law.output.rows]
+    allowed = (*SHORT_GAINS, INTEGRAL, OBSERVER, *names, *with_memory)
     for name in values:
         if name not in allowed:
             raise BadInput(f"{where}: unknown gain {name!r}{suggestion(name, allowed)}")
@@ -183,6 +185,11 @@ def gain_entries(law: ControlLaw, values: Mapping[str, Any], where: str) -> dict
 def integral_entries(law: ControlLaw, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return gains ki_distance, ... of integral action, which is not part of the law; ki applies to all of them."""
     return _in_full([f"{INTEGRAL}_{row.name}" for row in law.output.rows], values)
+
+
+def observer_entries(law: ControlLaw, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return rates ko_distance, ... of disturbance observers, which are not part of the law; ko applies to all of them."""
+    return _in_full([f"{OBSERVER}_{row.name}" for row in law.output.rows], values)
 
 
 def _in_full(names: Sequence[str], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -213,8 +220,9 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
     params = _table(case["params"], f"{where}: params")
     gains = gain_entries(law, _table(case["gains"], f"{where}: gains"), f"{where}: gains")
     for name in case["gains"]:
-        if name[:2] == INTEGRAL:
-            why = "a law has no memory; integral action is available in `noslip simulate`"
+        if name[:2] in (INTEGRAL, OBSERVER):
+            what = "integral action is" if name[:2] == INTEGRAL else "disturbance observers are"
+            why = f"a law has no memory; {what} available in `noslip simulate`"
             raise BadInput(f"{where}: gains: unknown gain {name!r}: {why}")
     q = _numbers(case["q"], len(law.system.mechanism.coordinates), f"{where}: q")
     nu = _numbers(case["nu"], law.system.dof, f"{where}: nu")

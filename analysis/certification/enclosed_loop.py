@@ -27,7 +27,6 @@ from ...model.segments import Segment
 from ...readers.errors import BadInput
 from ...simulation.guidance import Route
 from ...simulation.loop import Loop, make_loop
-from ...simulation.sensing import pose_coordinates
 from ...simulation.specification.spec import Spec
 from .enclosure import Bounds, Enclosure
 from .tube import Tube
@@ -261,7 +260,7 @@ class EnclosedLoop:
         """Build the parts that do not depend on the start, the gains and the position of the path."""
         law, system, loop = self.loop.law, self.loop.law.system, self.loop
         tau, limits, curvature = (ca.SX.sym(name, n) for name, n in (("tau", len(self.most)), ("most", len(self.most)), ("k", 1)))
-        pose = _pose(system)
+        pose = system.mechanism.pose_numbers
         acting = ca.vertcat(ca.vec(system.Mbar), ca.vec(system.input_map), system.bias)
         state, kind = symbols(law.state), law.output.required_path.kind
         level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # whether the forces are the same in each pose
@@ -523,14 +522,6 @@ def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:
     except BadInput:
         return np.eye(system.dof)
     return np.array([forward, turn])
-
-
-def _pose(system: ReducedSystem) -> list[int]:
-    """Return the indices of the vehicle's x, y and heading among the coordinates; none if these are not coordinates."""
-    try:
-        return pose_coordinates(system)
-    except BadInput:
-        return []
 
 
 def _relevant(z: ca.SX, rates: ca.SX, needed: ca.SX) -> list[int]:

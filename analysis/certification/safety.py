@@ -75,6 +75,7 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
         (spec.reference.profiled, "the desired speed is that of a profile"),
         (loop.drive.commands > 0, "the drives follow velocities with a loop of their own"),
         (loop.limits is not None and loop.limits.mode == "grip", "the limiter of friction changes the inputs"),
+        (bool(loop.observers.rows), "the loop has disturbance observers"),
         (loop.limits is not None and bool(loop.integral.rows), "limits decide when integral action stops"),
     ]
     for applies, why in doubts:

@@ -108,23 +108,10 @@ def measured_names(system: ReducedSystem) -> list[str]:
 
 
 def placed_names(system: ReducedSystem) -> list[str]:
-    """Return the members of the state that are position and heading of the vehicle; none unless each is one."""
-    return _names(system, _place(system))
-
-
-def _place(system: ReducedSystem) -> list[ca.SX]:
-    """Return position and heading of the vehicle, or of its fixed axle, as expressions in the coordinates."""
-    if steered := steered_axle(system):
-        return ca.vertsplit(steered.place)
-    vehicle = system.mechanism.vehicle
-    return [vehicle.x, vehicle.y, vehicle.heading] if vehicle else []
-
-
-def _names(system: ReducedSystem, expressions: Sequence[ca.SX]) -> list[str]:
-    """Return the members of the state that the expressions are; none unless each is one."""
-    known = {q.symbol.element_hash(): q.in_c for q in system.state}
-    found = [known.get(each.element_hash(), "") for each in expressions if each.is_symbolic()]
-    return found if len(found) == len(expressions) and all(found) else []
+    """Return the members of the state that are position and heading of the vehicle or its fixed axle; none unless each is one."""
+    mechanism, steered = system.mechanism, steered_axle(system)
+    found = mechanism.coordinate_numbers(ca.vertsplit(steered.place)) if steered else mechanism.pose_numbers
+    return [mechanism.coordinates[k].in_c for k in found]
 
 
 def _kinematics(system: ReducedSystem, scalar: Scalar) -> dict[str, Any]:
@@ -140,7 +127,7 @@ def _kinematics(system: ReducedSystem, scalar: Scalar) -> dict[str, Any]:
         "each": "[2]",
         "steers": steered.steers,
         "rolls": 1 - steered.steers,
-        "angle": _names(system, [steered.angle])[0],
+        "angle": system.mechanism.coordinates[system.mechanism.coordinate_numbers([steered.angle])[0]].in_c,
         "reach": _assigned(system, scalar, ["reach"], steered.reach),
         "moved": _assigned(system, scalar, turns, steered.moved, steered.angle),
         "motion": _assigned(system, scalar, moves, ca.vec(steered.motion.T), steered.angle),

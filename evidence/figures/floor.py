@@ -42,7 +42,7 @@ FAR, OF_FRICTION = 0.75, 0.2  # m: from there a path is approached at up to half
 
 FLOORS = (0.7, 0.3, 0.15)
 FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in FLOORS for limits in (BARE, LIMITED))
-OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball")  # without wheels on a floor
+OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball", "bus", "castor_platform", "mecanum")  # not in the tables
 ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in OTHERS)
 LEAST, MOST = 1e-5, 10.0  # m/s: slips that are drawn
 RECKONED = 1e-3  # m

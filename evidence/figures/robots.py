@@ -44,11 +44,22 @@ TITLES = {  # name -> title, why it is here
     "turtlebot3_waffle_pi": ("TurtleBot3 Waffle Pi round a circle", "A wider one of the same maker."),
     "pioneer_3dx": ("Pioneer 3-DX to a line", "The usual platform of laboratories."),
     "f1tenth": ("Car of F1TENTH round a circle", "A car's geometry, small and fast."),
+    "bus": ("Bus round a circle", "Both axles steered: the rear one against the front one."),
+    "castor_platform": ("Platform with castors to a line", "The paper's platform with what it ignores: castors as bodies."),
+    "mecanum": ("Platform on mecanum wheels", "Rollers at 45 degrees: four wheels, three degrees of freedom."),
     "forklift": ("Forklift to a line", "A tricycle with its load on the wheels behind."),
 }
 
 
-SOURCED = ("turtlebot3_burger", "turtlebot3_waffle_pi", "pioneer_3dx", "f1tenth", "forklift")  # not all numbers are assumed
+SOURCED = (
+    "bus",
+    "mecanum",
+    "turtlebot3_burger",
+    "turtlebot3_waffle_pi",
+    "pioneer_3dx",
+    "f1tenth",
+    "forklift",
+)  # not all numbers are assumed
 
 
 def draw(runs: Runs) -> matplotlib.figure.Figure:

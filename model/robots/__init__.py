@@ -3,22 +3,24 @@
 from collections.abc import Callable
 
 from ..mechanism import Mechanism
-from .balancer import balancer
 from .ball_plate import ball_plate
+from .castor_platform import castor_platform
 from .differential import pioneer_3dx, turtlebot3_burger, turtlebot3_waffle_pi
 from .four_wheel import four_wheel
 from .geared_arm import geared_arm
 from .knife_edge import knife_edge
 from .labmate import labmate
+from .mecanum import mecanum
 from .mobile_manipulator import mobile_manipulator
-from .roller_racer import roller_racer
 from .rolling_disk import rolling_disk
-from .sleigh import sleigh
 from .slope_platform import slope_platform
-from .snakeboard import snakeboard
-from .steered import car, f1tenth, forklift, tricycle
+from .steered import bus, car, f1tenth, forklift, tricycle
 from .tractor_trailer import tractor_trailer
 from .turntable_ball import turntable_ball
+from .underactuated.balancer import balancer
+from .underactuated.roller_racer import roller_racer
+from .underactuated.sleigh import sleigh
+from .underactuated.snakeboard import snakeboard
 
 ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "labmate": labmate,
@@ -38,6 +40,9 @@ ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "f1tenth": f1tenth,
     "forklift": forklift,
     "turntable_ball": turntable_ball,
+    "bus": bus,
+    "castor_platform": castor_platform,
+    "mecanum": mecanum,
 }
 
 UNDERACTUATED: dict[str, Callable[..., Mechanism]] = {  # without laws

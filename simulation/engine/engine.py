@@ -55,13 +55,11 @@ class FloorEngine(Stepped):
         return np.array([self.model.joint(name).dofadr[0] for name in names], int)
 
     def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return for each contact slip (m/s), load (N), friction use, and the level force of the ground along and across in turn
-        (N).
-        """
+        """See Stepped."""
         q, qdot = self.coordinates()
         friction = self._friction.reshape(-1, 2)
         use = np.hypot(*friction.T) / self._limit
-        headings = self._headings @ q + self._turned
+        headings = self._directions(q)
         c, s = np.cos(headings), np.sin(headings)
         x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
         if self._uneven:
@@ -80,14 +78,14 @@ class FloorEngine(Stepped):
         self._rub()
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return q and qdot of the Mechanism."""
+        """See Stepped."""
         return self._rates @ self.data.qpos[self.moving], self._rates @ self.data.qvel[self.moving]
 
     def _aim(self, q: np.ndarray) -> None:
         """Let the friction of wheels with rollers act in the direction in which they roll, and not across it."""
+        directions = self._directions(q)
         for k in self._rollers:
-            heading = self._headings[k] @ q + self._turned[k]
-            self._tangents[k] = [[np.cos(heading), np.sin(heading), 0.0], [0.0, 0.0, 0.0]]
+            self._tangents[k] = [[np.cos(directions[k]), np.sin(directions[k]), 0.0], [0.0, 0.0, 0.0]]
 
     def _weigh(self) -> None:
         """Note the load of each wheel, and on bumps the plane that it touches."""
@@ -171,12 +169,11 @@ class FloorEngine(Stepped):
         self.data.qvel[self.moving] = self.planar.joints @ qdot
         self._aim(q)
         self._mujoco.mj_forward(self.model, self.data)
-        idle = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None]
+        idle, directions = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None], self._directions(q)
         for k, dof in zip(idle, self._free, strict=True):
             self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[self._geoms[k]], self._bodies[k])
             x, y, _ = self._slot @ self.data.qvel
-            heading = self._headings[k] @ q + self._turned[k]
-            self.data.qvel[dof] = (np.cos(heading) * x + np.sin(heading) * y) / self._radii[k]
+            self.data.qvel[dof] = (np.cos(directions[k]) * x + np.sin(directions[k]) * y) / self._radii[k]
         self.data.time = 0.0
 
 

@@ -107,6 +107,8 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     Raises BadInput if it is not made of planar bodies on vertical hinges and of wheels with horizontal axles.
     """
     name = mechanism.name
+    if mechanism.carried:
+        raise BadInput(f"--engine mujoco: {name}: its ground moves, the engine's floor does not; run it without --engine")
     if not mechanism.contacts:
         raise _refused(name, "it defines no contacts; add them with contact(name, mass, along, across)")
     x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]

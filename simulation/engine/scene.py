@@ -114,7 +114,7 @@ class SceneEngine(Stepped):
             held[k] += np.linalg.norm(touch.force - (touch.force @ normal) * normal)
             force[k] += touch.force
             slip[k] += touch.load * (touch.velocity - (touch.velocity @ normal) * normal)
-        headings = self._headings @ self.coordinates()[0]
+        headings = self._directions(self.coordinates()[0])
         c, s = np.cos(headings), np.sin(headings)
         level = np.column_stack([c * force[:, 0] + s * force[:, 1], c * force[:, 1] - s * force[:, 0]])
         return np.linalg.norm(slip, axis=1) / np.maximum(load, TINY), load, held / np.maximum(limit, TINY), level.ravel()
@@ -247,7 +247,7 @@ class SceneEngine(Stepped):
         qvel[self._dof + 3 : self._dof + 6] = turn.T @ spin
         for joint, rate in zip(self._driven, rates[3:], strict=True):
             qvel[joint.dofs] = joint.signs * rate
-        for wheel, contact, heading in zip(self._wheels, self.planar.wheels, self._headings @ q, strict=True):
+        for wheel, contact, heading in zip(self._wheels, self.planar.wheels, self._directions(q), strict=True):
             ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
             speeds = []
             for k, shapes in zip(wheel.joints, wheel.shapes, strict=True):

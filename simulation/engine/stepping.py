@@ -55,6 +55,10 @@ class Stepped:
         """
         raise NotImplementedError
 
+    def _directions(self, q: np.ndarray) -> np.ndarray:
+        """Return the direction in which each wheel rolls, rad from the x axis."""
+        return self._headings @ q + self._turned
+
     def _push_on(self, tau: np.ndarray) -> None:
         """Apply the inputs and what else acts during a step, whose positions MuJoCo knows."""
         raise NotImplementedError

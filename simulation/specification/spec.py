@@ -522,6 +522,7 @@ class LimitsSection:
     may then be left out. With `notice_slip` the controller lowers mu where it notices that wheels slip.
 
     `integral`: maximum that integral action may add to a desired derivative (0: no limit), one or one for each output with ki.
+    `disturbance`: likewise what a disturbance observer may estimate, for outputs with ko.
     """
 
     torque: tuple[float, ...] | None = entry(one_or_more, None, "largest input of each motor, or one for all; 0: none")
@@ -531,6 +532,9 @@ class LimitsSection:
     margin: float = entry(number("nonnegative", "1"), 0.05, "with grip: the part of mu kept in reserve")
     integral: tuple[float, ...] = entry(
         one_or_more, (0.0,), "the most that integral action adds to each desired derivative; 0: no limit"
+    )
+    disturbance: tuple[float, ...] = entry(
+        one_or_more, (0.0,), "the largest disturbance of each desired derivative that an observer estimates; 0: no limit"
     )
     notice_slip: NoticeSlipSection | None = entry(section(NoticeSlipSection), None)
 
@@ -662,7 +666,8 @@ def _read_sweep(value: Any, where: str) -> "Sweep":
 class Spec:
     """One closed-loop run. `parameters` are those of the controller, `plant` those of the robot that differ.
 
-    `gains` of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action.
+    `gains` of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action, ko, ko_distance, ...
+    disturbance observers.
     `sweep` is used by `noslip sweep` only.
     """
 
@@ -670,7 +675,10 @@ class Spec:
     parameters: Mapping[str, float] = entry(named_numbers, {}, "parameters of the robot that differ from its defaults, by name")
     plant: Mapping[str, float] = entry(named_numbers, {}, "parameters of the simulated robot that differ from these, by name")
     gains: Mapping[str, float] = entry(
-        named_numbers, {}, "gains of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action"
+        named_numbers,
+        {},
+        "gains of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action; ko, "
+        "ko_distance, ... disturbance observers",
     )
     output: OutputSection = entry(section(OutputSection))
     reference: Reference = entry(section(Reference))

@@ -9,7 +9,7 @@ from ...model.mechanism import per_second
 from ...readers.errors import BadInput
 from ...readers.quantities import Measured, check_unit
 from ...readers.reading import units
-from ...verification.cases import integral_entries
+from ...verification.cases import integral_entries, observer_entries
 from .distributions import Margin
 from .spec import Spec
 
@@ -41,7 +41,8 @@ def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
     gains = {q.name: q.unit for q in law.gains}
     degrees = dict(zip((row.name for row in rows), law.linearization.relative_degree, strict=True))
     gains |= {f"ki_{name}": f"1/s^{degree + 1}" for name, degree in degrees.items()}
-    ki = integral_entries(law, spec.gains)
+    gains |= {f"ko_{name}": "1/s" for name in degrees}
+    ki, ko = integral_entries(law, spec.gains), observer_entries(law, spec.gains)
     for name, unit in gains.items():
         known[f"gains.{name}"] = [unit]
         known.setdefault(f"gains.{name[:2]}", []).append(unit)
@@ -51,6 +52,7 @@ def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
         "initial.q": [q.unit for q in mechanism.coordinates],
         "initial.nu": rates,
         "limits.integral": [_derivative(row.unit, degrees[row.name]) for row in rows if ki.get(f"ki_{row.name}")],
+        "limits.disturbance": [_derivative(row.unit, degrees[row.name]) for row in rows if ko.get(f"ko_{row.name}")],
         "limits.torque": [q.unit for q in mechanism.inputs],
         "sensors.noise.mean": rates,
         "sensors.noise.sd": rates,

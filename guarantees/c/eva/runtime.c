@@ -1,10 +1,11 @@
 /*
- * runtime.c - odometry, encoder, integral action, reversing and angles for EVA, in the scalar REAL with SUFFIX.
+ * runtime.c - odometry, encoder, integral action, disturbance observer, reversing and angles for EVA, in the scalar REAL with SUFFIX.
  *
  * Functions are proved to keep the properties that init establishes, so that the results hold for any sequence of calls.
  */
 #include "eva.h"
 #include "noslip_angle.h"
+#include "noslip_disturbance.h"
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
 #include "noslip_reversing.h"
@@ -179,6 +180,32 @@ void check_integral_step(REAL limit)
     /*@ assert \is_finite(added) && -limit <= added <= limit; */
 }
 
+/* After an init that is not refused, two steps or a reset and a step. */
+void check_disturbance(REAL limit)
+{
+    OF(noslip_disturbance) self;
+    REAL added;
+    int status;
+    ANY(self);
+    status = OF(noslip_disturbance_init)(&self, any_real(), limit);
+    if (status < 0) {
+        REACHED(disturbance_init_refused);
+        /*@ assert self.ready == 0; */
+        return;
+    }
+    /*@ assert \is_finite(self.rate) && self.rate >= 0 && self.limit == limit; */
+    status = any_int ? OF(noslip_disturbance_step)(&self, any_real(), any_real(), any_real(), any_int, &added)
+                     : OF(noslip_disturbance_reset)(&self, any_real());
+    (void)OF(noslip_disturbance_applied)(&self, any_real());
+    status = OF(noslip_disturbance_step)(&self, any_real(), any_real(), any_real(), any_int, &added);
+    if (status >= 0) {
+        REACHED(disturbance_good);
+    } else {
+        REACHED(disturbance_refused);
+    }
+    /*@ assert \is_finite(added) && -limit <= added <= limit; */
+}
+
 void check_angles(void)
 {
     REAL lookahead[2], nearest;
@@ -210,6 +237,8 @@ int main(void)
     check_integral_step(SMALLEST);
     check_integral_step(20);
     check_integral_step(LARGEST);
+    check_disturbance(20);
+    check_disturbance(LARGEST);
     check_angles();
     REACHED(end);
     return 0;

@@ -7,8 +7,8 @@ Kinematic controllability and motion planning for the snakeboard, IEEE Transacti
 
 from casadi import cos, sin
 
-from ..drawing import box, placed, wheels
-from ..mechanism import Mechanism
+from ...drawing import box, placed, wheels
+from ...mechanism import Mechanism
 
 
 def snakeboard() -> Mechanism:

@@ -6,8 +6,8 @@ linearization, IEEE Transactions on Robotics 21 (2005). The sizes are those of a
 
 from casadi import cos, sin
 
-from ..drawing import box, wheels
-from ..mechanism import Mechanism
+from ...drawing import box, wheels
+from ...mechanism import Mechanism
 
 GRAVITY = 9.81  # m/s^2
 

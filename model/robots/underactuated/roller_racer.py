@@ -6,8 +6,8 @@ P. S. Krishnaprasad, D. P. Tsakiris, Oscillations, SE(2)-snakes and motion contr
 
 from casadi import cos, sin
 
-from ..drawing import box, placed, wheels
-from ..mechanism import Mechanism
+from ...drawing import box, placed, wheels
+from ...mechanism import Mechanism
 
 
 def roller_racer() -> Mechanism:

@@ -7,8 +7,8 @@ drives it forward, and nothing slows it down.
 
 from casadi import cos, sin
 
-from ..drawing import box
-from ..mechanism import Mechanism
+from ...drawing import box
+from ...mechanism import Mechanism
 
 
 def sleigh() -> Mechanism:

@@ -1,0 +1,1 @@
+"""Shipped robots with fewer inputs than degrees of freedom: they have no laws."""
