@@ -9,7 +9,8 @@ from typing import Any
 import sympy as sp
 
 from ..model.errors import ModelError
-from ..model.linearization import linearize
+from ..model.law import default_gains, gain_names
+from ..model.linearization import ASIDE, STEEPEST, linearize
 from ..model.mechanism import Mechanism
 from ..model.outputs import output_map, output_names
 from ..model.reduction import ReducedSystem
@@ -17,7 +18,7 @@ from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth
 from ..model.rolling.kinematics import Kinematics
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
-from ..readers.robots import check_law, find_robot, placed, refuse_extension, system_of
+from ..readers.robots import check_law, find_robot, placed, refuse_damping, refuse_extension, system_of
 from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
 from ..simulation.loop import make_loop
@@ -25,7 +26,7 @@ from ..simulation.specification.vary import read_varied
 from .certification.safe_offsets import Offsets, safe_offsets
 from .certification.safety import BASIS, SAFE, Verdict, certify, of_each
 from .distributions import analysis as structure
-from .distributions.distribution import distribution
+from .distributions.distribution import distribution, provable
 from .distributions.properties import Check
 from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
@@ -39,6 +40,7 @@ ROLLING_BRACKETS = {  # brackets that span the space, by the dimension of Delta,
     2: (("s1", "s2"), ("[s1,s2]",), ("[s1,[s1,s2]]", "[s2,[s1,s2]]")),
     3: (("s1", "s2", "s3"), ("[s1,s3]", "[s2,s3]")),
 }
+KEPT = 16  # systems whose constraints are remembered
 NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
 
 
@@ -117,7 +119,7 @@ def analyse(
             check_law(system, law)
     verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
     with placed(system):
-        constraints = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
+        constraints = _of_contact(system, progress) if isinstance(system, Contact) else _of_distribution(system, progress)
     outputs, refused, nothing = _outputs(system, laws, progress)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
     rolling = {file: start_rolling(file) for file in starts}
@@ -146,6 +148,7 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
         refuse_extension(spec.law, "analyse --start")
+        refuse_damping(spec.law, "analyse --start")
         if kind := spec.reference.moves:
             raise BadInput(f"[reference] {kind}: starts are certified along lines and paths; leave it out")
         loop = make_loop(spec)
@@ -204,6 +207,22 @@ def singular_when(form: NormalForm) -> list[str]:
     return [f"{c}{'' if c.confirmed else ' [not tried at a point]'}" for c in form.decoupling.conditions]
 
 
+def damped_near(form: NormalForm) -> list[str]:
+    """Return what a damped law does near its singular set, and what that costs; empty for other laws. See `Damping`."""
+    if form.decoupling.linearization.damping is None:
+        return []
+    gains = dict(zip(gain_names(2), default_gains(2), strict=True))
+    return [
+        "where |x| < 1, x = c/band, c = cosine of the angle between n and the velocity a*omega that turning gives P_l:",
+        f"distance'' = v_distance - (1 - x^2)^2*(e + {ASIDE:g}*kd*c*e'), e and e' are lost where the heading is normal",
+        "e = what turning is asked to do: v_distance + kd*c*a*omega - what curvature and forward acceleration do;",
+        "e' = rate of the distance by forward motion; on a line, at a constant speed V, without turning:",
+        f"|e| <= kp*|distance| + kd*|V|, with the default gains {gains['kp']:g} and {gains['kd']:g}: "
+        f"{gains['kp'] + gains['kd']:g} m/s^2 at 1 m and 1 m/s",
+        f"|acceleration of P_l by turning + kd*a*omega| <= {STEEPEST:.3f}*|e|/band + {ASIDE:g}*kd*|e'|",
+    ]
+
+
 def driven_straight(answer: Answer) -> list[str]:
     """Describe the motion of trailers and other joints, the same for all outputs; empty if there are none."""
     shape = next((form.shape for form in answer.outputs.values() if form.moving and form.shape.names), None)
@@ -231,9 +250,18 @@ def uncontrolled(form: NormalForm) -> str:
 # -- constraints --------------------------------------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=16)  # a robot is often analysed again with other starts
-def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
-    analysis = structure.analyse(system)
+_analysed: dict[Mechanism | Kinematics, Constraints] = {}  # a robot is often analysed again with other starts
+
+
+def _of_distribution(system: Mechanism | Kinematics, progress: Reported) -> Constraints:
+    if system not in _analysed:
+        if len(_analysed) >= KEPT:
+            del _analysed[next(iter(_analysed))]
+        _analysed[system] = _as_constraints(structure.analyse(system, progress))
+    return _analysed[system]
+
+
+def _as_constraints(analysis: structure.Analysis) -> Constraints:
     basis, before = analysis.certificate.basis, (0, *analysis.growth)
     levels = tuple(tuple(basis[a:b]) for a, b in zip(before, analysis.growth, strict=False))
     notes = {"integrals": analysis.holonomic.text(), "changes": analysis.places.text(), "taken positive": list(analysis.assumed)}
@@ -243,11 +271,11 @@ def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
     return Constraints(*ranks, levels, notes, analysis.checks, json, analysis.S, proof, analysis.controlled)
 
 
-def _of_contact(contact: Contact) -> Constraints:
+def _of_contact(contact: Contact, progress: Reported) -> Constraints:
     """Analyse as any distribution; if metrics have roots, by the structure equations only, which hold for any two surfaces."""
     growth, kinematics = rolling_growth(contact), contact.kinematics()
     rough = bool(distribution(kinematics).functions.roots)
-    constraints = _by_structure_equations(kinematics, growth) if rough else _of_distribution(kinematics)
+    constraints = _by_structure_equations(kinematics, growth) if rough else _of_distribution(kinematics, progress)
     notes = {"because": [growth.reason], "special orbits": list(growth.special)}
     if contact.formal:
         notes["formal only"] = [contact.formal]
@@ -300,7 +328,8 @@ def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[d
 
 @lru_cache(maxsize=64)
 def _form(system: ReducedSystem, law: str) -> NormalForm:
-    return normal_form(decouple(linearize(system, output_map(system, law))))
+    with provable(system.mechanism.name):
+        return normal_form(decouple(linearize(system, output_map(system, law))))
 
 
 def _reason(error: ModelError, system: Mechanism) -> str:
@@ -318,6 +347,7 @@ def _output_json(form: NormalForm) -> dict[str, Any]:
         "relative_degree": list(decoupling.linearization.relative_degree),
         "det": written(decoupling.det_in_full),
         "singular_when": ", or ".join(singular_when(form)) or "nowhere",
+        **({"damped": "; ".join(damped_near(form))} if damped_near(form) else {}),
         "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving), *_driven_straight(form)]),
         "det_short": written(decoupling.det_for_people),
         "where": {str(name): written(formula) for name, formula in decoupling.explained.items()} | decoupling.renamed,

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from .. import __version__
 from ..readers.glossary import meanings
 from ..readers.templates import render
-from .answers import Answer, Constraints, driven_straight, uncontrolled
+from .answers import Answer, Constraints, damped_near, driven_straight, uncontrolled
 from .certification.safety import SAFE, SINGULAR, Verdict
 from .mathml import mathml
 from .outputs.normal_form import SYMBOLS, NormalForm
@@ -56,6 +56,7 @@ def _normal_form(form: NormalForm) -> list[tuple[str, str]]:
     z = [Markup(" , ").join(map(_symbol, names)) for names in form.T]
     rows = [
         ("singular", BREAK.join(conditions or ["nowhere"])),
+        ("damped", BREAK.join(damped_near(form))),
         ("not defined", BREAK.join(mathml("where", expression, "=", sp.Integer(0)) for expression in decoupling.undefined)),
         ("T(x)", BREAK.join(Markup("z<sub>{}</sub> = ({})").format(k + 1, names) for k, names in enumerate(z))),
         ("regular", _regular(form.charts[0].minor)),

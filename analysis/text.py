@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Iterable
 
-from .answers import Answer, driven_straight, singular_when, uncontrolled
+from .answers import Answer, damped_near, driven_straight, singular_when, uncontrolled
 from .certification.safety import BASIS
 from .exact.symbolic import written
 from .outputs.normal_form import SYMBOLS, NormalForm
@@ -69,6 +69,7 @@ def _output(law: str, form: NormalForm) -> list[str]:
     lines = labelled(law, [f"outputs (relative degree) {names}"])
     lines += labelled("  det Phi", [written(decoupling.det_for_people)])
     lines += labelled("  singular", singular_when(form) or ["nowhere"])
+    lines += labelled("  damped", damped_near(form)) if damped_near(form) else []
     lines += labelled("  not defined", [f"where {written(pole)} = 0" for pole in decoupling.poles])
     lines += labelled("  uncontrolled", [uncontrolled(form)])
     return lines + labelled("  at speed V", map(str, form.moving))

@@ -6,6 +6,8 @@ import hashlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +25,7 @@ EKF = "ekf"  # the extended Kalman filter
 ADAPTATION = "adaptation"  # with the dynamics
 TARGETS = ("host", "cortex-m4f", "rv32", "soft")  # of codegen.costs
 PARTS = (DYNAMICS, EKF, ADAPTATION)  # are not laws
+DETERMINE = ("model", "codegen", "controllers", "verification", "readers", "runtime_c", "cli")  # folders whose code makes files
 
 OUTPUT_HELP = (
     f"a law, such as type_i, {DYNAMICS}, the plant model, {EKF}, the filter for the pose, {ADAPTATION}, which learns the "
@@ -202,10 +205,48 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
 
     Raises Mismatch if the C is to be compared with the model and differs from it.
     """
+    from ..codegen.versions import TOOLS
+    from ..model.mechanism import Mechanism
+    from ..readers.kept import remembered
+    from ..readers.robots import find_robot
+
+    robot = find_robot(args.robot)
+    chosen = [getattr(args, option, "") for option in ("output", "scale", "adapt", "scalar", "target")]
+    key = ("files", TOOLS, robot.declared(), chosen, dynamics, lanes, compare and _compiled_by())
+    make = partial(_selected_files, args, dynamics, compare, lanes)
+    own = type(robot) is not Mechanism  # a class of the user's, of which `declared` may not tell all
+    made = make() if own else remembered(key, make, rooms=DETERMINE, lasts=lambda made: made.lasts)
+    for line in made.warnings:
+        print(f"warning: {line}", file=sys.stderr)
+    return made.files
+
+
+@dataclass(frozen=True)
+class _Made:
+    """The selected C files by name, and where the constraints lose rank; `lasts`: all that was to be compared was compared."""
+
+    files: dict[str, str]
+    warnings: list[str]
+    lasts: bool
+
+
+def _compiled_by() -> tuple | None:
+    """Return the compiler with which the C is compared with the model; None if there is none."""
+    from ..controllers.build import FLAGS, QUICK, compiler, identity
+
+    try:
+        return identity([*compiler(), *FLAGS, *QUICK])
+    except BadInput:
+        return None
+
+
+def _selected_files(args: argparse.Namespace, dynamics: bool, compare: bool, lanes: bool) -> _Made:
+    """As `selected_files`."""
     from ..codegen.files import robot_files
     from ..model.reduction import warnings
     from ..readers.robots import find_robot, placed, system_of
     from ..verification.generate import generate
+    from ..verification.verify import is_compared
 
     scalars = ("double", "float") if args.scalar == "both" else (args.scalar,)
     robot = find_robot(args.robot)
@@ -216,9 +257,7 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
         scaled, target = _scaled(args, lanes and not args.output), getattr(args, "target", "")  # not of `noslip export`
         asked = system, laws, scalars, dynamics, lanes, scaled, adapted, target
         files = generate(*asked, progress) if compare else robot_files(*asked)
-    for line in warnings(system):
-        print(f"warning: {line}", file=sys.stderr)
-    return files
+    return _Made(files, warnings(system), not compare or is_compared(system, laws, files, scaled, target))
 
 
 def _laws_of_files(args: argparse.Namespace) -> list["ControlLaw"]:

@@ -7,9 +7,7 @@ from functools import lru_cache
 from typing import Any
 
 import casadi as ca
-import sympy
 
-from .. import __version__
 from ..model.algebra.expression import as_text
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
@@ -26,8 +24,7 @@ from .printing.robot_c import robot_header, robot_source
 from .printing.scalar import SCALARS, Scalar
 from .program import Program, compile_law
 from .telemetry.telemetry import telemetry_files
-
-TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy.__version__}"
+from .versions import TOOLS
 
 
 @lru_cache(maxsize=64)

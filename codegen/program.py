@@ -1,7 +1,7 @@
 """A law as a program: one graph for all its entry points, split into what init computes and what a step computes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import casadi as ca
@@ -53,11 +53,19 @@ class Entry:
     public: bool = True
     at_foot: bool = False  # takes FOOT in place of the vehicle's position and heading
     slope: "Entry | None" = None  # of a step: the entry used to reduce the acceleration
+    near: bool = False  # of a damped law, within its band
 
     @property
     def inverts(self) -> bool:
         """Whether it uses the inverse of Phi."""
         return not INVERTING.isdisjoint(self.answers)
+
+    @property
+    def within(self) -> "Entry":
+        """The entry that takes its place within the band of a damped law."""
+        return replace(
+            self, name=f"{self.name}_near", about=f"{self.about}, within the band", public=False, slope=None, near=True
+        )
 
 
 INVERTING = {Result.ACCELERATION, Result.INPUTS, Result.COMMAND, Result.INPUTS_OF_V, Result.COMMAND_OF_V, Result.SLOPE}
@@ -132,19 +140,25 @@ class EntryBody:
     """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`.
 
     `singular` is empty where nothing is inverted, or where the inversion itself tells. Where `margin`, which init computes, is
-    positive, the first exceeds the second at all angles.
+    positive, the first exceeds the second at all angles. A damped law is outside its band where first > second of `band`.
     """
 
     quantities: dict[Result, Matrix]
     singular: tuple[Node, ...]
     margin: Node | None = None
     order: int = 0  # index of ORDERS: that of the optimizer's passes
+    band: tuple[Node, ...] = ()
 
     @property
     def roots(self) -> list[Node]:
         """Every node that must be computed, guards included."""
         margin = [] if self.margin is None else [self.margin]
-        return [*self.singular, *margin, *(node for matrix in self.quantities.values() for row in matrix for node in row)]
+        return [
+            *self.band,
+            *self.singular,
+            *margin,
+            *(node for matrix in self.quantities.values() for row in matrix for node in row),
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,20 +235,25 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
             nodes[one.element_hash()] = node
             if step.label:
                 labels.setdefault(node, step.label)
-    quantities, at_foot = (
-        {name: build(expression) for name, expression in made.items()} for made in (source.quantities, source.at_foot)
+    quantities, at_foot, near, near_at_foot = (
+        {name: build(expression) for name, expression in made.items()}
+        for made in (source.quantities, source.at_foot, source.near, source.near_at_foot)
     )
     labels = _own_names(law, quantities) | labels
-    entries = {}
-    for entry in ENTRIES:
+    entries: dict[Entry, EntryBody] = {}
+    for entry in (*ENTRIES, *(one.within for one in ENTRIES if near and one.inverts)):
         if (law.extension or law.kinematic) and entry in (GROUND, GROUND_BY_INPUTS, NULL_INPUTS):
             continue  # a step with an extension or without inputs does not keep grip
         given = at_foot if entry.at_foot else quantities
+        given = given | (near_at_foot if entry.at_foot else near) if entry.near and given else given
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
         body = EntryBody(chosen, singular)
         if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
             entries[entry] = _optimized(graph, body, labels, target) if optimize else body
+            if near and entry.inverts and not entry.near:
+                entries[entry] = replace(entries[entry], band=_band(graph, given[Result.BAND], labels, optimize))
+    entries = dict(sorted(entries.items(), key=lambda each: not each[0].near))  # the others call them
     conditions = [row[0] for row in quantities[Result.CONDITIONS]]
     regular = [row[0] for made in (quantities, at_foot) for row in made.get(Result.REGULAR, ())]
     constants = constants_of([root for body in entries.values() for root in body.roots], labels)
@@ -258,7 +277,7 @@ def in_steps(law: ControlLaw) -> Stages:
         foot = staged_at_foot(law)
         shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
         found.steps += [step for step in foot.steps if step.symbol.element_hash() not in shared]
-        found.at_foot = foot.quantities
+        found.at_foot, found.near_at_foot = foot.quantities, foot.near
     return found
 
 
@@ -271,18 +290,33 @@ def plain(law: ControlLaw) -> Stages:
         Result.RATES: found.rate,
         Result.DECOUPLING: found.Phi,
         Result.DECOUPLING_RATE: found.Phidot,
-        Result.ACCELERATION: law.u,
-        given: law.tau,
+        Result.ACCELERATION: law.outside.u,
+        given: law.outside.tau,
         Result.EXTENSION_RATE: law.extension_rate,
-        of_v: law.tau_of_v,
+        of_v: law.outside.tau_of_v,
         Result.SINGULAR: _singular(found),
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
-        Result.SLOPE: law.slope,
+        Result.SLOPE: law.slope_of(law.outside.tau_of_v),
         **({} if law.extension or law.kinematic else plain_ground(law.system)),
     }
-    at_foot = {name: plain_at_foot(law, quantities[name]) for name in at_foot_of(law)} if has_foot_form(law) else {}
-    return Stages([], quantities=quantities, at_foot=at_foot)
+    near: dict[Result, ca.SX] = {}
+    if law.within and found.damping:
+        x, (regular, bound) = found.damping.x, found.damping.measure
+        quantities[Result.BAND] = ca.vertcat(x**2, 1)
+        near = {
+            Result.ACCELERATION: law.within.u,
+            given: law.within.tau,
+            of_v: law.within.tau_of_v,
+            Result.SINGULAR: ca.vertcat(regular, SINGULAR * bound),
+            Result.SLOPE: law.slope_of(law.within.tau_of_v),
+        }
+
+    def moved(made: dict[Result, ca.SX]) -> dict[Result, ca.SX]:
+        return {name: plain_at_foot(law, made[name]) for name in (*at_foot_of(law), Result.BAND) if name in made}
+
+    at_foot, near_at_foot = (moved(quantities), moved(near)) if has_foot_form(law) else ({}, {})
+    return Stages([], [], quantities, at_foot, near, near_at_foot)
 
 
 def _singular(found: Linearization) -> ca.SX:
@@ -291,6 +325,12 @@ def _singular(found: Linearization) -> ca.SX:
         return ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared)
     one, condition = found.measure
     return ca.vertcat(one, SINGULAR * condition)
+
+
+def _band(graph: Graph, band: Matrix, labels: dict[Node, str], optimize: bool) -> tuple[Node, ...]:
+    """The test of the band of a damped law, optimized by itself: outside it, the law is computed as without a band."""
+    nodes = [node for row in band for node in row]
+    return tuple(Optimizer(graph, labels).run(nodes) if optimize else nodes)
 
 
 def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: str) -> EntryBody:

@@ -10,7 +10,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from ..codegen.files import TOOLS
+from ..codegen.versions import TOOLS
 from ..controllers.build import FLAGS, QUICK, compiler
 from ..readers.files import MARK
 from ..readers.printing import toml

@@ -13,6 +13,7 @@ from ..model.reduction import ReducedSystem
 from ..model.vehicle import body_pose
 from ..readers.errors import BadInput
 from ..verification.extended import DIGITS, evaluate
+from .bounds import Triangle, triangles
 from .identifiability import RANGE, Combination, determined, generic_rank
 from .motors import REQUIRED, check_names, logged_inputs, motor_quantities, torques, used_quantities
 
@@ -119,7 +120,15 @@ class Dynamics:
         return np.array([given.get(name, known.get(shared.get(name, ""), value)) for name, value in known.items()])
 
     def check(self, fitted: Sequence[str], given: Mapping[str, float]) -> None:
-        """Raise BadInput if a motor's parameter that is needed is neither fitted nor given, or one exceeds its largest value."""
+        """Raise BadInput if a motor's parameter that is needed is neither fitted nor given, one exceeds its largest value, or
+        inertias are those of no body.
+        """
+        values = dict(zip((q.name for q in self.quantities), self.values(given).tolist(), strict=True))
+        for each in self.triangles:
+            inertias = dict.fromkeys((each.inertia, *each.others))
+            if not inertias.keys() & set(fitted) and not each.holds(values):
+                named = ", ".join(f"{name} = {values[name]:g}" for name in inertias)
+                raise BadInput(f"no body has the inertias {named}: {each} must hold")
         for name, most in self.upper.items():
             if given.get(name, most) > most:
                 raise BadInput(f"{name} = {given[name]:g} must be at most {most:g}")
@@ -137,6 +146,11 @@ class Dynamics:
         """The largest values of parameters: efficiencies do not exceed 1."""
         starts = ("efficiency", "back_efficiency")
         return {q.name: 1.0 for q in self.quantities if q.name.startswith(starts) and q.name not in self.robot}
+
+    @property
+    def triangles(self) -> tuple[Triangle, ...]:
+        """What limits the inertias of the robot's bodies."""
+        return triangles(self.system.mechanism)
 
     @cached_property
     def rates(self) -> ca.SX:

@@ -93,7 +93,8 @@ def predicted(
     """Return the prediction of the outputs of a log. `values`: all parameters; `names`: those that may be fitted."""
     windows = _windows(log, dynamics, held)
     steps = min(MOST_STEPS, max(1, math.ceil(float(windows.inputs[:, :, -1].max()) / LONGEST_STEP - 1e-6)))
-    return OutputError(_prediction(dynamics, steps, names), windows, dynamics.quantities, values, progress, dynamics.upper)
+    bounds = dynamics.upper, dynamics.triangles
+    return OutputError(_prediction(dynamics, steps, names), windows, dynamics.quantities, values, progress, *bounds)
 
 
 def _windows(log: Log, dynamics: Dynamics, held: bool) -> Windows:
@@ -109,7 +110,7 @@ def _windows(log: Log, dynamics: Dynamics, held: bool) -> Windows:
     middle, last = (first, first) if held else (_between(log)[rows], log.inputs[next_row])
     inputs = np.concatenate([first, middle, last, dt[:, :, None]], axis=2)
     used = np.arange(len(starts)) % LEFT_OUT != LEFT_OUT - 1
-    return Windows(x[:, 0], dynamics.start_places, inputs, log.measured(n)[rows], used, log.t[rows])
+    return Windows(x[:, 0], dynamics.start_places, inputs, log.measured(n)[rows], used, log.t[rows], rows)
 
 
 def _between(log: Log) -> np.ndarray:

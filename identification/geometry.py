@@ -198,23 +198,29 @@ def _windows(logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str]
     coordinates = [q.name for q in system.mechanism.coordinates]
     angles, places = ([coordinates.index(name) for name in names] for names in (logs[0].names, pose))
     longest = max(2, math.ceil(sum(len(log.t) for log in logs) / WINDOWS))
-    pieces = [(log, *piece) for log in logs for stretch in log.stretches for piece in _pieces(log, stretch, longest)]
+    begins = np.cumsum([0, *(len(log.t) for log in logs)])
+    pieces = [
+        (log, begin, *piece)
+        for log, begin in zip(logs, begins, strict=False)
+        for stretch in log.stretches
+        for piece in _pieces(log, stretch, longest)
+    ]
     if not pieces:
         raise BadInput("the log has no two poses on a stretch without a gap; two or more are needed")
-    rows = max(last - first for _, first, last in pieces) + 1
+    rows = max(last - first for _, _, first, last in pieces) + 1
     start = np.zeros((len(pieces), len(coordinates)))
     inputs, measured = np.zeros((len(pieces), rows, 2 * len(angles))), np.full((len(pieces), rows, 3), math.nan)
-    t = np.full((len(pieces), rows), math.nan)
-    for k, (log, first, last) in enumerate(pieces):
+    t, number = np.full((len(pieces), rows), math.nan), np.full((len(pieces), rows), -1)
+    for k, (log, begin, first, last) in enumerate(pieces):
         here, count = slice(first, last + 1), last + 1 - first
         change = np.diff(log.angles[here], axis=0)
         inputs[k, : count - 1, : len(angles)] = change
         rates = change / np.diff(log.t[here])[:, None]
         inputs[k, :count, len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
-        measured[k, :count], t[k, :count] = log.pose[here], log.t[here]
+        measured[k, :count], t[k, :count], number[k, :count] = log.pose[here], log.t[here], begin + np.arange(first, last + 1)
         start[k, angles] = log.angles[first]
         start[k, places] = np.nan_to_num(log.pose[first])
-    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool), t)
+    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool), t, number)
 
 
 def _pieces(log: PoseLog, stretch: range, longest: int) -> list[tuple[int, int]]:

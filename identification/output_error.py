@@ -7,11 +7,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import null_space
 
 from ..model.errors import ModelError
 from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
+from .bounds import Triangle
 
 ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
@@ -44,7 +46,8 @@ class Prediction:
 class Windows:
     """W windows of R rows: the `start` states (W, nx), of which the entries `fitted` are unknown; `inputs` (W, R, ni) of the
     interval after each row, those of the last are given to the output only; `measured` (W, R, ny), NaN where nothing was;
-    `used` (W): whether a window is fitted or kept for validation. `t` (W, R): time of each row, s.
+    `used` (W): whether a window is fitted or kept for validation. `t` (W, R): time of each row, s. `number` (W, R): which row of
+    the log it is; one that is in two windows has the same error in both.
     """
 
     start: np.ndarray
@@ -53,6 +56,7 @@ class Windows:
     measured: np.ndarray
     used: np.ndarray
     t: np.ndarray
+    number: np.ndarray
 
 
 class OutputError:
@@ -70,14 +74,18 @@ class OutputError:
         values: np.ndarray,
         progress: Reported = silent,
         upper: Mapping[str, float] | None = None,
+        triangles: Sequence[Triangle] = (),
     ):
-        """`quantities` and `values`: all parameters, in the order of those of `step`; `upper`: the largest values of some."""
+        """`quantities` and `values`: all parameters, in the order of those of `step`; `upper`: the largest values of some;
+        `triangles`: what holds for inertias together.
+        """
         self.windows, self.progress, self.values, self._given = windows, progress, values.copy(), values
         self.names, self._all_names = list(prediction.names), prediction.names
         self._angles = prediction.angles
         self.places = {q.name: k for k, q in enumerate(quantities)}
         self.quantities = {q.name: q for q in quantities}
-        self._upper = upper or {}
+        self._upper, self._triangles = upper or {}, triangles
+        self.held: list[Triangle] = []  # those at whose bound the fit is
         self.start = windows.start[:, windows.fitted].copy()
         count, rows, _ = windows.measured.shape
         forward, observe = _with_sensitivities(prediction, len(windows.fitted))
@@ -183,9 +191,10 @@ class OutputError:
         independent from row to row and correlated in any way within a row, or, where successive errors are correlated beyond
         chance, for errors that are correlated in any way within a window: by the change of the fit without each window
         (jackknife). Raises BadInput if there are too few windows for that.
+
+        Errors with less weight count as in the covariance of an M-estimate (Huber, Robust Statistics, 1981, section 7.6).
         """
-        used = self.windows.used
-        left, rows = self._projected(self.values, self.start, used)
+        left, rows = self._influence()
         sizes = np.linalg.norm(rows, axis=(0, 1))
         rows = rows / sizes
         each = np.einsum("wrp,wrq->wpq", rows, rows)  # information of each window
@@ -201,11 +210,25 @@ class OutputError:
             covariance = changes.T @ changes * (len(changes) - 1) / len(changes)
         else:
             degrees, inverse = self.surplus, np.linalg.inv(each.sum(axis=0))
-            outputs = self.windows.measured.shape[2]
-            by_row = rows.reshape(-1, outputs, len(self.names))
+            of_log, place = np.unique(self.windows.number[self.windows.used], return_inverse=True)
+            by_row = np.zeros((len(of_log), self.windows.measured.shape[2], len(self.names)))
+            np.add.at(by_row, place.ravel(), rows.reshape(-1, *by_row.shape[1:]))
             covariance = inverse @ np.einsum("rjp,jk,rkq->pq", by_row, self._of_a_row(left), by_row, optimize=True) @ inverse
         sd = dict(zip(self.names, np.sqrt(np.diag(covariance)) / sizes, strict=True))
         return sd | dict.fromkeys(self.unseen, math.inf), degrees
+
+    def _influence(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return errors (windows, R ny) and derivatives (windows, R ny, p) of the fitted windows such that a change of the
+        errors changes the parameters by (rows' rows)^-1 rows' errors. Both are those of least squares, or, where large errors
+        have less weight, weighted errors, and derivatives as often as an error counts in full.
+        """
+        used, (numbers, unknowns) = self.windows.used, self._counts
+        weight, measured = self._weight[used], self._weight > 0
+        in_full = np.maximum((weight == 1.0).sum(axis=(0, 1)), 1) / np.maximum(measured[used].sum(axis=(0, 1)), 1)
+        of_few = 1 + unknowns / numbers * (1 / in_full - 1)
+        errors = np.nan_to_num(self._errors(used) / self.scale) * weight**2 * of_few / np.sqrt(in_full)
+        _, rows = self._projected(self.values, self.start, used, measured * np.sqrt(in_full))
+        return errors.reshape(len(errors), -1), rows
 
     def _of_a_row(self, left: np.ndarray) -> np.ndarray:
         """Return the covariance of the weighted errors of the outputs in a row, ny x ny: the mean over the rows that have both.
@@ -230,11 +253,10 @@ class OutputError:
 
     def _errors(self, windows: np.ndarray | slice) -> np.ndarray:
         """Return the errors of the outputs, (windows, R, ny), after fitting the initial states; NaN where not measured."""
-        kept, self._weight = self._weight, np.isfinite(self.windows.measured).astype(float)
+        weight = self._weight[windows]
         left, _ = self._projected(self.values, self.start, windows)
-        measured = self._weight[windows] > 0
-        self._weight = kept
-        return np.where(measured, left.reshape(measured.shape) * self.scale, np.nan)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(weight > 0, left.reshape(weight.shape) * self.scale / weight, np.nan)
 
     def _median(self) -> np.ndarray:
         return MEDIAN * np.nanmedian(np.abs(self._errors(self.windows.used)), axis=(0, 1))
@@ -243,9 +265,13 @@ class OutputError:
         errors = np.abs(self._errors(slice(None))) / self.scale
         self._weight = np.where(np.isfinite(errors), np.sqrt(HUBER / np.maximum(errors, HUBER)), 0.0)
 
-    def _projected(self, values: np.ndarray, start: np.ndarray, windows: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals of these windows and their derivatives by the fitted parameters; initial states are eliminated."""
-        residual, by_start, by_values = (each[windows] for each in self._predicted(values, start))
+    def _projected(
+        self, values: np.ndarray, start: np.ndarray, windows: np.ndarray | slice, weight: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals of these windows and their derivatives by the fitted parameters; initial states are eliminated.
+        `weight` (W, R, ny): another than that of the fit.
+        """
+        residual, by_start, by_values = (each[windows] for each in self._predicted(values, start, weight))
         bases, sizes, _ = np.linalg.svd(by_start, full_matrices=False)
         bases = bases * (sizes > 1e-10 * sizes.max(initial=0.0))[:, None, :]
         return residual - _apply(bases, residual), by_values - _apply(bases, by_values)
@@ -270,22 +296,49 @@ class OutputError:
         return max(abs(self.value(name)), abs(float(self._given[self.places[name]])) or 1.0)
 
     def _converge(self) -> None:
+        """Minimize the squared errors; if the inertias are then those of no body, on the bound."""
+        self.held = []
+        self._descend()
+        while crossed := [each for each in self._triangles if self._crosses(each)]:
+            self.held.append(crossed[0])
+            self._to_bound(crossed[0])
+            self._descend()
+
+    def _crosses(self, triangle: Triangle) -> bool:
+        """Whether the fitted inertias are beyond a bound that is not held yet."""
+        known = dict(zip(self.quantities, self.values.tolist(), strict=True))
+        return triangle not in self.held and bool(triangle.factors(self.names).any()) and not triangle.holds(known)
+
+    def _to_bound(self, triangle: Triangle) -> None:
+        """Change the fitted inertias such that the bound is met, each in proportion to its size."""
+        factors, sizes = triangle.factors(self.names), np.array([self._size(name) for name in self.names])
+        beyond = triangle.factors(list(self.quantities)) @ self.values
+        for name, change in zip(self.names, sizes**2 * factors * beyond / np.sum((sizes * factors) ** 2), strict=True):
+            self.values[self.places[name]] -= change
+        self.start = self._starts(self.values)
+
+    def _directions(self, free: np.ndarray) -> np.ndarray:
+        """Return the changes of the fitted parameters, (p, k), that leave alone what is not free and keep the bounds held."""
+        directions = np.diag([self._size(name) for name in self.names])[:, free]
+        held = np.array([each.factors(self.names) for each in self.held]).reshape(-1, len(self.names))
+        return directions @ null_space(held @ directions) if len(held) else directions
+
+    def _descend(self) -> None:
         damping, used = 1e-3, self.windows.used
         left, rows = self._projected(self.values, self.start, used)
         for iteration in range(ITERATIONS):
             self.progress(iteration, ITERATIONS, "iterations, or fewer")
             rows, left = rows.reshape(-1, len(self.names)), left.ravel()
             free = ~self._blocked(left @ rows)
-            sizes = np.array([self._size(name) for name in self.names])[free]
-            rows, cost = rows[:, free] * sizes, float(left @ left)
+            directions = self._directions(free)
+            rows, cost = rows @ directions, float(left @ left)
             best = -np.linalg.lstsq(rows, left, rcond=None)[0]
             if np.abs(best).max(initial=0.0) < CONVERGED or -left @ rows @ best <= GAIN * cost:
                 return
             while True:
-                move = np.zeros(len(self.names))
                 damped = np.vstack([rows, math.sqrt(damping) * np.diag(np.linalg.norm(rows, axis=0))])
-                move[free] = -np.linalg.lstsq(damped, np.append(left, np.zeros(free.sum())), rcond=None)[0] * sizes
-                values = self._moved(move)
+                step = -np.linalg.lstsq(damped, np.append(left, np.zeros(rows.shape[1])), rcond=None)[0]
+                values = self._moved(directions @ step)
                 after = None if values is None else self._tried(values)
                 if values is not None and after is not None and np.sum(after[1] ** 2) <= cost * (1 + 1e-12):
                     break
@@ -336,16 +389,18 @@ class OutputError:
         residual, by_start, _ = self._predicted(values, self.start)
         return self.start - np.einsum("wkr,wr->wk", np.linalg.pinv(by_start, rcond=1e-10), residual)
 
-    def _predicted(self, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _predicted(
+        self, values: np.ndarray, start: np.ndarray, given: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return residuals (W, R ny), and their derivatives by the initial states and by the fitted parameters, all weighted."""
         windows, rows, outputs = self.windows.measured.shape
         at, columns = (values.tobytes(), start.tobytes()), [self._all_names.index(name) for name in self.names]
         if at != self._simulated[0]:
             self._simulated = at, self._simulate(values, start)
         residual, starts, parameters = self._simulated[1]
-        weight = self._weight / self.scale
+        weight = (self._weight if given is None else given) / self.scale
         return (
-            np.where(self._weight > 0, residual * weight, 0.0).reshape(windows, -1),
+            np.where(weight > 0, residual * weight, 0.0).reshape(windows, -1),
             (starts * weight[..., None]).reshape(windows, rows * outputs, -1),
             (parameters[..., columns] * weight[..., None]).reshape(windows, rows * outputs, -1),
         )

@@ -84,7 +84,8 @@ def result_of(
     bounds = (
         f"{name} is at its bound, {fit.value(name):g}; beyond it the log would be predicted better" for name in fit.at_bound()
     )
-    remarks, windows = (*remarks, *bounds), fit.windows
+    held = (f"the inertias are at their bound {each}; beyond it the log would be predicted better" for each in fit.held)
+    remarks, windows = (*remarks, *bounds, *held), fit.windows
     left = (outputs, windows.t, fit.residuals(), windows.used)
     return Identification(estimates, tuple(sentences), fit.rms(), fit.rms(used=False), rows, inputs, remarks, *left)
 

@@ -1,5 +1,6 @@
 """Contacts with the ground: how the velocities of the contact points follow from the constraints, and the forces there."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -42,7 +43,9 @@ def combination(mechanism: Mechanism) -> ca.SX:
     A, rows = mechanism.A, _rows(mechanism)
     if not mechanism.contacts:
         return ca.SX(0, A.shape[0])
-    C = canonical(rows @ unit_slips(mechanism))
+    C = _whole_numbers(A, rows, _sampled(mechanism, ca.vertcat(A, rows)).values)
+    if C is None:
+        C = canonical(rows @ unit_slips(mechanism))
     moving = _sampled(mechanism, rows - C @ A)
     if moving.largest() > RANK_TOLERANCE:
         k = moving.largest_row()
@@ -61,6 +64,25 @@ def combination(mechanism: Mechanism) -> ca.SX:
     return C
 
 
+def _whole_numbers(A: ca.SX, rows: ca.SX, values: Sequence[np.ndarray]) -> ca.SX | None:
+    """Return C with C A = rows if it consists of whole numbers and this is proved: the velocity of a contact is often that of a
+    constraint, or minus it, and `unit_slips` is long for many bodies. None if not. `values` are samples of A above rows.
+    """
+    m = A.shape[0]
+    table = np.hstack(values)
+    C = np.round(np.linalg.lstsq(table[:m].T, table[m:].T)[0].T)
+    if np.abs(C @ table[:m] - table[m:]).max(initial=0.0) > RANK_TOLERANCE * np.abs(table).max(initial=1.0):
+        return None
+
+    def proved(row: ca.SX, numbers: np.ndarray) -> bool:
+        (places,) = np.nonzero(numbers)
+        if len(places) == 1 and numbers[places[0]] == 1 and row.serialize() == A[int(places[0]), :].serialize():
+            return True
+        return canonical(row - ca.SX(ca.DM(numbers[None])) @ A).is_zero()
+
+    return ca.sparsify(ca.SX(ca.DM(C))) if all(map(proved, ca.vertsplit(rows), C)) else None
+
+
 def ground(system: ReducedSystem, nudot: ca.SX, tau: ca.SX) -> Ground:
     """Return what the ground does while the robot rolls with the rates nudot of its quasi-velocities and the inputs tau.
 
@@ -68,9 +90,10 @@ def ground(system: ReducedSystem, nudot: ca.SX, tau: ca.SX) -> Ground:
     F minimizes the sum of F^2 / mass. Raises ModelError as `combination` does.
     """
     mechanism = system.mechanism
-    simple = ca.sparsify if mechanism.bodies else canonical  # what several bodies do is too long when it is multiplied out
+    multiplied_out = not mechanism.bodies  # what several bodies do is too long then
+    simple = canonical if multiplied_out else ca.sparsify
     qddot = system.convective + system.S @ nudot
-    needed = simple(unit_slips(mechanism).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
+    needed = simple(unit_slips(mechanism, multiplied_out).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
     force = ca.densify(simple(distribution(mechanism) @ needed))
     return Ground(force, masses(mechanism), simple(shift_by_forces(mechanism) @ force))
 
@@ -155,13 +178,16 @@ def narrow(mechanism: Mechanism) -> list[str]:
     return [mechanism.contacts[k].name for axle in axles(mechanism) for k in axle if K[k, :].is_zero()]
 
 
-def unit_slips(mechanism: Mechanism) -> ca.SX:
-    """Return n x m velocities T with A T = 1: slip in one constraint each, if possible without quasi-velocities."""
+def unit_slips(mechanism: Mechanism, simple: bool = True) -> ca.SX:
+    """Return n x m velocities T with A T = 1: slip in one constraint each, if possible without quasi-velocities; `simple`: in
+    canonical form."""
     A, rows = mechanism.A, mechanism.quasi_velocity_rows
     m, n = A.shape
     if rows is None or rows.shape[0] != n - m:
         return canonical(A.T @ solve(canonical(A @ A.T), ca.SX.eye(m)))
     right = ca.vertcat(ca.SX.eye(m), ca.SX(n - m, m))
+    if not simple:
+        return solve(ca.vertcat(A, rows), right)
     return eliminate(ca.vertcat(A, rows), right, mechanism.q, mechanism.name)
 
 

@@ -16,6 +16,16 @@ from .reduction import ReducedSystem
 
 
 @dataclass(frozen=True, eq=False)
+class Feedbacks:
+    """Both feedbacks: `u` and `tau` with the outer loop, `u_of_v` and `tau_of_v` of the virtual input; see ControlLaw."""
+
+    u: ca.SX
+    tau: ca.SX
+    u_of_v: ca.SX
+    tau_of_v: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
 class ControlLaw:
     """A control law from state and reference to the inputs, symbolic.
 
@@ -25,6 +35,7 @@ class ControlLaw:
     output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are functions of v itself.
     Of a kinematic law `tau` is the command nu_c, (n-m) x 1, in the units of the quasi-velocities, and `u` is empty.
     With a dynamic extension its states xi are the last of the state, and `extension_rate` is d xi/dt, k x 1; else 0 x 1.
+    Of a damped law these are what `outside` and `within` give on either side of the edge of its band.
     """
 
     linearization: Linearization
@@ -39,6 +50,8 @@ class ControlLaw:
     extension_rate: ca.SX = field(repr=False)
     u_of_v: ca.SX = field(repr=False)
     tau_of_v: ca.SX = field(repr=False)
+    outside: Feedbacks = field(repr=False)
+    within: Feedbacks | None = field(repr=False)
 
     @property
     def name(self) -> str:
@@ -97,9 +110,13 @@ class ControlLaw:
         """Return the derivative of tau by the virtual input of the speed row, r x 1 (0 x 1 without one); tau is affine in v
         (20), (12).
         """
+        return self.slope_of(self.tau_of_v)
+
+    def slope_of(self, tau_of_v: ca.SX) -> ca.SX:
+        """Return the same of `outside` or `within`."""
         if self.speed_row is None:
             return ca.SX(0, 1)
-        return ca.jacobian(self.tau_of_v, self.virtual_input[self.speed_row].symbol)
+        return ca.jacobian(tau_of_v, self.virtual_input[self.speed_row].symbol)
 
     @property
     def groups(self) -> dict[str, tuple[Quantity, ...]]:
@@ -151,9 +168,14 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     )
     for group, members in (("reference", reference), ("gains", gains)):
         refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
-    u, extension_rate = linearization.accelerations(linearization.second_feedback(v))
-    u_of_v, _ = linearization.accelerations(linearization.second_feedback(symbols(virtual_input)))
-    kinematic, none = linearization.kinematic, ca.SX(0, 1)
+    both = v, symbols(virtual_input)
+    (u, extension_rate), (u_of_v, _) = (linearization.accelerations(linearization.second_feedback(each)) for each in both)
+    outside = applied = _feedback(linearization, u, u_of_v)
+    within = None
+    if linearization.damping:
+        kd = next(k.symbol for k in gains if k.name.startswith("kd_"))
+        within = _feedback(linearization, *[linearization.damping.second_feedback(each, kd) for each in both])
+        applied = _either(linearization.damping.inside, within, outside)
     return ControlLaw(
         linearization=linearization,
         parameters=tuple(system.mechanism.parameters),
@@ -162,12 +184,24 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
         reference=reference,
         virtual_input=virtual_input,
         v=v,
-        u=none if kinematic else u,
-        tau=u if kinematic else system.first_feedback(u),
         extension_rate=extension_rate,
-        u_of_v=none if kinematic else u_of_v,
-        tau_of_v=u_of_v if kinematic else system.first_feedback(u_of_v),
+        outside=outside,
+        within=within,
+        **vars(applied),
     )
+
+
+def _feedback(linearization: Linearization, u: ca.SX, u_of_v: ca.SX) -> Feedbacks:
+    """Return both feedbacks from what `second_feedback` gives, with the outer loop and of v."""
+    if linearization.kinematic:
+        return Feedbacks(ca.SX(0, 1), u, ca.SX(0, 1), u_of_v)
+    first = linearization.system.first_feedback
+    return Feedbacks(u, first(u), u_of_v, first(u_of_v))
+
+
+def _either(condition: ca.SX, one: Feedbacks, other: Feedbacks) -> Feedbacks:
+    """Return `one` where the condition holds, else `other`."""
+    return Feedbacks(*[ca.if_else(condition, a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True)])
 
 
 def _nth(order: int) -> str:

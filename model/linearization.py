@@ -18,9 +18,12 @@ from .extension import Chain, Integrators, extend
 from .mechanism import Quantity
 from .outputs import OutputMap, OutputRow
 from .reduction import ReducedSystem
+from .vehicle import velocity_map
 
 SINGULAR = 1e-5  # Phi is regarded as singular if its measure (`Linearization.measure`) is at or below this
 SINGULAR_SQUARED = 1e-10  # the same for squares, which avoid a root
+STEEPEST = 4 * math.sqrt(6) / 9  # largest x (2 - x^2) for |x| < 1, at x^2 = 2 / 3
+ASIDE = 0.01  # of the speed normal to the path: how fast P_l moves aside in the middle of the band
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +86,20 @@ class Linearization:
         Up to 2 x 2 these are |det Phi| and the product of Phi's row norms; above, 1 and the condition number |Phi| |Phi^-1| in
         the 1-norm. Phi is used in the units of the outputs and quasi-velocities, without scaling.
         """
-        if self.Phi.shape[0] <= 2:
-            return ca.fabs(self.determinant), ca.sqrt(self.scale_squared)
-        return ca.SX(1), condition(self.Phi)
+        if self.Phi.shape[0] > 2:
+            return ca.SX(1), condition(self.Phi)
+        plain = ca.fabs(self.determinant), ca.sqrt(self.scale_squared)
+        if self.damping is None:
+            return plain
+        damped, inside = self.damping.measure, self.damping.inside
+        return ca.if_else(inside, damped[0], plain[0]), ca.if_else(inside, damped[1], plain[1])
+
+    @cached_property
+    def damping(self) -> "Damping | None":
+        """What replaces the inverse of Phi near its singular set; None unless the output has a band. Raises ModelError as
+        `Damping` does.
+        """
+        return Damping(self) if self.output.band else None
 
     def second_feedback(self, v: ca.SX) -> ca.SX:
         """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v. With an extension the
@@ -103,6 +117,85 @@ class Linearization:
     def _checked(self, name: str, formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
         moving = ca.vertcat(self.system.mechanism.q, self.system.nu, *[q.symbol for q in self.extension])
         return without_pole(self.system.mechanism.name, name, formula, parts, combined, moving)
+
+
+class Damping:
+    """The inverse of Phi of Type IV, damped where the heading is nearly normal to the path.
+
+    With the forward acceleration and the yaw acceleration as inputs, only the latter is divided by something that vanishes. Let
+    P_l have the velocity a omega at a yaw rate omega alone, n be the gradient of the distance, and c the cosine of the angle
+    between the two; n a = |n| |a| c. For |c| below the band of the output, x = c / band, 1 / c becomes x (2 - x^2) / band. This
+    is c / (c^2 + lambda) with lambda = band^2 (1 - x^2)^2 / (2 - x^2), a damped inverse (Y. Nakamura and H. Hanafusa, J. Dyn.
+    Sys., Meas., Control 108, 1986) whose lambda vanishes with its slope at the edge of the band.
+
+    What does not need the inverse is applied beside it, and not damped: the acceleration at which P_l has none, and the damping
+    -kd omega of the outer loop. In the middle of the band P_l moves aside at ASIDE of the speed normal to the path, towards the
+    side on which P_l moves along the path, so that the heading does not stay normal where it is an equilibrium.
+
+    Raises ModelError if P_l does not move with fixed combinations of the quasi-velocities, forward speed and yaw rate.
+    """
+
+    def __init__(self, linearization: Linearization):
+        system, output = linearization.system, linearization.output
+        W = velocity_map(system)
+        where = f"{system.mechanism.name}, output {output.name}"
+        if W is None:
+            raise ModelError(
+                f"{where}: a damped inverse requires a vehicle whose forward speed and yaw rate are fixed combinations of the "
+                "quasi-velocities, on a surface at rest; take the law without damping"
+            )
+        if linearization.integrators or linearization.kinematic:
+            raise ModelError(f"{where}: a damped law has no dynamic extension, and commands inputs, not velocities")
+        assert output.band is not None, "only outputs with a band are damped"
+        self.linearization = linearization
+        (through,) = [row.through for row in output.rows if row.through]
+        J = ca.jacobian(through.inner, system.mechanism.q) @ system.S
+        hessian, gradient = ca.hessian(through.outer, through.symbols)
+        hessian, normal = (ca.substitute(each, through.symbols, through.inner) for each in (hessian, gradient.T))
+        self.directions = canonical(solve(W, ca.SX.eye(2)))  # of nu: forward, and turning
+        self.speed, self.turning = ca.vertsplit(W @ system.nu)
+        self.rest = -canonical(solve(J, system.along_motion(J) @ system.nu))
+        self.curvature = ca.bilin(hessian, J @ system.nu, J @ system.nu)
+        self.forward, self.aside = ca.horzsplit(normal @ J @ self.directions)
+        self.size = ca.norm_2(normal) * ca.sqrt(canonical(ca.sumsqr(J @ self.directions[:, 1])))
+        self.x = self.aside / (self.size * output.band.symbol)
+        self.inverse = self.x * (2 - self.x**2) / (output.band.symbol * self.size)
+        self.W, self.J = W, J
+
+    @property
+    def inside(self) -> ca.SX:
+        """Whether the state is within the band."""
+        return self.x**2 < 1
+
+    @property
+    def measure(self) -> tuple[ca.SX, ca.SX]:
+        """Return two nonnegative expressions; P_l can be accelerated in each direction where the first exceeds SINGULAR times the
+        second.
+        """
+        return ca.fabs(self.determinant), ca.sqrt(self.scale_squared)
+
+    @property
+    def determinant(self) -> ca.SX:
+        """Return det J of the velocity J nu of P_l."""
+        return canonical(ca.det(self.J))
+
+    @property
+    def scale_squared(self) -> ca.SX:
+        """Return the square of the product of J's row norms."""
+        return ca.sumsqr(self.J[0, :]) * ca.sumsqr(self.J[1, :])
+
+    @property
+    def lost(self) -> ca.SX:
+        """Return the part of the asked yaw acceleration that is not done: 1 in the middle of the band, 0 at its edge."""
+        return (1 - self.x**2) ** 2
+
+    def second_feedback(self, v: ca.SX, kd: ca.SX) -> ca.SX:
+        """Return u within the band, 2 x 1, from the virtual input and the gain of the rate of the distance."""
+        forward = v[1] - self.linearization.drift[1] - self.W[0, :] @ self.rest
+        asked = v[0] + kd * self.aside * self.turning - self.curvature
+        lean = ASIDE * self.lost * self.forward * self.speed / self.size
+        turning = (asked - self.forward * forward) * self.inverse - kd * (self.turning + lean)
+        return self.rest + self.directions @ ca.vertcat(forward, turning)
 
 
 def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:

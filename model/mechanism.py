@@ -8,14 +8,14 @@ import math
 import numbers
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi as ca
 
 from .algebra.exact import canonical
-from .algebra.expression import degree, free_symbols, time_derivative
+from .algebra.expression import as_text, degree, free_symbols, time_derivative
 from .algebra.operations import kinks, refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .names import in_c, is_reserved, refuse_output, refuse_robot
@@ -201,6 +201,7 @@ class Mechanism:
         self.outputs: list[Output] = []
         self.lines: list[ca.SX] = []
         self.bodies: list[Body] = []
+        self.inertias: list[tuple[str, str, str]] = []
         self._constraints: list[ca.SX] = []
         self._surfaces: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
@@ -432,6 +433,24 @@ class Mechanism:
             raise ModelError(f"{where}: parameters must be created with config(name, default, unit, about)")
         self.outputs.append(Output(name, about, tuple(checked), tuple(parameters)))
 
+    def principal_inertias(self, *inertias: ca.SX) -> None:
+        """Declare that three parameters are the principal inertias (kg m^2) of one rigid body, such as (I, J, J) of a wheel with
+        I about its axle and J about any diameter. Fits of parameters keep each at most the sum of the other two; no equation
+        depends on this. With a geared motor, whose inertia counts by the square of the ratio, a wheel is no rigid body.
+
+        Raises ModelError unless they are three parameters, whose defaults are those of a body.
+        """
+        names = {p.symbol.element_hash(): p for p in self.parameters}
+        found = [names.get(symbol.element_hash()) for symbol in map(ca.SX, inertias) if symbol.is_symbolic()]
+        known = [p for p in found if p]
+        if len(inertias) != 3 or len(known) != 3:
+            raise ModelError(f"{self.name}: principal_inertias requires three parameters; one may be given twice")
+        values = [p.default for p in known]
+        if 2 * max(values) > sum(values) * (1 + 1e-9):
+            text = ", ".join(f"{p.name} = {p.default:g}" for p in known)
+            raise ModelError(f"{self.name}: no body has the principal inertias {text} kg m^2: one exceeds the sum of the others")
+        self.inertias.append((known[0].name, known[1].name, known[2].name))
+
     def draws(self, *lines: Sequence[tuple[ca.SX | float, ca.SX | float]]) -> None:
         """Declare how the robot looks from above: lines through points (x, y), m, in coordinates and parameters.
 
@@ -618,6 +637,11 @@ class Mechanism:
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
         _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each raises unless linear in the rates
 
+    def declared(self) -> str:
+        """Return all that was declared, as text: robots with equal texts are equal."""
+        derived = {name for name, value in vars(Mechanism).items() if isinstance(value, cached_property)} | {"reduced"}
+        return "\n".join(f"{name} {_described(value)}" for name, value in vars(self).items() if name not in derived)
+
     @property
     def names(self) -> list[str]:
         """All names defined so far."""
@@ -721,6 +745,17 @@ class Mechanism:
                 f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and parameters"
             )
         return expression
+
+
+def _described(value: object) -> str:
+    """Return a text that is equal for equal values, expressions and dataclasses included."""
+    if isinstance(value, ca.SX):
+        return as_text(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_described, value))}]"
+    if is_dataclass(value):
+        return f"{type(value).__name__}{_described([getattr(value, part.name) for part in fields(value)])}"
+    return repr(value)
 
 
 def _is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:

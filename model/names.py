@@ -10,6 +10,7 @@ from .errors import ModelError
 
 TYPE = "type_"  # prefix of the names of Types I to IV
 OFFSET = "_offset"  # suffix of the name of a law whose P_l may lie beside the vehicle's axis
+DAMPED = "_damped"  # suffix of the name of a law whose inverse is damped where Phi is nearly singular
 EXTENDED = "_extended"  # suffix of the name of a law with a dynamic extension
 KINEMATIC = "_kinematic"  # suffix of the name of a law that commands quasi-velocities
 TYPES = ("I", "II", "III", "IV")
@@ -79,6 +80,7 @@ OF_LAW = (
         for name in ("output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate", "step", "slope", "follow")
         for after in ("", "_law")
     ),
+    *(f"{name}_near_law" for name in ("feedback", "evaluate", "step", "slope", "follow", "follow_slope")),
     *("follow_slope", "follow_slope_law", "ground", "ground_law", "ground_by_inputs", "ground_by_inputs_law"),
     *("null_inputs", "null_inputs_law"),
     *("step_refused", "step_limited", "step_with_grip", "follow_refused", "follow_limited", "follow_with_grip"),
@@ -95,18 +97,19 @@ def is_reserved(name: str) -> bool:
 @dataclass(frozen=True)
 class LawName:
     """The name of a law of Types I to IV: one of TYPES, the kind of path of IV, whether P_l may lie aside of the axis, whether
-    it is on the axle, with a dynamic extension, and whether the law is kinematic.
+    its inverse is damped, whether it is on the axle, with a dynamic extension, and whether the law is kinematic.
     """
 
     type: str
     path: str = ""
     offset: bool = False
+    damped: bool = False
     extended: bool = False
     kinematic: bool = False
 
     def __str__(self) -> str:
         path = f"_{self.path}" if self.path else ""
-        after = OFFSET * self.offset + EXTENDED * self.extended + KINEMATIC * self.kinematic
+        after = OFFSET * self.offset + DAMPED * self.damped + EXTENDED * self.extended + KINEMATIC * self.kinematic
         return f"{TYPE}{self.type.lower()}{path}{after}"
 
     @classmethod
@@ -114,14 +117,20 @@ class LawName:
         """The parts of a name; None of an output of the robot's own."""
         dynamic = without_kinematic(name)
         plain = without_extension(dynamic)
-        number, _, path = without_offset(plain).removeprefix(TYPE).partition("_")
-        law = cls(number.upper(), path, plain.endswith(OFFSET), plain != dynamic, dynamic != name)
+        exact = without_damping(plain)
+        number, _, path = without_offset(exact).removeprefix(TYPE).partition("_")
+        law = cls(number.upper(), path, exact.endswith(OFFSET), exact != plain, plain != dynamic, dynamic != name)
         return law if law.type in TYPES and str(law) == name else None
 
 
 def without_offset(name: str) -> str:
     """The name of the law of the same outputs with P_l on the axis."""
     return name.removesuffix(OFFSET)
+
+
+def without_damping(name: str) -> str:
+    """The name of the law of the same outputs whose inverse is not damped."""
+    return name.removesuffix(DAMPED)
 
 
 def without_extension(name: str) -> str:
@@ -149,7 +158,7 @@ def refuse_output(name: str, others: Iterable[str], where: str) -> None:
     """Raise ModelError for an output whose C would share a name with that of another output or of the robot."""
     if name.startswith(TYPE):
         raise ModelError(f"{where}: the name has a meaning already: {TYPE} begins the names of Types I to IV; choose another")
-    for ending, laws in ((EXTENDED, "laws with an extension"), (KINEMATIC, "kinematic laws")):
+    for ending, laws in ((DAMPED, "damped laws"), (EXTENDED, "laws with an extension"), (KINEMATIC, "kinematic laws")):
         if name.endswith(ending):
             raise ModelError(f"{where}: the name has a meaning already: {ending} ends those of {laws}; choose another")
     defined = set(_law_names(name))

@@ -13,7 +13,7 @@ from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .names import LawName, without_extension, without_kinematic, without_offset
+from .names import LawName, without_damping, without_extension, without_kinematic, without_offset
 from .paths import PATHS, Path, config
 from .reduction import ReducedSystem
 
@@ -56,7 +56,8 @@ FOOT = (
 @dataclass(frozen=True, eq=False)
 class OutputMap:
     """n-m outputs with their additional parameters. `path` is the curve followed, for Type IV; `extension` allows a dynamic
-    extension; a `kinematic` law commands quasi-velocities instead of inputs.
+    extension; a `kinematic` law commands quasi-velocities instead of inputs. With a `band`, one of the parameters, the inverse of
+    Phi is damped where the cosine of the angle between heading and path is less.
     """
 
     name: str
@@ -67,6 +68,7 @@ class OutputMap:
     path: Path | None = None
     extension: bool = False
     kinematic: bool = False
+    band: Quantity | None = None
 
     @property
     def required_path(self) -> Path:
@@ -176,7 +178,8 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own. Raises KeyError.
 
     With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle. With KINEMATIC the outputs
-    are those of a kinematic law.
+    are those of a kinematic law. With DAMPED the inverse of Phi is damped near the singular set; Raises ModelError unless there
+    is a path.
     """
     if (dynamic := without_kinematic(name)) != name:
         base_map = output_map(system, dynamic)
@@ -185,12 +188,27 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
         base_map = output_map(system, plain)
         about = f"{base_map.about}, with dynamic extension"
         return replace(base_map if is_own(system, plain) else on_axle(system, base_map), name=name, about=about, extension=True)
+    if (exact := without_damping(name)) != name:
+        return _damped(system, output_map(system, exact), name)
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
     base = without_offset(name)
     standard = OUTPUTS[base](system, offset=base != name)
     return replace(standard, name=name, about=standard.about + (", P_l anywhere on the vehicle" if base != name else ""))
+
+
+BAND = 0.2  # default; within 11.5 degrees of the normal to the path
+
+
+def _damped(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
+    """Return the outputs of a damped law: the same, with the width of the band."""
+    if output.path is None:
+        raise ModelError(f"{system.mechanism.name}, output {name}: only laws of Type IV can be damped")
+    band = config("band", BAND, "1", "cosine of the angle of heading and path up to which the inverse is damped", "positive")
+    conditions = (*output.conditions, (1 - band.symbol, "the band is not below 1: it is a cosine"))
+    about, parameters = f"{output.about}, damped near the normal", (*output.parameters, band)
+    return replace(output, name=name, about=about, parameters=parameters, conditions=conditions, band=band)
 
 
 def axle(system: ReducedSystem) -> ca.SX:

@@ -8,6 +8,7 @@ import numpy as np
 from ..model.law import ControlLaw
 from ..model.mechanism import values_of
 from ..model.names import LawName
+from ..model.outputs import BAND
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
 from ..simulation.loop import axle_at, make_loop
@@ -31,9 +32,10 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
     config = {c.name: c.default for c in law.config}
     L = axle_at(law, {}) if name.extended else config.pop("L")
     W, extension = config.pop("W", 0.0), name.extended
+    near, band = "damped" if name.damped else "refuse", config.pop("band", BAND)
     if law.output.path:
         path = PathSection(kind=law.output.path.kind, parameters=config)
-        output = OutputSection(type="IV", L=L, W=W, extension=extension, path=path)
+        output = OutputSection(type="IV", L=L, W=W, near_singular=near, band=band, extension=extension, path=path)
         reference = Reference(speed=speed)
     else:
         output = OutputSection(type=name.type, L=L, W=W, extension=extension)

@@ -17,8 +17,8 @@ import numpy as np
 from ..model.algebra.trigonometry import sine_cosine
 
 NEAR = 0.2  # m: between the places from which the search of the nearest one begins
-STEPS, ENOUGH = 50, 1e-13  # of Newton's method; relative change at which it ends
-FLATTEST = 0.2  # least slope that is taken for its steps
+STEPS, ENOUGH = 20, 1e-13  # of Newton's method, as in noslip_course.h; relative change at which it ends
+FLATTEST = 0.1  # likewise: how near a point may be to the centre of curvature, in radii
 LEAST = 3  # intervals of the quadrature, 1 on clothoids, and one more for each radian: an error of 2e-14 m (300 random courses)
 NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: place, weight
     (0.18343464249564980494, 0.36268378337836198297),
@@ -67,6 +67,13 @@ class Stretch:
     def curvature(self, at: float, order: int = 0) -> float:
         """Return the derivative of an order of the curvature, 1/m^(1 + order), `at` m after its beginning."""
         return value(self._polynomial(at), at / self.length, order) / self.length**order
+
+    def largest(self, at: float) -> float:
+        """Return a bound of the magnitude of the curvature up to `at` m after its beginning, 1/m: those at both ends, and in
+        between that of lines in the directions of the curvature there, as before rounding.
+        """
+        first, *others = self.coefficients
+        return max(abs(first), abs(first + sum(others[:1]) / 2.0), abs(self.curvature(at)))
 
     def direction(self, at: float) -> float:
         """Return the direction, rad, `at` m after its beginning."""
@@ -143,19 +150,22 @@ class SmoothCurve:
 
     def nearest(self, point: complex, near: float | None = None) -> float:
         """Return the length along the course at which it is nearest to a point x + i y, m, by Newton's method from the length
-        `near`; without one, from the nearest of places that are NEAR apart. It converges to the side of the course on which the
-        point is nearer than the centre of its curvature.
+        `near`; without one, from the nearest of places that are NEAR apart. NaN if the point is as far as the centre of
+        curvature, or too far ahead, by the rule of noslip_course_nearest.
         """
         length = self._scanned(point) if near is None else near
         for _ in range(STEPS):
             stretch = self.stretches[self._part(length)]
             s, c = sine_cosine(stretch.direction(length - stretch.begin))
             off = (point - self.position(length)) * complex(c, -s)  # ahead, and to the left
-            step = off.real / max(1.0 - stretch.curvature(length - stretch.begin) * off.imag, FLATTEST)
+            slope = 1.0 - stretch.curvature(length - stretch.begin) * off.imag
+            if not slope > FLATTEST:
+                break
+            step = off.real / slope
             length += step
             if abs(step) <= ENOUGH * max(1.0, abs(length)):
-                break
-        return length
+                return length
+        return math.nan
 
     def _scanned(self, point: complex) -> float:
         """Return the length at the nearest of places that are NEAR apart."""
@@ -176,9 +186,8 @@ class SmoothCurve:
 
     @staticmethod
     def _moved(stretch: Stretch, length: float) -> complex:
-        """Return how far the course goes within a part, by the quadrature of Gauss and Legendre."""
-        largest = max(abs(stretch.curvature(0.0)), abs(stretch.curvature(length)))
-        count = (LEAST if len(stretch.coefficients) > 2 else 1) + int(abs(length) * largest)
+        """Return how far the course goes within a part, by the quadrature of Gauss and Legendre over each radian of the turn."""
+        count = (LEAST if len(stretch.coefficients) > 2 else 1) + int(abs(length) * stretch.largest(length))
         half, total = length / count / 2, 0j
         for k in range(count):
             middle = (2 * k + 1) * half

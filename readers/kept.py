@@ -21,17 +21,25 @@ Result = TypeVar("Result")
 DERIVES = ("model", "codegen")  # folders whose code determines a derived program
 
 
-def remembered(key: tuple, make: Callable[[], Result], *shared: Any, rooms: tuple[str, ...] = DERIVES) -> Result:
+def remembered(
+    key: tuple,
+    make: Callable[[], Result],
+    *shared: Any,
+    rooms: tuple[str, ...] = DERIVES,
+    lasts: Callable[[Result], bool] = lambda _: True,
+) -> Result:
     """Return make(), or a copy of its result in an earlier run with the same `key` and the same code of noslip.
 
-    `shared`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. Without a usable
-    cache folder nothing is cached.
+    `shared`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. `lasts`: whether
+    a result is to be cached. Without a usable cache folder nothing is cached.
     """
     whole = ("remembered", _digest_of_code(rooms), *key)
     with suppress(BadInput, OSError):
         if file := kept(whole, ".pickle"):
             return _Unpickler(io.BytesIO(file.read_bytes()), shared).load()
     result = make()
+    if not lasts(result):
+        return result
     data = io.BytesIO()
     _Pickler(data, shared).dump(result)
     with suppress(BadInput, OSError):

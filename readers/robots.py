@@ -17,7 +17,7 @@ from weakref import WeakKeyDictionary
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
-from ..model.names import KINEMATIC, without_extension, without_kinematic, without_offset
+from ..model.names import KINEMATIC, without_damping, without_extension, without_kinematic, without_offset
 from ..model.outputs import OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS, UNDERACTUATED
@@ -105,16 +105,26 @@ def check_law(robot: Mechanism, law_name: str) -> None:
     """Raise BadInput unless the name is one of Types I to IV or of the robot's own outputs."""
     dynamic = without_kinematic(law_name)
     names, plain = output_names(robot), without_extension(dynamic)
-    if plain not in names and without_offset(plain) not in OUTPUTS:
+    exact = without_damping(plain)
+    if exact not in names and without_offset(exact) not in OUTPUTS:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, names)}")
     if plain != dynamic != law_name:
         raise BadInput(f"{law_name}: a kinematic law has no dynamic extension: it has no accelerations; take {plain}{KINEMATIC}")
+    if plain != law_name and exact != plain:
+        other = "kinematic" if plain == dynamic else "extended"
+        raise BadInput(f"{law_name}: a damped law cannot be {other}: it damps accelerations, without integrators; take {plain}")
 
 
 def refuse_extension(law_name: str, where: str) -> None:
     """Raise BadInput for a law with a dynamic extension; `where` names the command that does not support one."""
     if without_extension(law_name) != law_name:
         raise BadInput(f"{where}: {law_name!r} has a dynamic extension; it is not supported here: see docs/extension.md")
+
+
+def refuse_damping(law_name: str, where: str) -> None:
+    """Raise BadInput for a damped law; `where` names the command that does not support one."""
+    if without_damping(law_name) != law_name:
+        raise BadInput(f"{where}: {law_name!r} is damped near the normal to the path; take {without_damping(law_name)!r}")
 
 
 @cache

@@ -95,12 +95,17 @@ static inline double noslip_course_direction(const noslip_stretch *stretch, doub
     return stretch->heading + stretch->length * noslip_course_curvature(stretch, along / stretch->length, -1);
 }
 
-/* Returns the larger magnitude of the curvature where a stretch begins, and after `part` of its length. */
+/*
+ * Returns a bound of the magnitude of the curvature of a stretch with two terms or more, up to a part of its length: those at both
+ * ends, and in between that of lines in the directions of the curvature there, as before rounding.
+ */
 static inline double noslip_course_bend(const noslip_stretch *stretch, double part)
 {
     const double first = noslip_abs(stretch->curvature[0]);
+    const double joint = noslip_abs(stretch->curvature[0] + stretch->curvature[1] / 2);
     const double last = noslip_abs(noslip_course_curvature(stretch, part, 0));
-    return first > last ? first : last;
+    const double larger = first > last ? first : last;
+    return joint > larger ? joint : larger;
 }
 
 /*
@@ -461,12 +466,17 @@ static inline float noslip_course_direction_f(const noslip_stretch_f *stretch, f
     return stretch->heading + stretch->length * noslip_course_curvature_f(stretch, along / stretch->length, -1);
 }
 
-/* Returns the larger magnitude of the curvature where a stretch begins, and after `part` of its length. */
+/*
+ * Returns a bound of the magnitude of the curvature of a stretch with two terms or more, up to a part of its length: those at both
+ * ends, and in between that of lines in the directions of the curvature there, as before rounding.
+ */
 static inline float noslip_course_bend_f(const noslip_stretch_f *stretch, float part)
 {
     const float first = noslip_abs_f(stretch->curvature[0]);
+    const float joint = noslip_abs_f(stretch->curvature[0] + stretch->curvature[1] / 2);
     const float last = noslip_abs_f(noslip_course_curvature_f(stretch, part, 0));
-    return first > last ? first : last;
+    const float larger = first > last ? first : last;
+    return joint > larger ? joint : larger;
 }
 
 /*

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 
 class Side:
-    """Detects on which side of the singular set a state is: the sign of det Phi, positive at the start.
+    """Detects on which side of the singular set a state is: the sign of det Phi, positive at the start. A damped law has no such
+    set to cross; what its inverse needs instead keeps its sign.
 
     A step across the singular set is detected by the change of sign.
     """
@@ -53,7 +54,8 @@ class Side:
 
 @lru_cache(maxsize=16)
 def _determinant(law: ControlLaw) -> ca.Function:
-    return portable(law.at_state(law.linearization.determinant, ca.sqrt(law.linearization.scale_squared)))
+    found = law.linearization.damping or law.linearization
+    return portable(law.at_state(found.determinant, ca.sqrt(found.scale_squared)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,17 +146,25 @@ class OnCourse(OnePath):
     def __init__(
         self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay, course: SmoothCurve, start: np.ndarray
     ):
-        """`course` as the desired point moves on it, `reference` by the time since its beginning; `start`: the state there."""
+        """`course` as the desired point moves on it, `reference` by the time since its beginning; `start`: the state there.
+        Raises BadInput if no point of the course is the nearest.
+        """
         super().__init__(leg, reference, prepare)
         self._course, self._along = course, course.nearest(self._point(start))
+        if math.isnan(self._along):
+            raise BadInput("[initial]: the robot is as far from the course as the centre of its curvature; move it")
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Return the reference at the nearest point."""
-        return super().reference(self._nearest(x) / self._course.speed, x)
+        """Return the reference at the nearest point; NaN if there is none."""
+        along = self._nearest(x)
+        if math.isnan(along):
+            return np.full(len(self.leg.controller.law.reference), math.nan)
+        return super().reference(along / self._course.speed, x)
 
     def update(self, t: float, x: np.ndarray) -> None:
         """Search from the nearest point next time."""
-        self._along = self._nearest(x)
+        along = self._nearest(x)
+        self._along = self._along if math.isnan(along) else along
 
     def _nearest(self, x: np.ndarray) -> float:
         return self._course.nearest(self._point(x), self._along)
@@ -305,16 +315,17 @@ class Route:
         make_leg: LegMaker,
         start: np.ndarray,
         profile: SpeedProfile | None = None,
+        band: float = 0.0,
     ):
-        """`parameters` are those of the controller. Starts with the first segment. With a `profile` its speed is desired. Raises
-        BadInput if the position on the segment is undefined.
+        """`parameters` are those of the controller, `band` that of a damped law. Starts with the first segment. With a `profile`
+        its speed is desired. Raises BadInput if the position on the segment is undefined.
         """
         self._law, self._tracker, self._make_leg, self.profile = law, tracker, make_leg, profile
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
         speed = [q.name for q in law.reference].index("speed")
         self._speed = slice(speed, speed + (1 if law.kinematic else 2))  # with its rate, where the law uses it
         self._zeros = np.zeros(len(law.reference))
-        self.piece, self.arrived = 0, False
+        self.piece, self.arrived, self._band = 0, False, band
         if (reason := LOST.get(tracker.look(*self._seen(start)).status)) is not None:
             raise BadInput(f"[initial]: {reason}")
         self.update(0.0, start)
@@ -362,6 +373,7 @@ class Route:
             "y_s": guide.y,
             "direction": guide.heading,
             "curvature": guide.curvature,
+            "band": self._band,
         }
         return np.array([given[c.name] for c in self._law.config])
 

@@ -138,7 +138,10 @@ class Loop:
         known, noticed = np.append(seen, xi), self.noticed
         if noticed:
             leg.controller.believe(noticed.mu)
-        reference = self.integral.added(self.reference(t, seen), add)
+        reference = self.reference(t, seen)
+        if np.isnan(reference).any():  # no point of the course is the nearest
+            return "singular", np.zeros(len(self.law.inputs))
+        reference = self.integral.added(reference, add)
         status, tau = leg.controller.step(known, reference if less is None else self.observers.added(reference, less))
         if self.learning:
             self.learning.applied = tau if status in RUNNING else None
@@ -204,7 +207,7 @@ def make_loop(spec: Spec) -> Loop:
         profile = (
             make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law) if limits_along else None
         )
-        guidance = route = Route(law, believed, tracker, make_leg, start, profile)
+        guidance = route = Route(law, believed, tracker, make_leg, start, profile, spec.output.band)
         if route.faces(start) < 0:
             warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
     else:
@@ -394,10 +397,10 @@ def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tu
 def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
     if spec.output.own:
         return np.array(values_of(list(law.config), spec.output.parameters, "[output] parameters"))
-    given = {"L": spec.output.L, **({"W": spec.output.W} if spec.output.W else {})}
+    given = {"L": spec.output.L, "band": spec.output.band, **({"W": spec.output.W} if spec.output.W else {})}
     given = {name: value for name, value in given.items() if name in [c.name for c in law.config]}
     if path := spec.output.path:
-        names = [c.name for c in law.config if c.name not in ("L", "W")]
+        names = [c.name for c in law.config if c.name not in ("L", "W", "band")]
         check_keys(path.parameters, names, "[output] path")
         missing = [name for name in names if name not in path.parameters]
         if missing:
@@ -547,5 +550,5 @@ def _why_singular(loop: Loop) -> str:
     if loop.law.extension:
         return "with a dynamic extension it is where the point that is tracked stands still: start with a speed, [initial] speed"
     if loop.law.output.path:
-        return "the heading is normal to the path: change it or move the point"
+        return 'the heading is normal to the path: change it, move the point, or set [output] near_singular = "damped"'
     return "the inputs do not affect the outputs independently there: change the heading"

@@ -1,6 +1,13 @@
-/* batch.c - simulates many closed loops, see batch.h. Order and meaning of all steps are those of integrate.py and sensing.py. */
+/*
+ * batch.c - simulates many closed loops, see batch.h. Order and meaning of all steps are those of integrate.py and sensing.py.
+ *
+ * Runs whose controllers are called at the same times go together, as a team, one in each lane of vectors: lanes.inc integrates all
+ * of them, and calls the law where nothing else belongs to the loop. What vectors cannot do is done here for one run after the other;
+ * the bits are the same.
+ */
 #include "batch.h"
 
+#include "lanes.h"
 #include "noise.h"
 #include "noslip_angle.h"
 #include "noslip_approach.h"
@@ -11,13 +18,13 @@
 #include "noslip_solve.h"
 #include "noslip_velocity.h"
 
-#define STAGES 7         /* of the integrator */
 #define SHORTER 5        /* maximum number of repetitions of a run with half the step */
 #define CROSSING 1e-12   /* s: accuracy of the instant at which a run meets the singular set */
 #define KNOWN 1e-9       /* s: its accuracy in the adaptive simulation */
 #define SAFETY 4         /* factor on the sum of the errors of all calls, which may grow until the end */
-#define WAITING 64       /* calls whose commands wait for their delay */
+#define WAITING LANES_WAITING
 #define LATEST 16        /* maximum number of calls between two estimates of the integration error */
+#define COMING 64        /* samples that wait for others with the same times */
 
 typedef struct BATCH_LAW() controller;
 typedef struct BATCH_JUDGE() judge; /* the law in double for the true state, whatever the scalar of the controller */
@@ -72,6 +79,9 @@ typedef struct loop {
 #endif
     double reference[BATCH_REFERENCE];
     int status;
+    int over;                /* 1: the run has ended */
+    double given[WAITING][BATCH_GIVEN], first[BATCH_GIVEN]; /* what the drives were given by the last calls, and before the first */
+    int made;                /* 1: the law has been initialized since the lanes have its constants */
 #if BATCH_DRIVE
     BATCH_RUNTIME(noslip_velocity) velocity;
 #endif
@@ -106,6 +116,18 @@ typedef struct loop {
     batch_row *rows;
     long row_count, most_rows;
 } loop;
+
+/* Runs with the same times; without a kit, of one run. */
+typedef struct team {
+    const lanes_kit *kit;
+    int count;
+    loop *run;
+    int unusual;             /* 1: the last call of a run had a status other than OK */
+    int ended;               /* 1: a run has ended, which goes_on has not seen yet */
+#if BATCH_LANES
+    lanes_group lanes;
+#endif
+} team;
 
 static const int reference_of_row[BATCH_ROWS] = BATCH_REFERENCE_OF_ROW;
 
@@ -187,9 +209,14 @@ static void as_seen(const double *x, seen_state *state)
     }
 }
 
-/* det Phi at a state, by elimination for large Phi; NaN if it is undefined. */
+/* det Phi at a state, by elimination for large Phi; NaN if it is undefined. A damped law has no singular set to cross: 1. */
 static double determinant(const judge *law, const double *x)
 {
+#if BATCH_DAMPED
+    (void)law;
+    (void)x;
+    return 1;
+#else
     double Phi[BATCH_DOF][BATCH_DOF];
     true_state state;
     copy(state.at, x, BATCH_STATE);
@@ -222,6 +249,7 @@ static double determinant(const judge *law, const double *x)
         }
         return product;
     }
+#endif
 #endif
 }
 
@@ -342,7 +370,7 @@ static int make_law(loop *self, const double *where)
         extend(self);
         found = determinant(&self->believed, seen(self));
         self->sign = found > 0 ? 1 : found < 0 ? -1 : found;
-        self->fresh = 1;
+        self->fresh = self->made = 1;
     }
     return status;
 }
@@ -396,8 +424,8 @@ static int update(loop *self)
         return NOSLIP_OK;
     }
     self->piece = self->guide.segment;
+    copy(where.at, self->sample->config, BATCH_CONFIG);
     where.named.L = self->guide.L;
-    BATCH_OFFSET(where.named, self->sample->W);
     where.named.x_s = self->guide.x;
     where.named.y_s = self->guide.y;
     where.named.direction = self->guide.heading;
@@ -1072,20 +1100,11 @@ static void torques(const loop *self, const double *x, const double *given, doub
  * 1964). */
 static int step(const loop *self, const double *x, const double *tau, double h, double *after)
 {
-    static const double share[STAGES + 1][STAGES] = {
-        {0},
-        {1.0 / 3},
-        {0, 2.0 / 3},
-        {1.0 / 12, 1.0 / 3, -1.0 / 12},
-        {-1.0 / 16, 9.0 / 8, -3.0 / 16, -3.0 / 8},
-        {0, 9.0 / 8, -3.0 / 8, -3.0 / 4, 1.0 / 2},
-        {9.0 / 44, -9.0 / 11, 63.0 / 44, 18.0 / 11, 0, -16.0 / 11},
-        {11.0 / 120, 0, 27.0 / 40, 27.0 / 40, -4.0 / 15, -4.0 / 15, 11.0 / 120},
-    };
-    double slope[STAGES][BATCH_STATE], sum[BATCH_STATE];
+    static const double share[BATCH_STAGES + 1][BATCH_STAGES] = BATCH_SHARES;
+    double slope[BATCH_STAGES][BATCH_STATE], sum[BATCH_STATE];
     int i, j, k, status;
     copy(after, x, BATCH_STATE);
-    for (k = 0; k < STAGES; k++) {
+    for (k = 0; k < BATCH_STAGES; k++) {
         status = rate(self, after, tau, slope[k]);
         if (status < 0) {
             return status;
@@ -1147,17 +1166,24 @@ static int go(const loop *self, double *x, const double *tau, double duration, i
     return NOSLIP_OK;
 }
 
-/* The same; if `weight` is not 0, also with half the steps, and adds `weight` times the difference to the error. */
-static int hold(loop *self, const double *tau, double duration, double weight, double *gone)
+/* The number of steps of the integrator in `duration` seconds. */
+static int steps_of(const loop *self, double duration)
 {
     const int count = (int)floor_of(duration / self->step + 1 - 1e-9);
+    return count > 1 ? count : 1;
+}
+
+/* As `go`; if `weight` is not 0, also with half the steps, and adds `weight` times the difference to the error. */
+static int hold(loop *self, const double *tau, double duration, double weight, double *gone)
+{
+    const int count = steps_of(self, duration);
     double again[BATCH_STATE];
     int i, status;
     copy(again, self->x, BATCH_STATE);
-    status = go(self, self->x, tau, duration, count > 1 ? count : 1, gone);
+    status = go(self, self->x, tau, duration, count, gone);
     if (status == NOSLIP_OK && weight > 0) {
         double unused;
-        if (go(self, again, tau, duration, 2 * (count > 1 ? count : 1), &unused) == NOSLIP_OK) {
+        if (go(self, again, tau, duration, 2 * count, &unused) == NOSLIP_OK) {
             for (i = 0; i < BATCH_STATE; i++) {
                 again[i] -= self->x[i];
             }
@@ -1195,38 +1221,32 @@ static void note_use(loop *self, const true_state *state, const double *tau)
 #endif
 }
 
-/* Evaluates the errors of the true outputs at an output time. */
-static void note(loop *self, double t, const double *given)
+/* Keeps the errors of the true outputs at the instants asked for, if an output time is the first not before one. */
+static void keep_error(loop *self, double t, const double *error)
 {
     const batch_settings *settings = self->settings;
-    batch_outcome *outcome = self->outcome;
-    double y[BATCH_ROWS], error[BATCH_ROWS], tau[BATCH_INPUTS] = {0};
-    true_state state;
-    int i, good;
-    look(self, t);
-    if (given != NULL) {
-        torques(self, self->x, given, tau);
-    }
-    for (i = 0; BATCH_DRIVE && i < BATCH_INPUTS; i++) { /* other drives hold theirs between output times */
-        outcome->effort[i] = noslip_abs(tau[i]) > outcome->effort[i] ? noslip_abs(tau[i]) : outcome->effort[i];
-    }
-    copy(state.at, self->x, BATCH_STATE);
-    note_use(self, &state, tau);
-    good = BATCH_JUDGE(_output)(&self->truth, &state.named, y) == NOSLIP_OK;
-    for (i = 0; i < BATCH_ROWS; i++) {
-        double size;
-        error[i] = good ? y[i] - self->reference[reference_of_row[i]] : not_a_number();
-        size = noslip_abs(error[i]);
-        outcome->final[i] = error[i];
-        outcome->peak[i] = size <= outcome->peak[i] ? outcome->peak[i] : size;
-        outcome->settling[i] = size <= settings->band[i] ? outcome->settling[i] : t;
-    }
+    int i;
     while (self->instant < settings->instants && t >= settings->instant[self->instant] - 1e-9 * settings->output_step) {
         for (i = 0; i < BATCH_ROWS; i++) {
             self->errors[i * settings->instants + self->instant] = error[i];
         }
         self->instant++;
     }
+}
+
+/* Keeps the errors at an output time, and the inputs. */
+static void record(loop *self, double t, const double *error, const double *tau)
+{
+    const batch_settings *settings = self->settings;
+    batch_outcome *outcome = self->outcome;
+    int i;
+    for (i = 0; i < BATCH_ROWS; i++) {
+        const double size = noslip_abs(error[i]);
+        outcome->final[i] = error[i];
+        outcome->peak[i] = size <= outcome->peak[i] ? outcome->peak[i] : size;
+        outcome->settling[i] = size <= settings->band[i] ? outcome->settling[i] : t;
+    }
+    keep_error(self, t, error);
     if (self->row_count < self->most_rows) {
         batch_row *row = &self->rows[self->row_count];
         row->t = t;
@@ -1243,12 +1263,44 @@ static void note(loop *self, double t, const double *given)
     }
 }
 
+/* Keeps the largest absolute value of each input. */
+static void push(batch_outcome *outcome, const double *tau)
+{
+    int i;
+    for (i = 0; i < BATCH_INPUTS; i++) {
+        outcome->effort[i] = noslip_abs(tau[i]) > outcome->effort[i] ? noslip_abs(tau[i]) : outcome->effort[i];
+    }
+}
+
+/* Evaluates the errors of the true outputs at an output time. */
+static void note(loop *self, double t, const double *given)
+{
+    double y[BATCH_ROWS], error[BATCH_ROWS], tau[BATCH_INPUTS] = {0};
+    true_state state;
+    int i, good;
+    look(self, t);
+    if (given != NULL) {
+        torques(self, self->x, given, tau);
+    }
+    if (BATCH_DRIVE) { /* other drives hold theirs between output times */
+        push(self->outcome, tau);
+    }
+    copy(state.at, self->x, BATCH_STATE);
+    note_use(self, &state, tau);
+    good = BATCH_JUDGE(_output)(&self->truth, &state.named, y) == NOSLIP_OK;
+    for (i = 0; i < BATCH_ROWS; i++) {
+        error[i] = good ? y[i] - self->reference[reference_of_row[i]] : not_a_number();
+    }
+    record(self, t, error, tau);
+}
+
 /* Ends a run early. */
 static void stop(loop *self, double t, int status)
 {
     self->status = status;
     note(self, t, NULL);
     self->outcome->t_end = t;
+    self->over = 1;
 }
 
 /* Whether the error is too large and a shorter step is left to try. */
@@ -1272,71 +1324,369 @@ static void spend(const loop *self, double seconds)
     }
 }
 
-/* From the first call to the last output time. */
-static void march(loop *self)
+/* Calls the controller of a run for the k-th time, at time t, for the period until `end`. */
+static void control(loop *self, double t, double k, double end)
 {
-    const batch_sample *sample = self->sample;
-    const double output_step = self->settings->output_step, slack = 1e-9 * least(sample->period, output_step);
+    int status;
+    if (k > 0) {
+        advance(self);
+    }
+    status = sense(self, t);
+    if (status >= 0) {
+        status = update(self);
+    }
+    if (status >= 0) {
+        status = lead(self, t);
+    }
+    if (status >= 0) {
+        status = command(self, t, self->given[(uint64_t)k % WAITING]);
+    }
+    if (!running(status)) {
+        stop(self, t, status);
+        return;
+    }
+    spend(self, least(end, self->sample->duration) - t);
+}
+
+/* What acts on a run: the command of a call, if there was one. */
+static const double *acting(const loop *self, double call)
+{
+    return call < 0 ? self->first : self->given[(uint64_t)call % WAITING];
+}
+
+/* Integrates from t, for `duration` seconds in the period until `end`, and ends the run if that fails; see hold. */
+static void hold_run(loop *self, const double *given, double t, double duration, double weight, double end)
+{
+    double gone;
+    const int status = hold(self, given, duration, weight, &gone);
+    if (status != NOSLIP_OK) {
+        spend(self, -(least(end, self->sample->duration) - (t + gone)));
+        stop(self, t + gone, status);
+    }
+}
+
+/* -- a team ------------------------------------------------------------------------------------------------------------ */
+
+#if BATCH_LANES
+/* Copies the entries of a lane from an array of vectors. */
+static void take(const team *self, int lane, const double *from, double *to, int count)
+{
+    int i;
+    for (i = 0; i < count; i++) {
+        to[i] = from[i * self->kit->width + lane];
+    }
+}
+
+/* Copies the entries of a lane to an array of vectors. */
+static void put(const team *self, int lane, const double *from, double *to, int count)
+{
+    int i;
+    for (i = 0; i < count; i++) {
+        to[i * self->kit->width + lane] = from[i];
+    }
+}
+
+/* What changes in a run is in its lane; the scalar code borrows it, and returns it if the run goes on. */
+static void borrow(team *self, int lane)
+{
+    loop *run = &self->run[lane];
+    take(self, lane, self->lanes.x, run->x, BATCH_STATE);
+    take(self, lane, self->lanes.total, &run->error, 1);
+#if BATCH_STEPS
+    take(self, lane, self->lanes.final, run->outcome->final, BATCH_ROWS);
+    take(self, lane, self->lanes.peak, run->outcome->peak, BATCH_ROWS);
+    take(self, lane, self->lanes.settling, run->outcome->settling, BATCH_ROWS);
+    take(self, lane, self->lanes.effort, run->outcome->effort, BATCH_INPUTS);
+#endif
+}
+
+static void hand_back(team *self, int lane)
+{
+    loop *run = &self->run[lane];
+    put(self, lane, run->x, self->lanes.x, BATCH_STATE);
+    put(self, lane, &run->error, self->lanes.total, 1);
+#if BATCH_STEPS
+    put(self, lane, run->outcome->final, self->lanes.final, BATCH_ROWS);
+    put(self, lane, run->outcome->peak, self->lanes.peak, BATCH_ROWS);
+    put(self, lane, run->outcome->settling, self->lanes.settling, BATCH_ROWS);
+    put(self, lane, run->outcome->effort, self->lanes.effort, BATCH_INPUTS);
+#endif
+    if (run->made) { /* the law has been initialized */
+#if BATCH_STEPS /* with the limits of the inputs */
+        batch_put_law(&run->law, &self->lanes.believed[lane], self->kit->width);
+#else
+        batch_put_law(&run->believed, &self->lanes.believed[lane], self->kit->width);
+#endif
+        batch_put_law(&run->truth, &self->lanes.truth[lane], self->kit->width);
+        self->lanes.sign[lane] = run->sign;
+        run->made = 0;
+    }
+    self->lanes.going[lane] = !run->over;
+    self->ended = self->ended || run->over;
+}
+
+/* Hands a team to the lanes before it starts. */
+static void hand_over(team *self)
+{
+    static const lanes_group none = {0};
+    const batch_settings *settings = self->run->settings;
+    int lane;
+    self->lanes = none;
+    for (lane = 0; lane < self->count; lane++) {
+        const loop *run = &self->run[lane];
+        const batch_sample *sample = run->sample;
+        if (run->over) {
+            continue;
+        }
+        batch_put_plant(&run->robot, &self->lanes.plant[lane], self->kit->width);
+        put(self, lane, sample->offset, self->lanes.offset, BATCH_REFERENCE);
+        put(self, lane, sample->slope, self->lanes.slope, BATCH_REFERENCE);
+        put(self, lane, &sample->omega, self->lanes.omega, 1);
+        put(self, lane, sample->most_acceleration, self->lanes.most_acceleration, BATCH_DOF);
+        put(self, lane, run->first, self->lanes.first, BATCH_GIVEN);
+        put(self, lane, settings->band, self->lanes.band, BATCH_ROWS);
+        hand_back(self, lane);
+    }
+}
+
+/* The command of a call for a lane, from the vectors. */
+static const double *command_of(team *self, int lane, double call)
+{
+    loop *run = &self->run[lane];
+    if (call >= 0) {
+        take(self, lane, self->lanes.ring[(uint64_t)call % WAITING], run->given[(uint64_t)call % WAITING], BATCH_GIVEN);
+    }
+    return acting(run, call);
+}
+
+/* Whether a run goes on and its lane is not fine. */
+static int not_fine(const team *self, int lane)
+{
+    return !self->run[lane].over && !(self->lanes.fine[lane] > 0);
+}
+
+/* Calls the controllers for the k-th time; the first call determines the side of the singular set. */
+static void control_lanes(team *self, double t, double k, double end)
+{
+    double *ring = self->lanes.ring[(uint64_t)k % WAITING];
+    const int steps = BATCH_STEPS && k > 0;
+    int i, unusual = 0;
+    if (steps) {
+        self->kit->step(&self->lanes, t, ring);
+        if (self->lanes.all && !self->unusual) {
+            return;
+        }
+    }
+    for (i = 0; i < self->count; i++) {
+        loop *run = &self->run[i];
+        if (run->over) {
+            continue;
+        }
+        if (steps && !not_fine(self, i)) {
+            run->status = NOSLIP_OK;
+        } else {
+            borrow(self, i);
+            control(run, t, k, end);
+            put(self, i, run->given[(uint64_t)k % WAITING], ring, BATCH_GIVEN);
+            hand_back(self, i);
+            unusual = unusual || run->status != NOSLIP_OK;
+        }
+    }
+    self->unusual = unusual;
+}
+
+/* Integrates with the commands of a call from t, for `duration` seconds in the period until `end`; see hold. */
+static void hold_lanes(team *self, double call, double t, double duration, double weight, double end)
+{
+    int i;
+    self->lanes.acting = call < 0 ? self->lanes.first : self->lanes.ring[(uint64_t)call % WAITING];
+    self->kit->hold(&self->lanes, duration, steps_of(self->run, duration), SAFETY * weight);
+    for (i = 0; i < self->count && !self->lanes.all; i++) {
+        if (not_fine(self, i)) {
+            borrow(self, i);
+            hold_run(&self->run[i], command_of(self, i, call), t, duration, weight, end);
+            hand_back(self, i);
+            self->lanes.turned = 0;
+        }
+    }
+}
+
+/* Evaluates the errors at an output time. */
+static void note_lanes(team *self, double t, double call)
+{
+    int i, every = !BATCH_STEPS;
+    if (BATCH_STEPS) {
+        self->kit->look(&self->lanes, t);
+        every = BATCH_CONTACTS || self->run->settings->instants > 0 || !self->lanes.all;
+    }
+    for (i = 0; i < self->count && every; i++) {
+        loop *run = &self->run[i];
+        if (run->over) {
+            continue;
+        }
+        if (!BATCH_STEPS || not_fine(self, i)) {
+            borrow(self, i);
+            note(run, t, command_of(self, i, call));
+            hand_back(self, i);
+        } else {
+            double error[BATCH_ROWS];
+            take(self, i, self->lanes.final, error, BATCH_ROWS);
+            keep_error(run, t, error);
+            if (run->sample->mu > 0) {
+                true_state state;
+                take(self, i, self->lanes.x, state.at, BATCH_STATE);
+                note_use(run, &state, command_of(self, i, call));
+            }
+        }
+    }
+}
+#endif
+
+/* Calls the controllers for the k-th time. */
+static void control_all(team *self, double t, double k, double end)
+{
+#if BATCH_LANES
+    if (self->kit != NULL) {
+        control_lanes(self, t, k, end);
+        return;
+    }
+#endif
+    control(self->run, t, k, end);
+    self->ended = self->run->over;
+}
+
+/* The inputs of a call act from t, for `duration` seconds in the period until `end`. */
+static void hold_all(team *self, double call, double t, double duration, double weight, double end)
+{
+#if BATCH_LANES
+    if (self->kit != NULL) {
+        hold_lanes(self, call, t, duration, weight, end);
+        return;
+    }
+#endif
+    hold_run(self->run, acting(self->run, call), t, duration, weight, end);
+    self->ended = self->run->over;
+}
+
+/* Notes the inputs that begin to act, which drives do at output times. */
+static void push_all(team *self, double call)
+{
+#if !BATCH_DRIVE
+    int i;
+#if BATCH_STEPS
+    if (self->kit != NULL) {
+        self->kit->push(&self->lanes, call < 0 ? self->lanes.first : self->lanes.ring[(uint64_t)call % WAITING]);
+        return;
+    }
+#endif
+    for (i = 0; i < self->count; i++) {
+        if (!self->run[i].over) {
+            push(self->run[i].outcome, acting(&self->run[i], call));
+        }
+    }
+#else
+    (void)self;
+    (void)call;
+#endif
+}
+
+/* Evaluates the errors at an output time. */
+static void note_all(team *self, double t, double call)
+{
+#if BATCH_LANES
+    if (self->kit != NULL) {
+        note_lanes(self, t, call);
+        return;
+    }
+#endif
+    note(self->run, t, acting(self->run, call));
+}
+
+/* Ends the runs whose error is too large, or all. Returns whether one goes on. */
+static int goes_on(team *self, int last)
+{
+    int i, found = 0;
+    self->ended = 0;
+    for (i = 0; i < self->count; i++) {
+        loop *run = &self->run[i];
+        if (!run->over) {
+#if BATCH_LANES
+            if (self->kit != NULL) {
+                borrow(self, i);
+            }
+#endif
+            run->over = last || repeats(run);
+#if BATCH_LANES
+            if (self->kit != NULL && run->over) {
+                self->lanes.going[i] = 0;
+            }
+#endif
+        }
+        found = found || !run->over;
+    }
+    return found;
+}
+
+/* From the first call to the last output time. */
+static void march(team *self)
+{
+    const batch_sample *sample = self->run->sample; /* of any run: the times are the same */
+    const double output_step = self->run->settings->output_step, slack = 1e-9 * least(sample->period, output_step);
     const double rows = -floor_of(-(sample->duration / output_step - 1e-9)); /* except the last */
     const double late = sample->delay + sample->drive_delay, periods_late = -floor_of(-(late / sample->period - 1e-9)) - 1;
     const double whole = periods_late > 0 ? periods_late : 0, rest = late - whole * sample->period;
-    double given[WAITING][BATCH_GIVEN], first[BATCH_GIVEN], t = 0, row = 0, row_number = 0, checked = 0, k;
-    int i, part, status = init_drives(self, first);
-    if (status < 0 || whole > WAITING - 2) {
-        stop(self, 0, status < 0 ? status : NOSLIP_BAD_PARAMETER);
-        return;
+    double t = 0, row = 0, row_number = 0, checked = 0, k;
+    int i, part;
+    for (i = 0; i < self->count; i++) {
+        loop *run = &self->run[i];
+        const int status = run->over ? NOSLIP_OK : init_drives(run, run->first);
+        if (status < 0 || (whole > WAITING - 2 && !run->over)) {
+            stop(run, 0, status < 0 ? status : NOSLIP_BAD_PARAMETER);
+        }
     }
+#if BATCH_LANES
+    if (self->kit != NULL) {
+        hand_over(self);
+    }
+#endif
     if (rows <= 0) {
         row = sample->duration;
+    }
+    if (!goes_on(self, 0)) {
+        return;
     }
     for (k = 0;; k++) {
         const double end = (k + 1) * sample->period;
         double weight = 0;
-        if (k > 0) {
-            advance(self);
-        }
-        status = sense(self, t);
-        if (status >= 0) {
-            status = update(self);
-        }
-        if (status >= 0) {
-            status = lead(self, t);
-        }
-        if (status >= 0) {
-            status = command(self, t, given[(uint64_t)k % WAITING]);
-        }
-        if (!running(status)) {
-            stop(self, t, status);
+        control_all(self, t, k, end);
+        if (self->ended && !goes_on(self, 0)) {
             return;
         }
-        spend(self, least(end, sample->duration) - t);
         if (k >= checked) { /* this error represents those of the calls until the next estimate; frequent at first */
             weight = 1 + floor_of(least(k / 8, LATEST - 1));
             checked = k + weight;
         }
         for (part = 0; part < 2; part++) {
             const double call = k - whole - (part ? 0 : 1); /* whose command acts */
-            const double *acting = call < 0 ? first : given[(uint64_t)call % WAITING];
             const double last = part ? end : least(t + rest, end);
             while (t < last) {
                 const int due = row < last - slack;
                 const double until = due ? row : last;
-                double gone;
-                for (i = 0; !BATCH_DRIVE && i < BATCH_INPUTS; i++) {
-                    const double size = noslip_abs(acting[i]);
-                    self->outcome->effort[i] = size > self->outcome->effort[i] ? size : self->outcome->effort[i];
-                }
-                status = until > t ? hold(self, acting, until - t, weight, &gone) : NOSLIP_OK;
-                if (status != NOSLIP_OK) {
-                    spend(self, -(least(end, sample->duration) - (t + gone)));
-                    stop(self, t + gone, status);
-                    return;
+                push_all(self, call);
+                if (until > t) {
+                    hold_all(self, call, t, until - t, weight, end);
+                    if (self->ended && !goes_on(self, 0)) {
+                        return;
+                    }
                 }
                 t = until > t ? until : t;
                 if (due) {
-                    note(self, row, acting);
+                    note_all(self, row, call);
                     if (row_number >= rows) {
-                        self->outcome->t_end = row;
+                        for (i = 0; i < self->count; i++) {
+                            self->run[i].outcome->t_end = self->run[i].over ? self->run[i].outcome->t_end : row;
+                        }
+                        (void)goes_on(self, 1);
                         return;
                     }
                     row_number++;
@@ -1344,14 +1694,14 @@ static void march(loop *self)
                 }
             }
         }
-        if (repeats(self)) {
+        if (weight > 0 && !goes_on(self, 0)) {
             return;
         }
     }
 }
 
-/* One run with a given step of the integrator, from a start changed by `nudge` in every component. */
-static void attempt(loop *self, double longest, double nudge)
+/* Starts a run with a given step of the integrator, from a start changed by `nudge` in every component. Returns the status. */
+static int start(loop *self, double longest, double nudge)
 {
     const batch_sample *sample = self->sample;
     union { BATCH_JUDGE_ROBOT(_params) named; double at[BATCH_PARAMETERS]; } params;
@@ -1392,15 +1742,17 @@ static void attempt(loop *self, double longest, double nudge)
     if (status >= 0) {
         status = init_lead(self);
     }
-    if (status >= 0) {
-        status = sense_first(self);
-    }
-    if (status >= 0) {
-        march(self);
-    }
+    return status < 0 ? status : sense_first(self);
+}
+
+/* Completes the outcomes of a run; `status` is that of its start. */
+static void finish(loop *self, int status)
+{
+    double *numbers = (double *)self->outcome;
+    int i;
     copy(self->outcome->end, self->x, BATCH_STATE);
     self->outcome->integration_error = self->error;
-    self->outcome->steps = floor_of(sample->period / longest + 1 - 1e-9);
+    self->outcome->steps = floor_of(self->sample->period / self->step + 1 - 1e-9);
     if (status < 0) { /* not run */
         for (i = 0; i < (int)(sizeof(batch_outcome) / sizeof(double)); i++) {
             numbers[i] = not_a_number();
@@ -1416,16 +1768,33 @@ static void attempt(loop *self, double longest, double nudge)
     self->outcome->status = self->status;
 }
 
+/* The runs of a team, as `start`. */
+static void attempt(team *self, double longest, double nudge)
+{
+    int i, status[LANES_MOST];
+    for (i = 0; i < self->count; i++) {
+        status[i] = start(&self->run[i], longest, nudge);
+        self->run[i].over = status[i] < 0;
+    }
+    self->unusual = 1;
+    self->ended = 0;
+    march(self);
+    for (i = 0; i < self->count; i++) {
+        finish(&self->run[i], status[i]);
+    }
+}
+
 /*
  * Growth of the integration error of a run in which the loop does not damp it: if the inputs are discontinuous (encoders, float), an
  * error may change a step; near the singular set the inputs grow without bound. Determined by a run from a start changed by the
  * error.
  */
-static double grown(const loop *self, double longest)
+static double grown(const loop *self)
 {
     batch_settings settings = *self->settings;
     batch_outcome outcome;
     loop other;
+    team alone;
     double apart[BATCH_STATE];
     int i;
     settings.accuracy = DBL_MAX;
@@ -1436,44 +1805,135 @@ static double grown(const loop *self, double longest)
     other.errors = NULL;
     other.rows = NULL;
     other.most_rows = 0;
-    attempt(&other, longest, self->error);
+    alone.kit = NULL;
+    alone.count = 1;
+    alone.run = &other;
+    attempt(&alone, self->step, self->error);
     for (i = 0; i < BATCH_STATE; i++) {
         apart[i] = outcome.end[i] - self->outcome->end[i];
     }
     return SAFETY * largest(apart) + self->edge;
 }
 
-/* Repeats a sample until its error is small enough. Returns the number of rows. */
-static long run(const batch_settings *settings, const batch_sample *sample, batch_outcome *outcome, double *errors,
-                batch_row *rows, long most)
+/* Adds the growth of the error of a run that is not repeated. */
+static void settle(loop *self)
 {
-    loop self;
-    double longest = settings->longest;
-    self.settings = settings;
-    self.sample = sample;
-    self.outcome = outcome;
-    self.errors = errors;
-    self.rows = rows;
-    self.most_rows = most;
-    attempt(&self, longest, 0);
-    while (repeats(&self)) {
-        longest /= 2;
-        attempt(&self, longest, 0);
+    if ((BATCH_SINGLE || self->sample->counts > 0 || self->status == NOSLIP_SINGULAR) && self->error > 0) {
+        self->outcome->integration_error += grown(self);
     }
-    if ((BATCH_SINGLE || sample->counts > 0 || self.status == NOSLIP_SINGULAR) && self.error > 0) {
-        outcome->integration_error += grown(&self, longest);
+}
+
+/* -- all samples ------------------------------------------------------------------------------------------------------- */
+
+/* Samples that wait for others to be run with them. */
+typedef struct queue {
+    long sample[COMING + LANES_MOST];
+    int count;
+} queue;
+
+static const lanes_kit *kit_of(const batch_settings *settings)
+{
+#if BATCH_LANES
+#if defined(__x86_64__)
+    if (settings->vectors >= 3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) {
+        return &lanes_avx512;
     }
-    return self.row_count;
+    if (settings->vectors >= 2 && __builtin_cpu_supports("avx2")) {
+        return &lanes_avx2;
+    }
+#endif
+    return settings->vectors >= 1 ? &lanes_plain : NULL;
+#else
+    (void)settings;
+    return NULL;
+#endif
+}
+
+const char *batch_vectors(const batch_settings *settings)
+{
+    const lanes_kit *kit = kit_of(settings);
+    return kit != NULL ? kit->name : "scalar";
+}
+
+/* Whether the calls of two samples are at the same times. */
+static int together(const batch_sample *one, const batch_sample *other)
+{
+    const double apart[] = {one->period - other->period, one->delay - other->delay, one->duration - other->duration,
+                            one->drive_delay - other->drive_delay};
+    int i, same = 1;
+    for (i = 0; i < 4; i++) {
+        same = same && !(noslip_abs(apart[i]) > 0);
+    }
+    return same;
+}
+
+/* Takes the first sample of a queue and those with the same times, `most` at most. Returns their number. */
+static int choose(queue *self, const batch_sample *samples, int most, long *chosen)
+{
+    const long first = self->sample[0];
+    int i, count = 0, left = 0;
+    for (i = 0; i < self->count; i++) {
+        const long each = self->sample[i];
+        if (count < most && together(&samples[first], &samples[each])) {
+            chosen[count++] = each;
+        } else {
+            self->sample[left++] = each;
+        }
+    }
+    self->count = left;
+    return count;
 }
 
 void batch_run(const batch_settings *settings, const batch_sample *samples, long count, double *outcomes, long width)
 {
-    long i;
-    for (i = 0; i < count; i++) {
-        batch_outcome outcome;
-        double *row = outcomes + i * width;
-        (void)run(settings, &samples[i], &outcome, row + sizeof outcome / sizeof(double), NULL, 0);
-        copy(row, (const double *)&outcome, (int)(sizeof outcome / sizeof(double)));
+    const lanes_kit *kit = kit_of(settings);
+    const int most = kit != NULL ? kit->width : 1;
+    const int full = kit != NULL ? COMING : 1;
+    queue queues[SHORTER + 1]; /* for each length of the integrator's step */
+    long next = 0;
+    int level, i;
+    for (level = 0; level <= SHORTER; level++) {
+        queues[level].count = 0;
+    }
+    for (;;) {
+        loop runs[LANES_MOST];
+        batch_outcome outcome[LANES_MOST];
+        long chosen[LANES_MOST];
+        team self;
+        while (next < count && queues[0].count < full) {
+            queues[0].sample[queues[0].count++] = next++;
+        }
+        level = SHORTER; /* a full queue, or, if no sample is left, the first that is not empty */
+        while (level > 0 && queues[level].count < full) {
+            level--;
+        }
+        while (level < SHORTER && queues[level].count == 0) {
+            level++;
+        }
+        if (queues[level].count == 0) {
+            return;
+        }
+        self.count = choose(&queues[level], samples, most, chosen);
+        self.kit = self.count > 1 ? kit : NULL;
+        self.run = runs;
+        for (i = 0; i < self.count; i++) {
+            double *row = outcomes + chosen[i] * width;
+            runs[i].settings = settings;
+            runs[i].sample = &samples[chosen[i]];
+            runs[i].outcome = &outcome[i];
+            runs[i].errors = row + sizeof *outcome / sizeof(double);
+            runs[i].rows = NULL;
+            runs[i].most_rows = 0;
+        }
+        attempt(&self, settings->longest / (1 << level), 0);
+        for (i = 0; i < self.count; i++) {
+            if (repeats(&runs[i])) {
+                queues[level + 1].sample[queues[level + 1].count++] = chosen[i];
+            } else {
+                settle(&runs[i]);
+                copy(outcomes + chosen[i] * width, (const double *)&outcome[i], (int)(sizeof *outcome / sizeof(double)));
+            }
+        }
     }
 }
 
@@ -1481,6 +1941,23 @@ long batch_trace(const batch_settings *settings, const batch_sample *sample, bat
 {
     batch_settings alone = *settings;
     batch_outcome outcome;
+    double longest = settings->longest;
+    loop run;
+    team self;
     alone.instants = 0;
-    return run(&alone, sample, &outcome, NULL, rows, most);
+    run.settings = &alone;
+    run.sample = sample;
+    run.outcome = &outcome;
+    run.errors = NULL;
+    run.rows = rows;
+    run.most_rows = most;
+    self.kit = NULL;
+    self.count = 1;
+    self.run = &run;
+    attempt(&self, longest, 0);
+    while (repeats(&run)) {
+        longest /= 2;
+        attempt(&self, longest, 0);
+    }
+    return run.row_count;
 }

@@ -1,5 +1,5 @@
 /*
- * batch.h - simulates many closed loops, each with its own numbers, one after the other.
+ * batch.h - simulates many closed loops, each with its own numbers.
  *
  * A run is the same as in `noslip simulate` with a sampled controller: at each call the generated law receives the state (true, or
  * dead-reckoned from noisy sensors), its inputs act `delay` s later and are held, and the generated dynamics are integrated with
@@ -19,6 +19,7 @@ typedef struct batch_settings {
     int reversing, stop, closed;    /* of a composite path, as in noslip_path_options */
     int segments;                   /* number of its segments */
     const BATCH_SEGMENT *path;
+    int vectors;                    /* the longest vectors: 0 none, 1 those of every processor, 2 AVX2, 3 AVX-512 */
     double output_step;             /* s: between the instants at which the error is evaluated */
     double longest;                 /* s: first and longest step of the integrator */
     double accuracy;                /* largest integration error; a run that exceeds it is repeated with shorter steps */
@@ -88,6 +89,9 @@ typedef struct batch_row {
 
 /* Runs `count` samples; `outcomes` has a row of `width` numbers for each. Threads share only data that is read. */
 void batch_run(const batch_settings *settings, const batch_sample *samples, long count, double *outcomes, long width);
+
+/* Returns the name of the vectors in which samples with these settings are run: plain, avx2 or avx512; or scalar. */
+const char *batch_vectors(const batch_settings *settings);
 
 /* Runs one sample and writes its rows, `most` at most. Returns the number of rows. */
 long batch_trace(const batch_settings *settings, const batch_sample *sample, batch_row *rows, long most);

@@ -26,6 +26,7 @@ from .program import LoopParts, knows_ground, program
 LONGEST = 0.01  # s
 ACCURACY = 1e-9
 BAND = 0.01
+VECTORS = 3  # those of the processor
 CHUNK = 4096  # samples prepared at a time, so that memory stays constant
 _one = Lock()  # CasADi's functions are evaluated by one thread at a time
 
@@ -58,9 +59,11 @@ class Batch:
         band: float | tuple[float, ...] = BAND,
         instants: tuple[float, ...] = (),
         longest: float = LONGEST,
+        vectors: int = VECTORS,
     ):
         """`accuracy`: a run whose integration error is larger is repeated with half the step, five times at most; `longest`: the
-        longest step, s. `band`: one for all outputs or one for each, in their units. `instants`: s, ascending.
+        longest step, s. `band`: one for all outputs or one for each, in their units. `instants`: s, ascending. `vectors`: the
+        longest, as in batch.h; the outcomes are the same with all.
 
         Raises BadInput and ModelError as `simulate` does, for a SPEC that is not sampled and for a backend other than c and cf.
         """
@@ -107,7 +110,7 @@ class Batch:
         self._program = program(law, scalar, parts)
         self._sample, self._row = (self._program.type(name) for name in ("batch_sample", "batch_row"))
         self._outcome = self._program.type("batch_outcome")
-        self._settings = self._make_settings(accuracy, band, instants, longest)
+        self._settings = self._make_settings(accuracy, band, instants, longest, vectors)
         names = self._outcome_names(len(instants))
         self._kept = np.array([self._applies(name) for name in names])
         self.outcomes = [name for name, kept in zip(names, self._kept, strict=True) if kept]
@@ -122,6 +125,11 @@ class Batch:
             given = cast("batch_sample *", samples.ctypes.data), len(samples), cast("double *", part.ctypes.data)
             lib.batch_run(self._settings, *given, made.shape[1])
         return made[:, self._kept]
+
+    @property
+    def vectors(self) -> str:
+        """The vectors in which this processor runs samples: avx512, avx2 or plain; scalar for one after the other."""
+        return self._program.ffi.string(self._program.lib.batch_vectors(self._settings)).decode()
 
     def status(self, number: float) -> str:
         """Return the name of a status."""
@@ -138,12 +146,14 @@ class Batch:
 
     # -- settings shared by all samples ------------------------------------------------------------------------------------------
 
-    def _make_settings(self, accuracy: float, band: float | tuple[float, ...], instants: tuple[float, ...], longest: float):
+    def _make_settings(
+        self, accuracy: float, band: float | tuple[float, ...], instants: tuple[float, ...], longest: float, vectors: int
+    ):
         spec, ffi = self.spec, self._program.ffi
         self._instants = ffi.new("double[]", [*instants, 0.0])  # referenced by pointers in the settings
         self._path = ffi.NULL
         settings = ffi.new("batch_settings *")
-        settings.longest, settings.accuracy = longest, accuracy
+        settings.longest, settings.accuracy, settings.vectors = longest, accuracy, vectors
         settings.output_step = spec.simulation.output_step
         settings.band = list(band) if isinstance(band, tuple) else [band] * len(settings.band)
         settings.instants, settings.instant = len(instants), self._instants
@@ -270,6 +280,8 @@ class Batch:
                 made["along"] = given["reference.acceleration"]
                 most = np.maximum(made["along"], made["deceleration"])
                 made["speed"] = np.minimum(made["speed"], top_speed(output.segments, made["lateral"], most))
+            for k, c in enumerate(law.config):  # the others are the segment's
+                made["config"][:, k] = given.get(f"output.{c.name}", zeros)
             return made["L"][:, int(output.segments[0].backward)]
         if output.type == "IV" and self._wheels:
             speed = given["reference.speed"]

@@ -158,9 +158,9 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
 
 
 def _point(output: OutputSection, law: ControlLaw) -> list[str]:
-    """Return which of L, W, L_backward the law has."""
+    """Return which of L, W, band, L_backward the law has."""
     config = [c.name for c in law.config]
-    found: list[str] = [name for name in ("L", "W") if name in config and not output.own]
+    found: list[str] = [name for name in ("L", "W", "band") if name in config and not output.own]
     return [*found, "L_backward"] if output.L_backward is not None else found
 
 

@@ -1,7 +1,7 @@
 """The C of the batch simulator for one law: batch.c compiled with the names and sizes of the law, and its types in NumPy."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 
@@ -9,9 +9,10 @@ import cffi
 import numpy as np
 
 from ..codegen.derivation.grip import can_grip
-from ..codegen.dynamics import compile_dynamics
+from ..codegen.dynamics import DynamicsProgram, compile_dynamics
 from ..codegen.files import dynamics_text, law_program, law_text, shared_files
 from ..codegen.printing.scalar import DOUBLE, SCALARS
+from ..codegen.printing.vectors_c import VectorText, dynamics_vectors, law_vectors, turns_function
 from ..controllers.runtime import declarations, load
 from ..controllers.tracking import HEADER as PATH
 from ..model.law import ControlLaw
@@ -19,7 +20,12 @@ from ..simulation import noise
 from ..simulation.guidance import led
 from ..simulation.sensing import angle_coordinates, pose_coordinates
 
-SOURCES = ("batch.c", "batch.h")
+SOURCES = ("batch.c", "batch.h", "lanes.h", "lanes.inc")
+VECTORS: tuple[tuple[str, int, str], ...] = (
+    ("plain", 2, ""),
+    ("avx2", 4, "avx2"),
+    ("avx512", 8, "avx512f,avx512dq"),
+)  # name, lanes, instructions of x86-64
 
 
 @dataclass(frozen=True)
@@ -45,12 +51,14 @@ class Simulator:
 
     def __init__(self, law: ControlLaw, scalar: str, parts: LoopParts):
         """Raises BadInput as `pose_coordinates` does."""
-        law_h, own = _header(law, scalar, parts), files(__package__)
+        own, dynamics = files(__package__), compile_dynamics(law.system)
+        vectors = vectors_of(law, dynamics, scalar, parts)
+        law_h = _header(law, scalar, parts, vectors)
         texts = {name: (own / name).read_text() for name in SOURCES} | noise.source()
+        texts |= vectors.files() if vectors else {}
         self.ffi = cffi.FFI()
         self.ffi.cdef(declarations(PATH))
         self.ffi.cdef(_declared(texts["batch.h"], law_h))
-        dynamics = compile_dynamics(law.system)
         plant = {**dynamics_text(dynamics, DOUBLE).files(), **dynamics_text(dynamics, SCALARS[scalar]).files()}
         made = [{**shared_files(law.system, s), **law_text(law_program(law), s).files()} for s in (DOUBLE, SCALARS[scalar])]
         self.lib = load(self.ffi, {**texts, "batch_law.h": law_h, **plant, **made[0], **made[1]}, optimized=True)
@@ -69,7 +77,64 @@ def program(law: ControlLaw, scalar: str, parts: LoopParts) -> Simulator:
     return Simulator(law, scalar, parts)
 
 
-def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
+@dataclass(frozen=True)
+class Vectors:
+    """What the loops of a law have in vectors: the dynamics, the test of a singular Phi, and where it `steps`, since nothing else
+    belongs to the loop, the law. `driven`: entries of the state whose rates the drives determine.
+    """
+
+    dynamics: VectorText
+    law: VectorText
+    steps: bool
+    driven: tuple[int, ...]
+
+    def known(self) -> dict[str, object]:
+        """Return the sizes, for batch_law.h."""
+        reads = sorted({*self.dynamics.reads, *self.driven})
+        return {
+            **{"LANES": 1, "STEPS": int(self.steps), "READS": len(reads), "READ": _list(reads)},
+            **{"PLANT_CONSTANTS": self.dynamics.count, "LAW_CONSTANTS": self.law.count},
+        }
+
+    def puts(self) -> list[str]:
+        """Return the functions that copy constants of a robot to its lane."""
+        kinds = (("plant", "BATCH_PLANT()", self.dynamics), ("law", "BATCH_JUDGE()", self.law))
+        heads = [
+            f"static inline void batch_put_{name}(const {kind} *one, double *constants, int width)" for name, kind, _ in kinds
+        ]
+        return [f"{head}\n{{\n{text.puts}\n}}" for head, (*_, text) in zip(heads, kinds, strict=True)]
+
+    def files(self) -> dict[str, str]:
+        """Return the sources of the vectors of each size, which have the same text, and what they include."""
+        turns = turns_function(sorted({*self.dynamics.turns, *self.law.turns}))
+        text = "\n\n".join([turns, self.dynamics.functions, self.law.functions]) + "\n"
+        return {"batch_vectors.inc": text, **{f"lanes_{size[0]}.c": _of_size(*size) for size in VECTORS}}
+
+
+def vectors_of(law: ControlLaw, dynamics: DynamicsProgram, scalar: str, parts: LoopParts) -> Vectors | None:
+    """Return what the loops of a law have in vectors; None if vectors cannot compute the dynamics or Phi."""
+    alone = replace(parts, reckoned=True) == LoopParts() and scalar == DOUBLE.real
+    steps = alone and all(row.unit != "rad" for row in law.output.rows)
+    plant, control = dynamics_vectors(dynamics), law_vectors(law_program(law), steps)
+    if plant is None or control is None or law.system.dof != 2:
+        return None
+    first, last = len(law.system.mechanism.coordinates), len(law.system.state)
+    return Vectors(plant, control, steps, tuple(range(first, last)) if parts.drive != "torque" else ())
+
+
+def _of_size(name: str, width: int, instructions: str) -> str:
+    """Return the source of the vectors of a size."""
+    lines = [f"#define LANES_WIDTH {width}", f'#define LANES_NAME "{name}"', f"#define LANES_KIT lanes_{name}"]
+    lines.append('#include "lanes.inc"')
+    if instructions:
+        clang = f'#pragma clang attribute push(__attribute__((target("{instructions}"))), apply_to = function)'
+        gcc = f'#pragma GCC target("{instructions}")'
+        lines = ["#if defined(__x86_64__)", "#if defined(__clang__)", clang, "#else", gcc, "#endif", *lines]
+        lines += ["#if defined(__clang__)", "#pragma clang attribute pop", "#endif", "#else", "typedef int nothing;", "#endif"]
+    return "\n".join([*lines, ""])
+
+
+def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | None) -> str:
     """Return batch_law.h: names in the generated C, and sizes."""
     leads = led(law) if parts.approach else []
     mechanism, own = law.system.mechanism, SCALARS[scalar]
@@ -109,6 +174,7 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
         "INTEGRAL_ROWS": _list(acting),
         "HIGHEST": _list([entries[k] + degree[k] for k in acting]),
         "SINGLE": int(bool(own.suffix)),
+        "DAMPED": int(law.output.band is not None),
         "SENSED": int(parts.sensed),
         "RECKONED": int(parts.reckoned),
         "ROUTE": int(parts.route),
@@ -125,14 +191,12 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
         known["POSE"] = _list(pose_coordinates(law.system))
     if parts.sensed:
         known["WHEELS"] = _list(angle_coordinates(law.system))
-    if parts.route:
-        known["OFFSET(where, offset)"] = "((where).W = (offset))" if "W" in [c.name for c in law.config] else "((void)(offset))"
+    known |= vectors.known() if vectors else {"LANES": 0, "STEPS": 0}
     includes = [own.name(f"{mechanism.name}_{law.name}"), f"{mechanism.name}_{law.name}", f"{mechanism.name}_dynamics"]
     includes += [own.name(f"{mechanism.name}_dynamics")] if parts.drive != "torque" else []
     lines = [f'#include "{name}.h"' for name in dict.fromkeys(includes)]
-    return "\n".join(
-        ["#ifndef BATCH_LAW_H", "#define BATCH_LAW_H", *lines, *(f"#define BATCH_{k} {v}" for k, v in known.items()), "#endif\n"]
-    )
+    lines += [*(f"#define BATCH_{k} {v}" for k, v in known.items()), *(vectors.puts() if vectors else [])]
+    return "\n".join(["#ifndef BATCH_LAW_H", "#define BATCH_LAW_H", *lines, "#endif\n"])
 
 
 def knows_ground(law: ControlLaw) -> bool:

@@ -10,14 +10,15 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
-from noslip.analysis.answers import analyse, as_json, start_verdict, uncontrolled
+from noslip.analysis.answers import _form, analyse, as_json, start_verdict, uncontrolled
 from noslip.analysis.certification.safety import certify
+from noslip.analysis.exact import functions
 from noslip.analysis.outputs.decoupling import decouple
 from noslip.analysis.outputs.normal_form import NormalForm, normal_form
 from noslip.analysis.report import report
 from noslip.analysis.text import WIDTH, as_text
 from noslip.cli.main import main
-from noslip.model import OutputMap, OutputRow, linearize, reduce
+from noslip.model import ModelError, OutputMap, OutputRow, linearize, reduce
 from noslip.model.law import symbols
 from noslip.model.outputs import OUTPUTS, at_point, body_point, forward_speed, output_map, type_iv
 from noslip.model.paths import config, implicit, line
@@ -474,6 +475,22 @@ def test_an_underactuated_robot_in_text_page_and_json(system_file, tmp_path, cap
     verdicts = {c["name"]: c["verdict"] for c in data["checks"]}
     assert verdicts["controllable"] is True and verdicts["lagrange_stable"] is None
     assert all(place["verified"] for place in data["singular_places"])
+
+
+def test_what_takes_too_much_is_not_decided(monkeypatch):
+    """The bound is a number of terms, the same on every machine: of the constraints a line on stderr, of an output a reason."""
+    reports: list[tuple[float, float, str]] = []
+    robot = find_robot.__wrapped__("car")
+    whole = analyse(robot, progress=lambda *report: reports.append(report))
+    assert [report for report in reports if "constraints" in report[2]] == [
+        (k, 6, "parts of the constraints analysed") for k in range(6)
+    ]
+    assert whole.outputs
+    monkeypatch.setattr(functions, "WORK", 1000)
+    with pytest.raises(ModelError, match=r"^car: not decided within 1,000 terms of polynomials; write the system in simpler"):
+        analyse(find_robot.__wrapped__("car"))
+    with pytest.raises(ModelError, match=r"not decided within 1,000 terms"):
+        _form.__wrapped__(system_of(robot), "type_iv_circle")
 
 
 def test_only_some_outputs(capsys):

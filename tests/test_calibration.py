@@ -168,6 +168,16 @@ def test_values_lie_within_their_deviations():
     assert np.abs(errors / sd).max() < 4.0 and 0.2 < (errors / sd).std() < 1.9
 
 
+def test_a_pose_that_two_windows_share_has_one_error():
+    """Poses so far apart that each window has two: with errors independent in both, deviations would be twice as large."""
+    off = []
+    for seed in range(16):
+        estimates = calibrate([log_of(*winding(200), 1.0, seed, 20)], SYSTEM, ["r", "b"], DEFAULT).estimates
+        off.append([(each.value - TRUE[name]) / each.sd for name, each in estimates.items()])
+    sizes = np.sqrt(np.mean(np.square(off), axis=0))
+    assert (sizes > 0.7).all() and (sizes < 1.6).all()
+
+
 def bound() -> np.ndarray:
     """Standard deviations of Cramer and Rao, if the poses are all that is not exact."""
     geometry = _Geometry.of(SYSTEM, ("theta_r", "theta_l"))

@@ -105,6 +105,56 @@ def test_positions_are_those_of_clothoids_and_arcs():
     assert status == "ok" and abs(point[1]) == pytest.approx(0.5, abs=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("length", "curvatures", "rounding"),
+    [
+        (1.0, (0.0, 8.0, 0.0), 0.0),
+        (1.0, (3.0, -9.0, 2.0), 0.3),
+        (1.0, (0.0, 12.0, 12.0), 1.0),
+        (3.0, (-5.0, 5.0, -5.0), 3.0),
+        (3.0, (-20.0, 20.0, -20.0), 3.0),  # 0 at both ends of what is rounded: an error of 0.14 mm without what is in between
+    ],
+)
+def test_places_where_the_curvature_is_largest_within_a_stretch(length, curvatures, rounding):
+    """Against steps of a millimetre, each an arc of the curvature in its middle: an error of about 1e-6 of them, extrapolated."""
+    curve = SmoothCurve(0.0, 0.0, 0.0, 1.0, (length, length), curvatures, rounding)
+    in_c = CourseInC(curve)
+    assert in_c.status == ("bad_parameter" if max(curvatures) * rounding > 16.0 else "ok")  # it turns too far for the C
+
+    def stepped(length: float, count: int) -> complex:
+        h, place, heading = length / count, 0j, 0.0
+        for k in range(count):
+            at = (k + 0.5) * h
+            stretch = max((s for s in curve.stretches if s.begin <= at), key=lambda s: s.begin)
+            turn = h * stretch.curvature(at - stretch.begin)
+            place += h * np.sinc(turn / 2 / np.pi) * np.exp(1j * (heading + turn / 2))
+            heading += turn
+        return place
+
+    for along in length * np.array([0.5, 0.85, 1.0, 1.2, 1.5, 2.0]):
+        dense = (4 * stepped(along, 4000) - stepped(along, 2000)) / 3
+        assert abs(curve.position(along) - dense) < 2e-8
+        assert in_c.status != "ok" or abs(in_c.derivatives(along)[1][0] - dense) < 2e-8
+
+
+def test_the_c_and_the_simulation_find_the_same_places():
+    """Also beyond the centre of curvature, where neither finds one, and from places farther away."""
+    random, found, refused = np.random.default_rng(6), 0, 0
+    for _ in range(40):
+        curve = random_curve(random)
+        in_c = CourseInC(curve)
+        for _ in range(20):
+            at = random.uniform(-1.0, curve.stretches[-1].begin + 1.0)
+            point, rate = curve.derivatives(at / curve.speed, 1)
+            point += 1j * rate / abs(rate) * random.uniform(-6.0, 6.0)
+            near = at + random.uniform(-0.5, 0.5)
+            (status, there), here = in_c.nearest(point, near), curve.nearest(point, near)
+            assert status == ("singular" if math.isnan(here) else "ok")
+            assert math.isnan(here) or here == pytest.approx(there, abs=1e-10)
+            found, refused = found + (status == "ok"), refused + (status != "ok")
+    assert found > 300 and refused > 30
+
+
 @pytest.mark.parametrize(("scalar", "tolerance"), [("double", 1e-11), ("float", 1e-4)])
 def test_the_nearest_place(scalar, tolerance):
     """From a place that is 0.3 m off; points as far as the centre of curvature have none."""

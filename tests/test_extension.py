@@ -290,6 +290,13 @@ def test_a_robot_begins_behind_a_course(tmp_path):
     assert np.abs(run.y[before, 1]).max() < 1e-8 and np.abs(run.tau[before]).max() < 1e-6 < np.abs(run.tau[~before]).max() < 5.0
 
 
+def test_a_start_at_the_centre_of_curvature_is_refused(tmp_path):
+    arc = 'course = { speed = 0.5, lengths = [5.0], curvatures = [0.5, 0.5], follow = "path" }'
+    text = AXLE.replace("velocity = [0.6, 0.1]", arc).replace("[-0.1, 0.05]", "[0.05, 1.95]")
+    with pytest.raises(BadInput, match="as far from the course as the centre of its curvature"):
+        run_of(text, tmp_path)
+
+
 def test_the_nearest_place_of_a_course():
     """The foot of points beside it, of points before and beyond it, and of where only the centre of curvature is nearer."""
     course, random = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), 0.5), np.random.default_rng(3)

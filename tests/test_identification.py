@@ -15,6 +15,7 @@ from noslip.identification.dynamics import Dynamics, combinations
 from noslip.identification.fit import identify, predicted
 from noslip.identification.log import FEWEST, Log, read_log
 from noslip.identification.result import Estimate
+from noslip.model import Mechanism, ModelError, reduce
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.drawing import panels
@@ -209,6 +210,63 @@ def test_a_log_without_turning_does_not_show_the_inertia():
     result = identify(log, DYNAMICS, ["m_c", "I_c"], VALUES, False)
     assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(VALUES["m_c"], rel=1e-5)
     assert result.unidentifiable[0].startswith("I_c: this log does not show it")
+
+
+def thin_disk(tied: bool) -> Mechanism:
+    """A disk that rolls and turns, I about the axle and J about a diameter, or with I = 2 J in its place."""
+    robot = Mechanism("thin_disk", "")
+    x, y, phi, theta = (robot.coordinate(name, unit) for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad"), ("theta", "rad")))
+    J = robot.parameter("J", 0.08, "kg m^2")
+    I = 2 * J if tied else robot.parameter("I", 0.15, "kg m^2")  # noqa: E741
+    if not tied:
+        robot.principal_inertias(J, I, J)
+    x_dot, y_dot, turning, rolling = (robot.rate(each) for each in (x, y, phi, theta))
+    robot.kinetic_energy(x_dot**2 + y_dot**2 + J * turning**2 / 2 + I * rolling**2 / 2)
+    robot.rolls("rolls", ca.cos(phi) * x_dot + ca.sin(phi) * y_dot - 0.3 * rolling)
+    robot.rolls("no side slip", ca.cos(phi) * y_dot - ca.sin(phi) * x_dot)
+    for name, rate in (("thetadot", rolling), ("phidot", turning)):
+        robot.input(f"tau_{name}", "N m", on=rate)
+        robot.quasi_velocity(name, "rad/s", rate)
+    robot.moves_in_plane(x, y, phi)
+    return robot
+
+
+def log_of_disk(I: float, J: float, seed: int = 4) -> Log:  # noqa: E741
+    """Torques of two frequencies at the inertia I + 2 R^2 of rolling and J of turning, by hand; noisy rates."""
+    t, random = np.arange(600) * 0.01, np.random.default_rng(seed)
+    tau, inertia = np.column_stack([np.cos(3 * t), 0.5 * np.cos(2 * t)]), np.array([I + 2 * 0.3**2, J])
+    nu = np.column_stack([np.sin(3 * t) / 3, 0.5 * np.sin(2 * t) / 2]) / inertia + 0.01 * random.normal(size=tau.shape)
+    return Log(t, np.hstack([np.zeros((600, 4)), nu]), tau, (range(600),), ())
+
+
+def test_inertias_stay_those_of_a_body():
+    """A log that a disk cannot make: the answer is that of the robot in which I is 2 J; and one of a disk, as it is."""
+    free, tied = (Dynamics.of(reduce(thin_disk(each))) for each in (False, True))
+    beyond, within = log_of_disk(0.3, 0.08), log_of_disk(0.12, 0.08)
+    result = identify(beyond, free, ["I", "J"], {}, False)
+    on_bound = identify(beyond, tied, ["J"], {}, False).estimates["J"].value
+    assert result.estimates["J"].value == pytest.approx(on_bound, rel=1e-6) and on_bound > 0.09
+    assert result.estimates["I"].value == pytest.approx(2 * on_bound, rel=1e-6)
+    assert result.remarks == ("the inertias are at their bound I <= 2 J; beyond it the log would be predicted better",)
+    alone = identify(beyond, free, ["I"], {"J": 0.08}, False)
+    assert alone.estimates["I"].value == pytest.approx(0.16, rel=1e-9) and alone.remarks == result.remarks
+    result = identify(within, free, ["I", "J"], {}, False)
+    assert not result.remarks and all(abs(result.estimates[k].value - v) < 0.002 for k, v in (("I", 0.12), ("J", 0.08)))
+
+
+def test_inertias_of_no_body_are_refused(write, bad_input):
+    robot = Mechanism("none", "")
+    one, two = robot.parameter("one", 1.0, "kg m^2"), robot.parameter("two", 2.5, "kg m^2")
+    for inertias, message in (
+        ((one, one, two), "no body has the principal inertias one = 1, one = 1, two = 2.5"),
+        ((one, two), "requires three parameters"),
+        ((one, two, 2 * one), "requires three parameters"),
+    ):
+        with pytest.raises(ModelError, match=message):
+            robot.principal_inertias(*inertias)
+    rows, head = np.zeros((200, 5)).tolist(), ["t", "thetadot", "phidot", "tau_theta", "tau_phi"]
+    said = bad_input(["identify", write(rows, head), "--robot", "rolling_disk", "--fit", "m", "--set", "I=0.5"])
+    assert "no body has the inertias I = 0.5, J = 0.08: I <= 2 J must hold" in said
 
 
 def test_rows_that_are_left_out_are_told(write):

@@ -13,7 +13,8 @@ from casadi import cos, sin
 from noslip.analysis.answers import analyse
 from noslip.cli.main import main
 from noslip.model import Mechanism, ModelError, config, reduce
-from noslip.model.algebra.exact import by_addition_theorems, canonical
+from noslip.model.algebra.entries import by_addition_theorems
+from noslip.model.algebra.exact import canonical
 from noslip.model.contacts import combination
 from noslip.model.reduction import ReducedSystem
 from noslip.model.robots import ROBOTS

@@ -8,6 +8,7 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
+from noslip.cli import INTERNAL
 from noslip.cli.main import main
 from noslip.codegen import files as codegen_files
 from noslip.codegen import optimize
@@ -15,8 +16,9 @@ from noslip.codegen.derivation import grip, stages
 from noslip.codegen.files import dynamics_program, law_program
 from noslip.codegen.printing import dynamics_c, lanes_c, law_c, robot_c
 from noslip.controllers.compiled import library
+from noslip.readers import kept
 from noslip.readers.robots import find_robot, law_of, system_of
-from noslip.verification import verify
+from noslip.verification import shares, verify
 from noslip.verification.extended import FUNCTIONS, evaluate
 
 LAW = "type_iv_segment"  # every entry point there is
@@ -190,12 +192,56 @@ def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, not_comp
     marks = len([name for name in os.listdir(os.environ["NOSLIP_CACHE"]) if name.endswith(".compared")])
     assert marks == 3 * 2  # law, batch law and dynamics, double and float
     monkeypatch.setattr(verify, "_compared", lambda *_: ["compared again"])
+    monkeypatch.setattr(kept, "remembered", lambda key, make, *_, **__: make())  # of whole runs
     assert run("generate", tmp_path)[0] == 0
     original = codegen_files.text_files
     more = lambda text: {name: t + "/* */\n" * (LAW in name) for name, t in original(text).items()}  # noqa: E731
     monkeypatch.setattr(codegen_files, "text_files", more)
     assert run("generate", tmp_path)[0] == 1
     assert capsys.readouterr().err.count("compared again") == 4  # the batch law with its law
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_processes_give_what_one_gives(wrong, tmp_path, monkeypatch, capsys, afresh):
+    """Two laws derived and compared by one process and by two: the same files, or the same difference."""
+    if wrong:
+        monkeypatch.setattr(*DEFECTS["singular"][:3])
+    found = []
+    for count in (1, 2):
+        monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path / f"cache_{count}"))
+        monkeypatch.setattr(shares, "processors", lambda count=count: count)
+        law_program.cache_clear()
+        asked = ["knife_edge", "--output", "type_i", "--output", "type_iv_line", "--scalar", "float"]
+        code = main(["generate", *asked, "-o", str(folder := tmp_path / str(count))])
+        files = {path.name: path.read_bytes() for path in folder.rglob("*.*")}
+        found.append((code, files, capsys.readouterr().err))
+    assert found[0] == found[1] and found[0][0] == wrong and bool(found[0][1]) != wrong
+
+
+def test_a_run_is_remembered(tmp_path, monkeypatch, capsys, not_compared):
+    """By what the robot declares: nothing is derived again, and another number is another robot. What was not compared is not
+    remembered."""
+    robot, folder = tmp_path / "sled.py", tmp_path / "made"
+
+    def code(text: str = SLED) -> int:
+        robot.write_text(text)
+        find_robot.cache_clear()
+        return main(["generate", f"{robot}:robot", "--output", "dynamics", "--scalar", "double", "-o", str(folder)])
+
+    monkeypatch.setenv("CC", str(tmp_path / "no_compiler"))
+    assert code() == code() == 0
+    assert capsys.readouterr().err.count("the C is not compared with the model") == 2
+    monkeypatch.delenv("CC")
+    assert code() == 0
+    first = {path: path.read_bytes() for path in folder.rglob("*.*")}
+
+    def derived(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("noslip.cli.generate._selected_files", derived)
+    assert code() == 0 and first == {path: path.read_bytes() for path in folder.rglob("*.*")}
+    for old, new in (("12.0", "12.5"), ("-c *", "-2 * c *"), ('"kg m^2"', '"kg m^2", "inertia"'), ("no side slip", "no slip")):
+        assert old in SLED and code(SLED.replace(old, new)) == INTERNAL
 
 
 def test_without_a_compiler_a_warning(tmp_path, monkeypatch, capsys, not_compared):

@@ -216,6 +216,15 @@ def deviation_of(value: np.ndarray, expected: np.ndarray, where: str) -> Deviati
     return Deviation(difference if np.isfinite(difference) else float("inf"), float(np.max(np.abs(expected), initial=0.0)), where)
 
 
+def deviations_of(values: np.ndarray, expected: np.ndarray) -> list[Deviation]:
+    """Return the `deviation_of` each of the values of one quantity, arrays of the same shape, at once."""
+    count = len(values)
+    differences = np.abs(values - expected).reshape(count, -1).max(axis=1, initial=0.0)
+    sizes = np.abs(expected).reshape(count, -1).max(axis=1, initial=0.0)
+    finite = np.where(np.isfinite(differences), differences, np.inf)
+    return [Deviation(*pair, "") for pair in zip(finite.tolist(), sizes.tolist(), strict=True)]
+
+
 def relative(deviations: Sequence[Deviation], typical: float) -> list[float]:
     """Return errors relative to the largest entry expected, but at least to SMALLEST and `typical` times the median of those."""
     least = max(SMALLEST, typical * float(np.median([deviation.size for deviation in deviations])))

@@ -8,6 +8,7 @@ from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.errors import Mismatch
 from ..readers.progress import Reported, silent
+from .shares import in_shares
 from .verify import differences
 
 
@@ -32,6 +33,12 @@ def generate(
     without a C compiler a warning on standard error says that nothing was compared. Raises Mismatch where the C differs from the
     model.
     """
+
+    def share(k: int) -> None:
+        only = [laws[k]]
+        differences(system, only, robot_files(system, only, scalars, False, lanes, None, (), target), silent, None, target)
+
+    in_shares(share, len(laws), progress)
     files = robot_files(system, laws, scalars, dynamics, lanes, scaled, adapted, target)
     if wrong := differences(system, laws, files, progress, scaled, target):
         raise Mismatch("\n".join(wrong))

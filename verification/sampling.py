@@ -1,6 +1,6 @@
 """Random parameters, states and references, from a seed, at which a law is evaluated."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -71,14 +71,14 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPla
             controller = make_controller("casadi", law, params, config, gains)
         except ParameterRefused:
             continue
-        regular = _Regular(law.system, params)
+        regular, inverted = _Regular(law.system, params), _inverted(law, params, config)
         points: list[RandomPoint] = []
         for k in range(min(STATES_PER_PLANT, states - accepted)):
             state, reference = _state(law, config, random), random.uniform(-2, 2, len(law.reference))
             if k % SPECIAL == SPECIAL - 1:
                 state = _special(law.state, state, random)
             truth = controller.evaluate(state, reference)
-            if truth.status == "ok" and _regular(truth.values["Phi"]) and regular.moves(state) and regular.driven(state):
+            if truth.status == "ok" and _regular(inverted(state, truth)) and regular.moves(state) and regular.driven(state):
                 points.append(RandomPoint(accepted + len(points), state, reference, truth))
         accepted += len(points)
         yield RandomPlant(params, config, gains, tuple(points))
@@ -219,6 +219,16 @@ def _onto_path(law: ControlLaw) -> ca.Function:
     for _ in range(NEWTON_STEPS):
         point = step(point, config)
     return ca.Function("onto_path", [start, config], [point])
+
+
+def _inverted(
+    law: ControlLaw, params: Sequence[float], config: Sequence[float]
+) -> Callable[[np.ndarray, Evaluation], np.ndarray]:
+    """Return the function from a state and CasADi's result to what the law inverts there: Phi, or the Jacobian of P_l."""
+    if law.linearization.damping is None:
+        return lambda state, truth: truth.values["Phi"]
+    function = law.at_state(law.linearization.damping.J)
+    return lambda state, truth: function(state, params, config).full()
 
 
 def _regular(Phi: np.ndarray) -> bool:

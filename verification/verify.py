@@ -10,7 +10,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 import casadi as ca
@@ -41,7 +41,7 @@ from ..model.vehicle import estimated_pose
 from ..readers.errors import BadInput
 from ..readers.kept import keep, kept
 from ..readers.progress import Reported, silent
-from .check import RANDOM_LIMITS, TYPICAL, deviation_of, relative
+from .check import RANDOM_LIMITS, TYPICAL, deviations_of, relative
 from .extended import evaluate
 from .sampling import REGULAR, RandomPlant, as_held, random_motions, random_plants
 
@@ -97,6 +97,16 @@ def differences(
         progress(k, len(parts), "files compared with the model")
         wrong += _compared(part, own, key)
     return wrong
+
+
+def is_compared(
+    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None, target: str
+) -> bool:
+    """Return whether the comparison of all `files` with the model is cached; arguments as of `differences`."""
+    try:
+        return next(_not_compared_before(system, laws, files, scaled, target), None) is None
+    except (BadInput, OSError):
+        return False
 
 
 def _not_compared_before(
@@ -178,7 +188,8 @@ class _InC(ABC):
         if failed:
             return failed
         valued = [(s, s.value) for s in samples if s.value is not None]
-        errors = relative([deviation_of(value, s.expected, "") for s, value in valued], TYPICAL)
+        values, expected = np.array([value for _, value in valued]), np.array([s.expected for s, _ in valued])
+        errors = relative(deviations_of(values, expected), TYPICAL)
         for k in np.argsort(errors)[::-1]:
             if errors[k] <= LIMIT[self.scalar]:
                 return None
@@ -255,7 +266,7 @@ class _LawInC(_InC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
-        library = Library(self.law, self.scalar, files, self.target)
+        library = _library(self.law, self.scalar, tuple(files.items()), self.target)
         random, singular = np.random.default_rng(SEED), 0
         for plant in _plants(self.law):
             params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
@@ -344,20 +355,21 @@ class _LawInC(_InC):
     def _singular_states(self, plant: RandomPlant, numbers: Mapping) -> Iterator[np.ndarray]:
         """Yield states between two random ones at which det Phi changes its sign."""
         Phi = _Phi_function(self.law)
-        fixed = numbers["params"], numbers["config"]
+        fixed, p = (numbers["params"], numbers["config"]), self.law.linearization.Phi.shape[0]
 
         def sign(state: np.ndarray) -> float:
-            return np.sign(np.linalg.det(Phi(*fixed, state)[0].full()))
+            return np.sign(np.linalg.det(Phi(*fixed, state)[0].reshape(p, p)))
 
         for one, other in zip(plant.points, plant.points[1:], strict=False):
             a, b = np.array(one.state), np.array(other.state)
-            if sign(a) * sign(b) >= 0:
+            at_a = sign(a)
+            if at_a * sign(b) >= 0:
                 continue
             for _ in range(HALVINGS):
                 middle = (a + b) / 2
-                a, b = (middle, b) if sign(middle) == sign(a) else (a, middle)
+                a, b = (middle, b) if sign(middle) == at_a else (a, middle)
             state = self.held(a)
-            first, second = Phi(*fixed, state)[1].full().ravel()
+            first, second = Phi(*fixed, state)[1]
             if first <= SURELY * SINGULAR * second:  # no pole
                 yield state
                 return
@@ -382,7 +394,7 @@ class _LanesInC(_LawInC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield lanes at random regular states and at arbitrary bits, without limits and with limits that many of them exceed."""
-        library, random = BatchLibrary(self.law, self.scalar, files, self.target), np.random.default_rng(SEED)
+        library, random = _library(self.law, self.scalar, tuple(files.items()), self.target), np.random.default_rng(SEED)
         for plant in _plants(self.law):
             params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
             numbers = {"params": params, "config": config, "gains": gains}
@@ -396,8 +408,9 @@ class _LanesInC(_LawInC):
                 for k, (status, of_lane) in enumerate(zip(statuses, tau.T.astype(float), strict=True)):
                     inputs = numbers | {"state": state[:, k], "reference": reference[:, k]}
                     of_step, expected = controller.step(state[:, k], reference[:, k])
-                    value = of_lane if status == of_step else None
-                    yield Sample("a lane", f"{status} with {of_lane}, not {of_step}", value, expected, self.answer, inputs)
+                    same = status == of_step
+                    about = status if same else f"{status} with {of_lane}, not {of_step}"
+                    yield Sample("a lane", about, of_lane if same else None, expected, self.answer, inputs)
 
     def _lanes(self, plant: RandomPlant, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Return states and references, a column for each lane, the last of them with arbitrary bits."""
@@ -417,6 +430,13 @@ class _LanesInC(_LawInC):
         return f"{sample.label} differs: it has {from_c}; the step gives {_listed(sample.expected)} (at {self.inputs_of(sample)})"
 
 
+@lru_cache(maxsize=1)
+def _library(law: ControlLaw, scalar: str, files: tuple[tuple[str, str], ...], target: str) -> Library:
+    """Return the law's compiled C of these files, with that of its batch law if it is there; one for both comparisons."""
+    kind = BatchLibrary if any(name.endswith(("_steps.c", "_steps_f.c")) for name, _ in files) else Library
+    return kind(law, scalar, dict(files), target)
+
+
 @cache
 def _plants(law: ControlLaw) -> list[RandomPlant]:
     """Return the plants, created once for both scalars."""
@@ -424,10 +444,10 @@ def _plants(law: ControlLaw) -> list[RandomPlant]:
 
 
 @cache
-def _Phi_function(law: ControlLaw) -> ca.Function:
+def _Phi_function(law: ControlLaw) -> Direct:
     """Return the function (params, config, state) to Phi and its measure."""
     groups = [symbols(law.groups[name]) for name in ("params", "config", "state")]
-    return ca.Function("Phi", groups, [ca.densify(law.linearization.Phi), ca.vertcat(*law.linearization.measure)])
+    return Direct(ca.Function("Phi", groups, [ca.densify(law.linearization.Phi), ca.vertcat(*law.linearization.measure)]))
 
 
 @cache

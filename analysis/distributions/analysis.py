@@ -8,10 +8,11 @@ import sympy as sp
 from ...model.mechanism import Mechanism
 from ...model.reduction import ReducedSystem
 from ...model.rolling.kinematics import Kinematics
+from ...readers.progress import Reported, silent
 from ..exact.symbolic import written
 from .actuation import Actuation, actuation
 from .brackets import Dependence
-from .distribution import Distribution, distribution
+from .distribution import Distribution, distribution, provable
 from .integrals import Holonomic, holonomic
 from .places import Places, places
 from .properties import SPACE, Check, LinearizationStep, checks, linearization_steps
@@ -127,22 +128,42 @@ class Analysis:
         }
 
 
-def analyse(system: Kinematics | Mechanism | ReducedSystem) -> Analysis:
-    """Return the exact analysis. Raises ModelError for degenerate systems and for functions that cannot be treated exactly."""
+def analyse(system: Kinematics | Mechanism | ReducedSystem, progress: Reported = silent) -> Analysis:
+    """Return the exact analysis. Raises ModelError for degenerate systems, for functions that cannot be treated exactly, and for
+    what is not decided within WORK.
+    """
+    parts = 6
+
+    def done(count: int) -> None:
+        progress(count, parts, "parts of the constraints analysed")
+
+    done(0)
     Delta = distribution(system)
     functions = Delta.functions
     mechanism = system.mechanism if isinstance(system, ReducedSystem) else system
     inputs = actuation(mechanism) if isinstance(mechanism, Mechanism) else None
+    with provable(Delta.kinematics.name):
+        growth = Delta.growth
+        done(1)
+        integrals = holonomic(Delta)
+        done(2)
+        proof = certificate(Delta)
+        done(3)
+        changes = places(Delta)
+        done(4)
+        steps = linearization_steps(Delta)
+        done(5)
+        properties = checks(Delta, inputs)
     return Analysis(
         Delta.kinematics.name,
         functions.n,
         Delta.m,
-        Delta.growth,
-        holonomic(Delta),
-        certificate(Delta),
-        places(Delta),
-        linearization_steps(Delta),
-        checks(Delta, inputs),
+        growth,
+        integrals,
+        proof,
+        changes,
+        steps,
+        properties,
         Delta.S,
         tuple(map(written, functions.positive)),
         inputs,

@@ -15,7 +15,7 @@ from ...model.errors import ModelError
 from ...model.mechanism import Mechanism
 from ...model.reduction import ReducedSystem
 from ...model.rolling.kinematics import Kinematics, kinematics
-from ..exact.functions import Functions, TooLarge, Vector
+from ..exact.functions import Functions, TooLarge, TooMuchWork, Vector
 from ..exact.points import Point, refuse_dependent_roots
 from ..exact.real_points import RealPoint
 from ..exact.symbolic import as_matrix, symbol, symbolic
@@ -81,9 +81,13 @@ class Distribution:
 
 @contextmanager
 def provable(name: str) -> Iterator[None]:
-    """Convert TooLarge to ModelError within the block."""
+    """Convert TooLarge and TooMuchWork to ModelError within the block."""
     try:
         yield
+    except TooMuchWork as error:
+        raise ModelError(
+            f"{name}: not decided within {error}; write the system in simpler coordinates, or give numbers for parameters"
+        ) from None
     except TooLarge:
         raise ModelError(
             f"{name}: the functions of q grow too large for an exact proof; write the system in simpler coordinates, "

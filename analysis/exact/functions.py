@@ -24,7 +24,10 @@ from ...model.errors import ModelError
 from .symbolic import NOT_EXACT
 
 LARGEST_POWER = 32  # largest exponent of a function in an expression
+COMMON = 100  # terms that the search for a common factor, or for all, takes for each term
 LARGEST_PRODUCT = 100_000  # most terms of a product before they are collected; more take too long
+
+WORK = 20_000_000  # most terms that the operations on the functions of one system may take in all; see Functions.spend
 
 Vector = tuple[PolyElement, ...]  # a vector field or a one-form, n entries
 Combination = tuple[sp.Expr, list[tuple[int, int]]]  # a constant, and (place in a basis, multiple)
@@ -32,6 +35,10 @@ Combination = tuple[sp.Expr, list[tuple[int, int]]]  # a constant, and (place in
 
 class TooLarge(Exception):
     """Polynomials are too large for a proof in reasonable time."""
+
+
+class TooMuchWork(TooLarge):
+    """More than WORK terms were needed, so that nothing more is tried."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +70,7 @@ class Functions:
         self, name: str, coordinates: Sequence[sp.Symbol], parameters: Sequence[sp.Symbol], expressions: Iterable[sp.Expr]
     ):
         self.name = name
+        self.work = 0  # see spend
         self.coordinates, self.parameters = tuple(coordinates), tuple(parameters)
         self.symbols = (*parameters, *coordinates)
         expressions = list(expressions)
@@ -124,6 +132,7 @@ class Functions:
     def factors(self, polynomial: PolyElement) -> tuple[int, Sequence[tuple[PolyElement, int]]]:
         """Return content and irreducible factors with their powers, squares of sines or of cosines eliminated, whichever gives
         fewer."""
+        self.spend(COMMON * len(polynomial))
         lists = [factored(form) for form in self.forms(polynomial)]
         content, factors = min(lists, key=lambda pair: (len(pair[1]), sum(len(factor) for factor, _ in pair[1])))
         return int(content), factors
@@ -321,8 +330,15 @@ class Functions:
         circles = [(a.sine, 1 - gens[a.cosine] ** 2) for a in self.angles]
         return [*reversed(self.roots.items()), *circles]
 
+    def spend(self, terms: int) -> None:
+        """Count the terms that an operation takes: what is tried has the same bound on every machine. Raises TooMuchWork."""
+        self.work += terms
+        if self.work > WORK:
+            raise TooMuchWork(f"{WORK:,} terms of polynomials")
+
     def normal(self, polynomial: PolyElement) -> PolyElement:
         """Return the normal form: no power above the first of a sine or a root."""
+        self.spend(1 + len(polynomial))
         if polynomial.ring != self.ring:
             polynomial = polynomial.set_ring(self.ring)
         for place, square in self.relations:
@@ -331,6 +347,7 @@ class Functions:
 
     def times(self, a: PolyElement, b: PolyElement) -> PolyElement:
         """Return the product in normal form."""
+        self.spend(len(a) * len(b))
         return self.normal(a * b)
 
     def lowest(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
@@ -339,12 +356,14 @@ class Functions:
             if any(powers[place] for powers in denominator):
                 other = conjugate(denominator, place)
                 numerator, denominator = self.times(numerator, other), self.times(denominator, other)
+        self.spend(COMMON * (len(numerator) + len(denominator)))
         numerator, denominator = in_lowest_terms(numerator, denominator)
         return (-numerator, -denominator) if denominator.LC < 0 else (numerator, denominator)
 
     def primitive(self, vector: Vector) -> tuple[PolyElement, Vector]:
         """Return the greatest common factor of the entries as far as found, and the vector without it; the vector is not zero."""
         content = self.ring.zero
+        self.spend(COMMON * sum(map(len, vector)))
         for entry in sorted(filter(None, vector), key=len):
             content = content.gcd(entry)
             if content == 1:
@@ -451,12 +470,15 @@ class Functions:
     def along(self, rates: Sequence[PolyElement], polynomial: PolyElement) -> PolyElement:
         """Return delta times the rate of a polynomial, from the `rates_along` of a field. Raises TooLarge."""
         slopes = {g: polynomial.diff(self.ring.gens[g]) for g in generators_of(polynomial) if rates[g]}
-        if sum(len(slope) * len(rates[g]) for g, slope in slopes.items()) > LARGEST_PRODUCT:
+        terms = sum(len(slope) * len(rates[g]) for g, slope in slopes.items())
+        self.spend(terms)
+        if terms > LARGEST_PRODUCT:
             raise TooLarge
         return self.normal(sum((slope * rates[g] for g, slope in slopes.items()), self.ring.zero))
 
     def dot(self, a: Sequence[PolyElement], b: Sequence[PolyElement]) -> PolyElement:
         """Return the sum of products."""
+        self.spend(sum(len(x) * len(y) for x, y in zip(a, b, strict=True)))
         return self.normal(sum((x * y for x, y in zip(a, b, strict=True) if x and y), self.ring.zero))
 
     def bracket(self, x: Vector, y: Vector) -> Vector:

@@ -53,7 +53,9 @@ def staged_at_foot(law: ControlLaw) -> Stages:
     stages = staged(law, law.output.at_foot)
     heading = law.system.mechanism.required_vehicle.heading
     stages.steps = [replace(step, expression=_with_foot(step.expression, heading)) for step in stages.steps]
-    stages.quantities = {name: _with_foot(stages.quantities[name], heading) for name in at_foot_of(law)}
+    given = (*at_foot_of(law), *([Result.BAND] if stages.near else []))
+    stages.quantities = {name: _with_foot(stages.quantities[name], heading) for name in given}
+    stages.near = {name: _with_foot(stages.near[name], heading) for name in at_foot_of(law) if stages.near}
     return stages
 
 

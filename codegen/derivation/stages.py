@@ -19,7 +19,7 @@ from ...model.algebra.linear import norm, solve, solve_by_blocks
 from ...model.algebra.operations import is_polynomial
 from ...model.extension import Integrators, extended_alike
 from ...model.law import ControlLaw, outer_loop
-from ...model.linearization import SINGULAR, SINGULAR_SQUARED, carried_rate, chains, derivative
+from ...model.linearization import ASIDE, SINGULAR, SINGULAR_SQUARED, carried_rate, chains, derivative
 from ...model.mechanism import Quantity, derivative_name, quantity
 from ...model.outputs import OutputMap, OutputRow, Through
 from ...model.reduction import ReducedSystem
@@ -50,6 +50,7 @@ class Result(StrEnum):
     NULL_INPUTS = "null_inputs"
 
     SINGULAR = "singular"
+    BAND = "band"
     REGULAR = "regular"
     CONDITIONS = "conditions"
 
@@ -88,12 +89,15 @@ class Stages:
     """Named steps, each a symbol and an expression in earlier symbols, and the quantities built from them.
 
     `at_foot`: some of the quantities a second time, as functions of FOOT instead of the vehicle's position and heading.
+    `near`, `near_at_foot`: those that a damped law has within its band instead.
     """
 
     fixed: list[ca.SX]  # the symbols known to init
     steps: list[Step] = field(default_factory=list)
     quantities: dict[Result, ca.SX] = field(default_factory=dict)
     at_foot: dict[Result, ca.SX] = field(default_factory=dict)
+    near: dict[Result, ca.SX] = field(default_factory=dict)
+    near_at_foot: dict[Result, ca.SX] = field(default_factory=dict)
     _parts: dict[tuple[int, ...], ca.SX] = field(default_factory=dict)
     _keys: dict[tuple[Hashable, ...], int] = field(default_factory=dict)
 
@@ -265,8 +269,55 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
     }
+    if law.linearization.damping:
+        quantities[Result.BAND], stages.near = _near(stages, law, feedback, rows, W, from_inner)
     stages.quantities = {name: ca.densify(quantity) for name, quantity in quantities.items()}
     return stages
+
+
+def _near(
+    stages: Stages, law: ControlLaw, feedback: "_Feedback", rows: list["_Row"], W: ca.SX, from_inner: ca.SX
+) -> tuple[ca.SX, dict[Result, ca.SX]]:
+    """Return what must be greater than what outside the band of a damped law, and its quantities within the band: see
+    `Damping` of model/linearization.py.
+    """
+    (distance, speed), (forward, turning) = rows, ca.vertsplit(feedback.inner.nu)
+    assert distance.point is not None and law.output.band is not None, "a damped law has a distance of a point"
+    point, band, kd = distance.point, law.output.band.symbol, next(k.symbol for k in law.gains if k.name.startswith("kd_"))
+    size_squared = point.slope_squared * stages.exact(ca.sumsqr(point.jacobian[:, 1]))
+    width = band * ca.sqrt(size_squared)
+    rest = stages.exact(solve(point.jacobian, point.drift))
+    by_forward, by_turning = ca.horzsplit(distance.Phi)
+    x = stages.step("cosine_in_band", by_turning / width)
+    lost = stages.step("lost", (1 - x**2) ** 2)
+    lean = stages.step("lean", kd * ASIDE * lost * by_forward * forward / ca.sqrt(size_squared))
+
+    def acceleration(v: ca.SX) -> ca.SX:
+        """Return the derivative of w, without damping, from the virtual input without the part that `turning` damps."""
+        along = stages.step("forward", v[1] - speed.drift + rest[0])
+        asked = stages.step("asked", v[0] - point.curvature - by_forward * along)
+        return ca.vertcat(along - rest[0], asked * x * (2 - x**2) / width - lean - kd * turning - rest[1])
+
+    gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
+    h = ca.vertcat(distance.h, speed.h)
+    u = acceleration(outer_loop(law.linearization.relative_degree, gains, reference, h, by_forward * forward))
+    virtual = ca.vertcat(*[q.symbol for q in law.virtual_input])
+    u_of_v = acceleration(ca.vertcat(virtual[0] + kd * by_turning * turning, virtual[1]))
+    slope = ca.vertcat(1, -by_forward * x * (2 - x**2) / width)
+    metric = canonical(W @ W.T)
+    bound = SINGULAR_SQUARED / ca.det(W) ** 2
+    for k in range(2):
+        bound *= stages.exact(point.jacobian[k, :] @ metric @ point.jacobian[k, :].T)
+    quantities = {
+        Result.ACCELERATION: from_inner @ u,
+        Result.INPUTS: feedback.inputs_of(u),
+        Result.INPUTS_OF_V: feedback.inputs_of(u_of_v),
+        Result.SLOPE: feedback.inputs_of(slope, part=True),
+        Result.SINGULAR: ca.vertcat(stages.exact(ca.det(point.jacobian)) ** 2, bound),
+        Result.REGULAR: ca.SX(0, 1),
+    }
+    edge = band**2 * stages.exact(size_squared * feedback.scale[0] ** 2)
+    return ca.vertcat(feedback.Phi[0, 1] ** 2, edge), {name: ca.densify(each) for name, each in quantities.items()}
 
 
 def _kinematic(
@@ -317,12 +368,13 @@ def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
 
 @dataclass
 class _Point:
-    """The point of which an output is a function: Jacobian, drift, and the drift of the output due to the curvature of the
-    path."""
+    """The point of which an output is a function: Jacobian, drift, the drift of the output due to the curvature of the path, and
+    the square of the output's gradient."""
 
     jacobian: ca.SX
     drift: ca.SX
     curvature: ca.SX
+    slope_squared: ca.SX
 
 
 @dataclass
@@ -412,7 +464,8 @@ def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through
     drift = stages.exact(slope @ point_drift) + curvature
     h = stages.step(name, outer)
     scaled = _scaled(stages, name, h, outer, z, zdot, point, inner, shorten)
-    return _Row(h, rate, Phi, written_out, Phidot, drift, _Point(point, point_drift, curvature), scaled)
+    slope_squared = canonical(ca.sumsqr(gradient)) if through.slope is None else ca.SX(1)
+    return _Row(h, rate, Phi, written_out, Phidot, drift, _Point(point, point_drift, curvature, slope_squared), scaled)
 
 
 def _scaled(
@@ -565,6 +618,10 @@ class _Feedback:
         if self.inner.dof <= MONOMIALS:
             rest = by_monomials(self.stages, rest, self.inner.nu)
         return self.inner.preferred + self._shared(self.K @ self._accelerations(v) + rest)
+
+    def inputs_of(self, u: ca.SX, part: bool = False) -> ca.SX:
+        """Return tau of the derivative of w, or of a `part` of it alone."""
+        return self._shared(self.K @ u) if part else self.inner.preferred + self._shared(self.K @ u + self.bias)
 
     def slope(self, row: int) -> ca.SX:
         """Return the derivative of tau by the virtual input of a row."""

@@ -12,10 +12,11 @@ from ...readers.errors import BadInput
 from ...readers.quantities import in_base_units
 from ...readers.templates import render
 from ..derivation.grip import can_grip
-from ..files import TOOLS, banner, fingerprint
+from ..files import banner, fingerprint
 from ..printing.dynamics_c import NAME
 from ..printing.scalar import DOUBLE
 from ..project.project import starting_value
+from ..versions import TOOLS
 
 KINDS = ("controller", "plant", "loop")
 PERIOD, INTEGRATION_STEP = 0.01, 0.001  # s

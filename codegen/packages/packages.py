@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from ... import __version__
 from ...model.law import ControlLaw
 from ...readers.templates import render
-from ..files import TOOLS
 from ..printing.scalar import Scalar
 from ..project.project import starting_value
 from ..targets import SAME_BITS
+from ..versions import TOOLS
 
 PACKAGES: dict[str, dict[str, str]] = {  # package manager -> file -> template
     "cmake": {

@@ -158,6 +158,16 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         places = self.places(entry)
         used = users(places, self.program.labels)
         writer = _Call(self, {*arguments, "matrix"}, lambda node: self.meanings.temporary(node, used(node)))
+        self.write(writer, entry, places)
+        lines = writer.lines + (self._looped(writer, *dynamics.looped) if dynamics.looped else [])
+        unused = [f"(void){name};" for name in arguments if not any(f"{name}->" in x or f"{name}[" in x for x in lines)]
+        constants = self.meanings.legend(self.program.constants, lines)
+        head = f"static int {self.function(entry.name)}_law({', '.join(arguments.values())})"
+        return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *lines, "return NOSLIP_OK;"]), "}"])
+
+    def write(self, writer: Statements, entry: Entry, places: Sequence[tuple[Node, str]]) -> None:
+        """Write the statements of an entry point: its steps, and the nodes for their places."""
+        dynamics = self.program.entries[entry]
         writer.plan(dynamics.roots)
         for step in dynamics.steps:
             writer.names[step.leaf] = writer.named(step.node)
@@ -166,11 +176,6 @@ class DynamicsC(ProgramC[DynamicsProgram]):
                 writer.guarded.add(step.leaf)
         for node, place in places:
             writer.assign(place, node)
-        lines = writer.lines + (self._looped(writer, *dynamics.looped) if dynamics.looped else [])
-        unused = [f"(void){name};" for name in arguments if not any(f"{name}->" in x or f"{name}[" in x for x in lines)]
-        constants = self.meanings.legend(self.program.constants, lines)
-        head = f"static int {self.function(entry.name)}_law({', '.join(arguments.values())})"
-        return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *lines, "return NOSLIP_OK;"]), "}"])
 
     def _looped(self, writer: Statements, matrix: Matrix, right: Matrix) -> list[str]:
         """Return the equations for the runtime's L D L'; nudot initially contains their right-hand side."""

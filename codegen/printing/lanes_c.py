@@ -77,10 +77,9 @@ class LanesC(LawC):
 
     def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
         """Return a statement that leaves the function on a condition, or one that keeps for a lane that its step would leave."""
-        if answer not in ("NOSLIP_SINGULAR", "NOSLIP_RANGE"):
+        if answer not in ("NOSLIP_SINGULAR", "NOSLIP_RANGE", self._near(STEP)):
             return super().leave(condition, answer)
-        holds = condition.removeprefix("!")
-        return f"fine &= {holds[1:-1] if holds.startswith('(') else holds};"
+        return masked(condition)
 
     def _ordinary(self) -> tuple[list[str], list[str]]:
         """Return the entries whose sines and cosines a lane needs, and its statements: the inputs, if its step is ordinary, and
@@ -187,6 +186,12 @@ class _Lanes(Statements):
         if is_operation(node, Operation.SQRT):
             text = text.replace(self.scalar.name("noslip_sqrt"), self.scalar.name("noslip_lane_sqrt"), 1)
         return text, precedence
+
+
+def masked(condition: str) -> str:
+    """Return the statement that clears `fine` where a condition, a negation, holds."""
+    holds = condition.removeprefix("!")
+    return f"fine &= {holds[1:-1] if holds.startswith('(') else holds};"
 
 
 def _entry(array: str, row: int) -> str:

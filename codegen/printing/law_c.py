@@ -460,7 +460,7 @@ class LawC(ProgramC[Program]):
         self.write(writer, entry, self.places(entry))
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
-        kind = "NOSLIP_HOT" if entry == GROUND else "static"
+        kind = "NOSLIP_HOT" if entry == GROUND else "static NOSLIP_BESIDE" if entry.near else "static"
         head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
 
@@ -472,11 +472,19 @@ class LawC(ProgramC[Program]):
         for angle in self.program.angles:
             if angle.arguments and angle in used:
                 writer.lines.append(self.leave(f"!{self.in_range(writer.named(angle))}", "NOSLIP_RANGE"))
+        if law.band:
+            outside, edge = (writer.text(node) for node in law.band)
+            writer.lines.append("/* Within the band the inverse of Phi is damped. */")
+            writer.lines.append(self.leave(f"!({outside} > {edge})", self._near(entry)))
         if law.singular:
             measure, bound = law.singular
             writer.not_singular(measure, bound, law.margin)
         for node, place in places:
             writer.assign(place, node)
+
+    def _near(self, entry: Entry) -> str:
+        """Return the call of what takes the place of an entry point within the band of a damped law."""
+        return f"{self.function(entry.within.name)}_law({', '.join(self._arguments(entry))})"
 
     def _entry_point(self, entry: Entry) -> str:
         """Return the public function: checks, computation into a local object, then safe results, written once."""
@@ -700,13 +708,14 @@ class LawC(ProgramC[Program]):
         """Return what an entry point computes; for a step the forces at the contacts too."""
         too = [GROUND, GROUND_BY_INPUTS, *([NULL_INPUTS] if self.shapes else [])]
         entries = [entry, *too] if entry.slope and self.grips else [entry]
+        entries += [entry.within] if entry.within in self.program.entries else []
         return [root for each in entries for root in self.program.entries[each].roots]
 
     def _hidden(self, entry: Entry) -> list[str]:
         """Return inputs, as C, that may be infinite or NaN although the result is finite."""
-        body = self.program.entries[entry]
-        shown = {(leaf.group, leaf.name) for leaf in _leaves(body.roots)}
-        shown -= {(leaf.group, leaf.name) for leaf in hidden_inputs(body)}
+        bodies = [self.program.entries[each] for each in (entry, entry.within) if each in self.program.entries]
+        seen = [set(_leaves(body.roots)) - set(hidden_inputs(body)) for body in bodies]
+        shown = {(leaf.group, leaf.name) for leaf in set.intersection(*seen)}
         return [self.argument(group, name) for group, name in self._inputs(entry) if (group, name) not in shown]
 
     def _hidden_besides_headings(self, entry: Entry) -> list[str]:

@@ -20,6 +20,7 @@ def rolling_disk() -> Mechanism:
     R = robot.parameter("R", 0.3, "m", "radius (assumed)")
     I = robot.parameter("I", 0.15, "kg m^2", "inertia about the axle (assumed)")  # noqa: E741
     J = robot.parameter("J", 0.08, "kg m^2", "inertia about a diameter (assumed)")
+    robot.principal_inertias(I, J, J)
 
     x_dot, y_dot, turning, rolling = (robot.rate(c) for c in (x, y, phi, theta))
     robot.kinetic_energy((m * (x_dot**2 + y_dot**2) + J * turning**2 + I * rolling**2) / 2)

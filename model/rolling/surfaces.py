@@ -10,18 +10,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import casadi as ca
-from sympy.polys.rings import PolyElement
 
 from ..algebra.exact import canonical
 from ..algebra.expression import fold, free_symbols, operate
-from ..algebra.field import Field
 from ..algebra.operations import KINKS
-from ..algebra.ratios import NotRational, factored, number
 from ..errors import ModelError
 from ..mechanism import matrix
+
+if TYPE_CHECKING:  # these take long to import, by way of SymPy
+    from sympy.polys.rings import PolyElement
+
+    from ..algebra.field import Field
 
 SHORT = 1024  # multiples of 1/SHORT below this number are exact in the following operations
 SMALLEST = 1e-9  # relative to its value at the regular place: a condition below this does not hold
@@ -141,6 +143,9 @@ class _Patch(ABC):
         Squares are taken out of the root: sqrt(R^2 cos(u)^2) becomes R cos(u), smooth where |cos(u)| has a kink. A root in a
         denominator is moved to the numerator, so that one radicand is one radical.
         """
+        from ..algebra.field import Field
+        from ..algebra.ratios import NotRational
+
         if square.is_zero():
             raise ModelError(f"{self.name}: {name} is zero everywhere: not a {type(self).__name__.lower()}")
         try:
@@ -161,8 +166,10 @@ class _Patch(ABC):
             if not factor.is_constant()
         )
 
-    def _root_of(self, rationals: Field, polynomial: PolyElement, name: str) -> tuple[ca.SX, list[ca.SX]]:
+    def _root_of(self, rationals: "Field", polynomial: "PolyElement", name: str) -> tuple[ca.SX, list[ca.SX]]:
         """Return the root of a polynomial's magnitude, and its factors and radicand, each positive at the regular place."""
+        from ..algebra.ratios import factored, number
+
         content, powers = factored(polynomial) if not polynomial.is_ground else (polynomial.LC, [])
         root, radicand, factors = self._number(math.sqrt(number(abs(content)))), rationals.ring.one, []
         for factor, power in powers:
@@ -177,7 +184,7 @@ class _Patch(ABC):
             root *= ca.sqrt(factors[-1])
         return root, factors
 
-    def _upright(self, rationals: Field, factor: PolyElement, name: str) -> PolyElement:
+    def _upright(self, rationals: "Field", factor: "PolyElement", name: str) -> "PolyElement":
         """Return the factor or its negative, whichever is positive at the regular place."""
         return factor if self._value(rationals.expression((factor, rationals.ring.one)), name) > 0 else -factor
 
@@ -323,8 +330,10 @@ class Surface(_Patch):
         return canonical(ca.blockcat([[1 / self._length, -F / (self._length * self._area)], [0, self._length / self._area]]))
 
 
-def _sum(rationals: Field, polynomial: PolyElement) -> ca.SX:
+def _sum(rationals: "Field", polynomial: "PolyElement") -> ca.SX:
     """Return a polynomial as a sum: the radicand of a root keeps its sign, which a common factor -1 would hide."""
+    from ..algebra.ratios import number
+
     terms = [
         ca.SX(number(coefficient))
         * math.prod((rationals.expressions[k] ** power for k, power in enumerate(powers) if power), start=ca.SX(1))

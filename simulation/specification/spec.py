@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...controllers import DRIVES
 from ...model.names import EXTENDED, KINEMATIC, TYPES, LawName
+from ...model.outputs import BAND
 from ...model.paths import PATHS
 from ...model.segments import Segment
 from ...readers.errors import BadInput
@@ -168,6 +169,9 @@ class OutputSection:
     an output of the robot by its name, with its `parameters`, if any. With `extension` their decoupling matrix may be singular
     everywhere, as it is with P_l on the axle: integrators on inputs then make it regular where the vehicle moves.
 
+    Type IV is singular where the heading is normal to the path. `near_singular` selects whether the law refuses such states, or
+    its inverse is damped where the cosine of the angle between heading and path is below `band`.
+
     If v / (L + d) < 0 for the speed v, the heading diverges from the path: `reversing` selects whether that is allowed, refused,
     or avoided by a P_l on the other side of the axle, L_backward (by default as far behind the axle as L is ahead).
     """
@@ -187,7 +191,16 @@ class OutputSection:
         flag, False, "put integrators on inputs where outputs need it, such as those of a P_l in the middle of the axle"
     )
 
+    near_singular: str = entry(
+        one_of("refuse", "damped"), "refuse", "what type IV does where the heading is nearly normal to the path"
+    )
+    band: float = entry(number("positive"), BAND, "of a damped inverse: cosine of the angle between heading and path, below 1")
+
     def __post_init__(self):
+        if self.near_singular == "damped" and (self.type != "IV" or self.extension):
+            raise BadInput('[output] near_singular = "damped" is for type IV without extension, where the heading may be normal')
+        if self.near_singular != "damped" and self.band != BAND:
+            raise BadInput('[output] band requires near_singular = "damped"')
         if self.extension and self.segments:
             raise BadInput(
                 "[output] extension does not go with a composite path: P_l on the axle cannot follow a curvature that jumps; "
@@ -220,7 +233,8 @@ class OutputSection:
         """Name of the control law."""
         if self.own:
             return self.type + EXTENDED * self.extension
-        return str(LawName(self.type, self.path.law if self.path else "", bool(self.W), self.extension))
+        path, damped = self.path.law if self.path else "", self.near_singular == "damped"
+        return str(LawName(self.type, path, offset=bool(self.W), damped=damped, extended=self.extension))
 
 
 @dataclass(frozen=True, kw_only=True)

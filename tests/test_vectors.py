@@ -1,0 +1,105 @@
+"""The batch simulator's vectors: every sample has the bits of a run of its own, with vectors of any size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from noslip.simulation.specification.spec import DriveSection, LimitsSection, read_spec
+from noslip.sweeping import program
+from noslip.sweeping.batch import Batch
+from noslip.tests.test_batch import KINDS, SPECS, gripping, sensed, spec
+
+SCALAR, SIZES = 0, (1, 2, 3)  # those that the processor does not have are the next smaller ones
+COUNT = 21  # no multiple of the lanes
+
+
+def driven(kind):
+    """The line with drives that follow commands of velocity."""
+    made = spec("line")
+    return replace(
+        made, drive=DriveSection(kind=kind, bandwidth=30.0, delay=0.015, most_speed=(30.0,), most_acceleration=(20.0,))
+    )
+
+
+def trailer():
+    """A robot with a joint behind it, whose plant has sines of sums of angles."""
+    made = read_spec(SPECS / "robots" / "tractor_trailer.toml")
+    return replace(made, simulation=replace(made.simulation, duration=1.0, period=0.02))
+
+
+MORE = {
+    "plain": spec,
+    "limited": lambda: replace(spec("line"), limits=LimitsSection(torque=(4.0,))),
+    "slowed": lambda: replace(spec("line", delay=0.003), limits=LimitsSection(torque=(4.0,), mode="slow")),
+    "grip": lambda: gripping(torque=(4.0,)),
+    "few steps": lambda: spec("circle", period=0.1, output_step=0.03),
+    "sensed": sensed,
+    "velocity": lambda: driven("velocity"),
+    "velocity and torque": lambda: driven("velocity+torque"),
+    "trailer": trailer,
+}
+ALL = MORE | {kind: each for kind, (each, _) in KINDS.items() if kind not in MORE}
+CHOSEN = ("plain", "few steps", "sensed")
+
+
+def varied(batch: Batch) -> np.ndarray:
+    """Samples with other masses, starts and gains, some of them wild: singular at once or soon, refused, or not finite."""
+    random = np.random.default_rng(3)
+    names = [name for name in batch.nominal if name.startswith(("plant.m", "plant.I", "gains.k", "initial."))]
+    table = batch.table({name: batch.nominal[name] * random.uniform(0.8, 1.2, COUNT) for name in names}, COUNT)
+    heading = [k for k, name in enumerate(batch.inputs) if name in ("initial.heading", "initial.phi")]
+    table[::4, heading] += random.uniform(-3, 3, (len(table[::4]), 1))
+    table[5, batch.inputs.index("plant.m_c" if "plant.m_c" in batch.inputs else names[0])] = -1.0
+    table[7, heading] = 1e7  # beyond the range of sine and cosine
+    if "seed" in batch.inputs:
+        table[:, batch.inputs.index("seed")] = np.arange(COUNT)
+    return table
+
+
+@pytest.mark.parametrize(
+    "kind", [*CHOSEN, *(pytest.param(kind, marks=pytest.mark.nightly) for kind in ALL if kind not in CHOSEN)]
+)
+def test_bits_are_those_of_single_runs(kind):
+    """All outcomes, for samples of all sorts, whatever their order and the vectors."""
+    made = ALL[kind]()
+    alone = Batch(made, vectors=SCALAR, instants=(0.5,), accuracy=1e-10)
+    table = varied(alone)
+    expected = alone.run(table)
+    assert alone.vectors == "scalar"
+    for size in SIZES:
+        batch = Batch(made, vectors=size, instants=(0.5,), accuracy=1e-10)
+        assert batch.vectors != "scalar"
+        assert batch.run(table).tobytes() == expected.tobytes(), (kind, size)
+        assert batch.run(table[::-1])[::-1].tobytes() == expected.tobytes(), (kind, size)
+    if kind == "few steps":
+        assert len(set(expected[:, alone.outcomes.index("steps")])) > 2, "some runs are repeated with shorter steps"
+    if kind == "plain":
+        assert {"ok", "singular", "range", "bad_parameter"} <= {alone.status(number) for number in expected[:, 0]}
+
+
+def test_samples_with_other_times_wait_for_each_other():
+    """Three delays and two periods, in turn: the samples of each go together."""
+    made = spec("line", delay=0.001)
+    delay, period = np.array([0.0, 0.002, 0.004] * 40), np.array([0.01, 0.02] * 60)
+    batches = [Batch(made, vectors=size) for size in (SCALAR, max(SIZES))]
+    tables = [batch.table({"simulation.delay": delay, "simulation.period": period}, 120) for batch in batches]
+    alone, together = (batch.run(table) for batch, table in zip(batches, tables, strict=True))
+    assert alone.tobytes() == together.tobytes()
+
+
+@pytest.mark.parametrize(
+    "right, wrong",
+    [("force_2;", "(-force_2);"), ("fine &= noslip_within_lanes", "(void)noslip_within_lanes"), ("h[1] = ", "h[1] = -")],
+)
+def test_another_operation_is_found(right, wrong, monkeypatch):
+    """A sign in the dynamics, a limit that is not tested, a sign in the outputs."""
+    files = program.Vectors.files
+    monkeypatch.setattr(
+        program.Vectors, "files", lambda self: {name: text.replace(right, wrong) for name, text in files(self).items()}
+    )
+    program.program.cache_clear()
+    try:
+        with pytest.raises(AssertionError, match="'limited'"):
+            test_bits_are_those_of_single_runs("limited")
+    finally:
+        program.program.cache_clear()

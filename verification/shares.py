@@ -1,0 +1,52 @@
+"""Work shared by several processes, such as the laws of a robot. Its results are in the cache, where the caller finds them."""
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing import get_context
+
+from ..readers.errors import BadInput
+from ..readers.kept import folder_of_results
+from ..readers.progress import Reported
+
+WAIT = 0.2  # s between two reports of progress
+
+
+def processors() -> int:
+    """Return the number of processors that this process may use by forking: 1 unless it is alone on Linux, with a cache."""
+    if sys.platform != "linux" or threading.active_count() > 1:
+        return 1
+    with suppress(BadInput):
+        folder_of_results()
+        return len(os.sched_getaffinity(0))
+    return 1
+
+
+def in_shares(work: Callable[[int], object], count: int, progress: Reported) -> None:
+    """Call work(0) to work(count - 1) in processes of which each takes every n-th, if there are n > 1 processors; otherwise do
+    nothing.
+
+    What fails is silent here: it is missing in the cache, so that the caller meets it again.
+    """
+    shares = [range(first, count, min(processors(), count)) for first in range(min(processors(), count))]
+    if len(shares) < 2:
+        return
+    done = get_context("fork").Value("i", 0)
+
+    def process(share: Sequence[int]) -> None:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        for stream in (1, 2):
+            os.dup2(nothing, stream)
+        for k in share:
+            work(k)
+            with done.get_lock():
+                done.value += 1
+
+    running = [get_context("fork").Process(target=process, args=(share,), daemon=True) for share in shares]
+    for each in running:
+        each.start()
+    while any(each.is_alive() for each in running):
+        progress(done.value, count, "laws derived and compared")
+        next(each for each in running if each.is_alive() or each is running[-1]).join(WAIT)
