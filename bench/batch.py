@@ -1,9 +1,10 @@
-"""Closed loops per second and core: the batch simulator compared with SciPy and CasADi at equal accuracy; gain by a second
-thread.
+"""Closed loops per second and core: the batch simulator compared with SciPy, CasADi, NumPy and numba at equal accuracy; gain by
+vectors, by a second thread and by workers on this machine.
 
 The LABMATE on the line of specs/line.toml, 10 s, the controller called at 100 Hz and its torque held. SciPy integrates the plant
 in NumPy from call to call and is given the compiled law; CasADi runs all calls as one function, cvodes from call to call. Of
-each the loosest tolerance counts that meets the accuracy. Times are those of the processor, not of the clock, but for threads.
+each the loosest tolerance counts that meets the accuracy; of the loops of loops.py, which do not estimate their error, the fewest
+steps. Times are those of the processor, not of the clock, but for threads and workers.
 Adds "sweep" to bench.json.
 """
 
@@ -18,23 +19,34 @@ from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
+import distributed
+import loops
 import numpy as np
 from noslip.controllers.controller import Controller
 from noslip.model.law import ControlLaw
 from noslip.readers.files import write_whole
 from noslip.simulation.closed_loop import simulate
-from noslip.simulation.loop import make_loop
+from noslip.simulation.loop import Loop, make_loop
 from noslip.simulation.specification.spec import Spec, read_spec
 from noslip.sweeping.batch import Batch
+from noslip.sweeping.cluster import Cluster
+from noslip.sweeping.runner import TableRunner, Threads
+from noslip.sweeping.study import study_of
 from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parent.parent
 ACCURACY = 1e-8  # largest error of the state at the end, SI
+FINE = 1e-12  # the same, for loops of fixed steps
 DURATION, PERIOD = 10.0, 0.01  # s
 SAMPLES = 1000
 GROWTH = (10, 100, 1000, 4000)
 REPEATS = 3  # the shortest time counts
-WANTED = {"scipy": 100.0, "cvodes": 5.0, "threads": 1.8}
+WANTED = {"scipy": 1000.0, "cvodes": 50.0, "NumPy loop": 5.0, "numba loop": 5.0, "threads": 1.9}
+LOOPS = {"NumPy loop": loops.in_numpy, "numba loop": loops.in_numba}
+VECTORS = {"scalar": 0, "plain": 1, "avx2": 2, "avx512": 3}
+WORKERS = (1, 2, 3)
+SWEPT, PART = 20000, 1000  # samples for the workers
+MOST_STEPS = 20
 
 
 def main() -> int:
@@ -70,6 +82,17 @@ def measure() -> dict:
         if chosen is not None:
             seconds, error = _least(chosen), float(np.abs(chosen() - truth).max())
             result["peers"][name] = {"seconds_per_run": round(seconds, 5), "error": error, "times": round(seconds * ours, 1)}
+    for name, loop_of in LOOPS.items():
+        for suffix, accuracy in (("", ACCURACY), (f" to {FINE:g}", FINE)):
+            found = _loop(loop_of, loop, spec, truth, accuracy)
+            if found is not None:
+                result["peers"][name + suffix] = {**found, "times": round(found["seconds_per_run"] * ours, 1)}
+    result["vectors"] = {
+        name: round(SAMPLES / _least(lambda one=one: one.run(samples)), 1)
+        for name, size in VECTORS.items()
+        if (one := Batch(spec, vectors=size)).vectors == name
+    }
+    result["workers"] = _workers()
     result["threads"] = _threads(batch, samples)
     result["growth"] = {str(n): round(n / _least(lambda n=n: batch.run(batch.table({}, n))), 1) for n in GROWTH}
     result["peak_memory_MB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
@@ -81,11 +104,17 @@ def table(result: dict) -> str:
     each = f"{DURATION:g} s at {1 / PERIOD:g} Hz"
     lines = [f"batch: {result['runs_per_second']:.0f} runs/s and core ({each}), error {result['error']:.0e}"]
     for name, found in result["peers"].items():
-        wanted = WANTED["cvodes" if "cvodes" in name else "scipy"]
+        wanted = next(value for peer, value in WANTED.items() if peer in name)
         lines.append(
             f"  {name}: {found['seconds_per_run']:.4f} s a run, error {found['error']:.0e}: "
             f"ours is {found['times']:.0f} times as fast (wanted {wanted:g})"
         )
+    alone = result["vectors"]["scalar"]
+    lines.append("  vectors: " + ", ".join(f"{n} {rate / alone:.1f} times scalar" for n, rate in result["vectors"].items()))
+    clock = result["workers"]
+    each = ", ".join(f"{n}: {clock['1'] / clock[str(n)]:.2f}" for n in WORKERS)
+    lines.append(f"  Dask workers on this machine, times one by the clock: {each}")
+    lines.append(f"  one worker takes {clock['1'] / clock['none']:.2f} times as long as a thread without Dask")
     threads = result["threads"]
     lines.append(
         f"  2 threads: {threads['clock']:.2f} times 1 by the clock, {threads['processor']:.2f} by processor time; "
@@ -93,6 +122,40 @@ def table(result: dict) -> str:
     )
     lines.append("  runs/s of N samples: " + ", ".join(f"{n}: {rate:.0f}" for n, rate in result["growth"].items()))
     return "\n".join(lines)
+
+
+def _loop(loop_of: Callable, loop: Loop, spec: Spec, truth: np.ndarray, accuracy: float) -> dict[str, float] | None:
+    """Return seconds per run, error and steps in a period of a loop with the fewest steps that are as accurate; None if it is not
+    installed or never is."""
+    for steps in range(1, MOST_STEPS):
+        run = loop_of(loop, spec.gains, SAMPLES, round(DURATION / PERIOD), PERIOD, steps)
+        if run is None:
+            return None
+        if (error := _error(run()[:, 0], truth)) <= accuracy:
+            return {"seconds_per_run": round(_least(run) / SAMPLES, 7), "error": error, "steps": steps}
+    return None
+
+
+def _workers() -> dict[str, float]:
+    """Return seconds by the clock of the sweep of specs/sweep.toml, without Dask in one thread, and with workers on this machine,
+    each with a thread."""
+    place = ROOT / "specs/sweep.toml"
+    study = study_of(place.read_text(), str(place), SWEPT)
+    parts = [(k, study.plan.table(k * PART, PART)) for k in range(SWEPT // PART)]
+
+    def seconds(runner: TableRunner) -> float:
+        list(runner.results((k, parts[0][1]) for k in range(4 * max(WORKERS))))  # every worker has compiled the C
+        begin = time.perf_counter()
+        list(runner.results(parts))
+        return round(time.perf_counter() - begin, 3)
+
+    found = {"none": seconds(Threads(study.batch, 1))}
+    for count in WORKERS:
+        with distributed.LocalCluster(count, threads_per_worker=1, dashboard_address=None, silence_logs="CRITICAL") as cluster:
+            runner = Cluster(cluster.scheduler_address, study)
+            found[str(count)] = seconds(runner)
+            runner.close()
+    return found
 
 
 def _threads(batch: Batch, samples: np.ndarray) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Initial states of many robots at once: from a point, a heading and a speed to coordinates and quasi-velocities."""
 
-from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -102,19 +102,33 @@ def _extension_functions(law: ControlLaw) -> tuple[ca.Function, np.ndarray]:
     return portable(law.at_state(rate, ca.vec(ca.densify(slope)))), ca.DM(slope.sparsity(), 1).full() != 0
 
 
-def _solved(function: Callable, target: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:
+def _rows(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+    """Return the results of a function for each row of its arguments, (N, .) each, without the copies of a call of CasADi."""
+    given = [np.ascontiguousarray(argument, float) for argument in arguments]
+    made = [np.empty((len(given[0]), function.numel_out(k))) for k in range(function.n_out())]
+    buffer: Any
+    buffer, evaluate = function.map(len(given[0])).buffer()
+    for k, argument in enumerate(given):
+        buffer.set_arg(k, argument.data)
+    for k, result in enumerate(made):
+        buffer.set_res(k, result.data)
+    evaluate()
+    return made
+
+
+def _solved(function: ca.Function, target: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:
     """Solve function(unknown, given) = target, (N, .), by Newton's method with least-norm steps from zero; NaN if it does not
     converge.
     """
-    known = np.array(given)
+    known = np.column_stack(given)
     found = np.zeros((len(target), len(moves)))
     enough = ENOUGH * np.maximum(1.0, np.abs(target).max(axis=1, initial=0.0))
-    left = np.flatnonzero(np.isfinite(target).all(axis=1) & np.isfinite(known).all(axis=0))
+    left = np.flatnonzero(np.isfinite(target).all(axis=1) & np.isfinite(known).all(axis=1))
     solved = np.zeros(len(target), bool)
     for _ in range(TRIES):
         if not len(left):
             break
-        value, slope = (v.full().T for v in function(found[left].T, known[:, left]))
+        value, slope = _rows(function, found[left], known[left])
         residual = value - target[left]
         good = np.abs(residual).max(axis=1) <= enough[left]
         solved[left[good]] = True

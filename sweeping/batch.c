@@ -123,6 +123,7 @@ typedef struct team {
     int count;
     loop *run;
     int unusual;             /* 1: the last call of a run had a status other than OK */
+    int grounded;            /* 1: the floor of a run is known */
     int ended;               /* 1: a run has ended, which goes_on has not seen yet */
 #if BATCH_LANES
     lanes_group lanes;
@@ -1432,6 +1433,7 @@ static void hand_over(team *self)
     const batch_settings *settings = self->run->settings;
     int lane;
     self->lanes = none;
+    self->grounded = 0;
     for (lane = 0; lane < self->count; lane++) {
         const loop *run = &self->run[lane];
         const batch_sample *sample = run->sample;
@@ -1445,6 +1447,7 @@ static void hand_over(team *self)
         put(self, lane, sample->most_acceleration, self->lanes.most_acceleration, BATCH_DOF);
         put(self, lane, run->first, self->lanes.first, BATCH_GIVEN);
         put(self, lane, settings->band, self->lanes.band, BATCH_ROWS);
+        self->grounded = self->grounded || sample->mu > 0;
         hand_back(self, lane);
     }
 }
@@ -1514,10 +1517,10 @@ static void hold_lanes(team *self, double call, double t, double duration, doubl
 /* Evaluates the errors at an output time. */
 static void note_lanes(team *self, double t, double call)
 {
-    int i, every = !BATCH_STEPS;
+    int i, every = !BATCH_STEPS || self->grounded || self->run->settings->instants > 0;
     if (BATCH_STEPS) {
         self->kit->look(&self->lanes, t);
-        every = BATCH_CONTACTS || self->run->settings->instants > 0 || !self->lanes.all;
+        every = every || !self->lanes.all;
     }
     for (i = 0; i < self->count && every; i++) {
         loop *run = &self->run[i];

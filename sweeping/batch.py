@@ -131,6 +131,12 @@ class Batch:
         """The vectors in which this processor runs samples: avx512, avx2 or plain; scalar for one after the other."""
         return self._program.ffi.string(self._program.lib.batch_vectors(self._settings)).decode()
 
+    @property
+    def computed(self) -> str:
+        """What vectors compute here, as text: the law is among it where nothing else belongs to the loop."""
+        parts = ", robot and law" if self._program.steps else ", robot"
+        return self.vectors + (parts if self.vectors != "scalar" else "")
+
     def status(self, number: float) -> str:
         """Return the name of a status."""
         return self._program.ffi.string(self._program.lib.noslip_status_name(int(number))).decode()

@@ -47,7 +47,9 @@ class LoopParts:
 
 
 class Simulator:
-    """The simulator of a law in a scalar of the controller's. `ffi` has its types, `lib` its functions."""
+    """The simulator of a law in a scalar of the controller's. `ffi` has its types, `lib` its functions;
+    `steps`: whether vectors compute the law, too.
+    """
 
     def __init__(self, law: ControlLaw, scalar: str, parts: LoopParts):
         """Raises BadInput as `pose_coordinates` does."""
@@ -56,6 +58,7 @@ class Simulator:
         law_h = _header(law, scalar, parts, vectors)
         texts = {name: (own / name).read_text() for name in SOURCES} | noise.source()
         texts |= vectors.files() if vectors else {}
+        self.steps = vectors is not None and vectors.steps
         self.ffi = cffi.FFI()
         self.ffi.cdef(declarations(PATH))
         self.ffi.cdef(_declared(texts["batch.h"], law_h))

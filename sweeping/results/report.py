@@ -43,6 +43,7 @@ class SweepReport:
             "design": study.plan.sweep.design,
             "seed": study.plan.sweep.seed,
             "period": study.spec.simulation.period,
+            "vectors": study.batch.computed,
             "fails_when": str(study.criterion),
             "statuses": dict(summary.statuses),
             "failed": summary.failed,
@@ -87,7 +88,7 @@ class SweepReport:
             f"{summary.samples} samples, {design}, seed {sweep.seed}, varying {len(study.plan.names)}: {statuses}",
             f"  fails when {study.criterion}: {summary.failed} of {summary.samples}, {_part(summary.failed / summary.samples)}; "
             f"{CONFIDENCE:.0%} interval {_part(low)} to {_part(high)} (Clopper-Pearson{self._caution()})",
-            f"  largest integration error of runs to the end {summary.integration_error:.1e}",
+            f"  largest integration error of runs to the end {summary.integration_error:.1e}; vectors: {study.batch.computed}",
         ]
         return "\n".join(lines)
 
