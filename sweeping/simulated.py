@@ -25,6 +25,8 @@ class Simulated:
     `integration_error` is the tolerance of the integrator.
     """
 
+    computed = "scalar"  # as `Batch` says where samples run one after the other
+
     def __init__(self, spec: Spec, band: float, instants: tuple[float, ...] = ()):
         """`band` of all outputs, in their units; `instants`: s, ascending. Raises BadInput and ModelError as `simulate` does."""
         self.loop = make_loop(spec)
