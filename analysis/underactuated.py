@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import casadi as ca
 import numpy as np
 from scipy.linalg import solve_continuous_are
+from scipy.special import betaincinv
 
 from ..controllers.controller import RUNNING
 from ..model.algebra.trigonometry import sine_cosine
@@ -181,6 +182,11 @@ class Balanced:
         pose = self.rest.partial.system.mechanism.pose_numbers
         return (pose[0], pose[1], pose[2]) if pose and self.rest.q[pose[2]] == 0.0 else None
 
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """Orthonormal columns that span what K sees of the linearized robot: what it does not see is not brought back."""
+        return _reached(self.rest.A.T, self.K.T)[0]
+
     def step(self, state: np.ndarray, desired: np.ndarray) -> tuple[str, np.ndarray]:
         """See Feedback; "astray" where it has fallen."""
         if self.feedback:
@@ -214,8 +220,8 @@ class Balanced:
         return np.array(states), np.array(inputs)
 
     def returns(self, start: np.ndarray, duration: float, within: float) -> bool:
-        """Return whether what the inputs reach of the state is back at rest after `duration`, s, to `within` of its start."""
-        T, rest = self.rest.reached, np.array([*self.rest.q, *[0.0] * self.rest.partial.system.dof])
+        """Return whether what K sees of the state and its rates is back at rest after `duration`, s, to `within` of its start."""
+        T, rest = self.seen, np.array([*self.rest.q, *[0.0] * self.rest.partial.system.dof])
         states, _ = self.run(start, duration, lambda t: rest)
         complete = len(states) == round(duration / PERIOD) + 1
         return complete and bool(np.abs(T.T @ (states[-1] - rest)).max() <= within * max(1.0, np.abs(start - rest).max()))
@@ -263,7 +269,9 @@ class Region:
             chosen = self.starts[self.returned == returned]
             axes.plot(chosen[:, first], chosen[:, second], marker, color=colour, markersize=4, linestyle="", label=name)
         if np.isfinite(self.level):
-            axes.plot(*self.boundary(first, second).T, color="black", label=f"level {self.level:.3g}: all inside returned")
+            axes.plot(
+                *self.boundary(first, second).T, color="black", label=f"level {self.level:.3g}: all samples inside returned"
+            )
         for label, number in ((axes.set_xlabel, first), (axes.set_ylabel, second)):
             label(f"{quantities[number].name} ({quantities[number].unit})")
         figure.legend(loc="outside lower center", ncols=3)
@@ -280,6 +288,46 @@ def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count:
     middle = np.array([*rest.q, *[0.0] * rest.partial.system.dof])
     returned = np.array([balanced.returns(middle + each, duration, 1e-3) for each in off], bool)
     return Region(middle + off, returned, np.sum((off @ X) * off, axis=1), X, middle)
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """How many of `count` starts, drawn uniformly where the cost is at most `level`, returned; certified by sampling.
+
+    The starts were drawn after the level was chosen, so that what they say of all starts there is exact statistics.
+    """
+
+    level: float
+    count: int
+    returned: int
+
+    def share(self, confidence: float = 0.99) -> float:
+        """Return a lower bound, with this confidence, of the share of all these starts that return (C. J. Clopper and
+        E. S. Pearson, 1934): with all of N returned, the N-th root of 1 - confidence. Raises BadInput unless 0 < confidence < 1.
+        """
+        if not 0.0 < confidence < 1.0:
+            raise BadInput(f"confidence = {confidence:g} must be between 0 and 1")
+        fell = self.count - self.returned
+        return float(betaincinv(self.returned, fell + 1, 1.0 - confidence)) if self.returned else 0.0
+
+
+def confirm(balanced: Balanced, X: np.ndarray, level: float, count: int, duration: float, seed: int = 1) -> Confirmed:
+    """Run `count` starts for `duration` s, drawn uniformly from all that the inputs reach with a cost of at most `level`: called
+    every PERIOD, with limits, by the C if that is the feedback. Use another seed than that of the `region` that gave the level.
+
+    Raises BadInput for a level that is not positive and finite, and for fewer than one start.
+    """
+    if not 0.0 < level < np.inf:
+        raise BadInput(f"confirm: the level is {level:g}; it must be positive and finite")
+    if count < 1:
+        raise BadInput(f"confirm: {count} starts; at least one is needed")
+    rest, random = balanced.rest, np.random.default_rng(seed)
+    T = rest.reached
+    root = np.linalg.cholesky(T.T @ X @ T)
+    ball = random.normal(size=(count, T.shape[1]))
+    ball *= (random.uniform(size=count) ** (1 / T.shape[1]) / np.linalg.norm(ball, axis=1))[:, None]
+    starts = np.array([*rest.q, *[0.0] * rest.partial.system.dof]) + np.sqrt(level) * np.linalg.solve(root.T, ball.T).T @ T.T
+    return Confirmed(level, count, sum(balanced.returns(start, duration, 1e-3) for start in starts))
 
 
 def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, parameters: Sequence[float] | None = None) -> AtRest:

@@ -255,7 +255,7 @@ int main(void)
     return 0;
 }}
 """)
-    flags = [flag for flag in [*COMMON, *LANGUAGE["c"]] if "callgraph" not in flag]
+    flags = [flag for flag in ["-O2", *COMMON, *LANGUAGE["c"]] if "callgraph" not in flag]
     run(["gcc", *flags, f"-I{RUNTIME}", f"-I{BENCH / 'hand'}", "main.c", "-lm", "-o", "image"], place)
     command = ["valgrind", "--tool=callgrind", "-q", "--callgrind-out-file=counts", "--compress-strings=no", "--compress-pos=no"]
     done = run([*command, "./image"], place, check=False)

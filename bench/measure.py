@@ -17,7 +17,7 @@ from programs import Program, main_text
 
 BENCH = Path(__file__).resolve().parent
 RUNTIME = BENCH.parent / "runtime_c"
-COMMON = ["-O2", *STANDARD[1:], "-ffunction-sections", "-fcallgraph-info=su,da", "-w"]
+COMMON = [*STANDARD[1:], "-ffunction-sections", "-fcallgraph-info=su,da", "-w"]
 LANGUAGE = {"c": [STANDARD[0]], "c++": ["-std=c++14", "-fno-exceptions", "-fno-rtti"]}
 M4F = flags("cortex-m4f")
 
@@ -45,6 +45,8 @@ class Target:
 
     name = "host"
     prefix = ""
+    level = "-O2"
+    peers = True  # whether the laws of other tools are measured on it, too
     flags: Sequence[str] = ()
     startup: Sequence[Path] = ()
     link: Sequence[str] = ()
@@ -70,7 +72,7 @@ class Target:
         plain = [folder / "main.c", *(shared / f"cases_{law}_{scalar}.c" for law in laws), shared / f"labmate{suffix}.c"]
         plain += self.startup
         image = folder / "image"
-        flags = [*COMMON, *LANGUAGE["c"], *self.flags, f"-I{RUNTIME}", f"-I{shared}"]
+        flags = [self.level, *COMMON, *LANGUAGE["c"], *self.flags, f"-I{RUNTIME}", f"-I{shared}"]
         run([self.prefix + "gcc", *flags, *map(str, plain + objects), *self.link, "-lm", "-o", str(image)], folder)
         symbols = symbols_of(image, self.prefix)
         counts = self.count(image, programs, symbols)
@@ -98,7 +100,21 @@ class Target:
         compiler = self.prefix + ("gcc" if program.language == "c" else "g++")
         includes = [f"-I{place}" for place in (RUNTIME, shared, BENCH / "hand", BENCH / "peers")]
         target = path.with_suffix(".o")
-        run([compiler, *COMMON, *LANGUAGE[program.language], *self.flags, *includes, "-c", str(path), "-o", str(target)], folder)
+        run(
+            [
+                compiler,
+                self.level,
+                *COMMON,
+                *LANGUAGE[program.language],
+                *self.flags,
+                *includes,
+                "-c",
+                str(path),
+                "-o",
+                str(target),
+            ],
+            folder,
+        )
         # each program contains init of its law: only their own entry points may be shared in the image
         run([self.prefix + "objcopy", f"--keep-global-symbol=check_{program.name}", str(target)], folder)
         return target
@@ -129,6 +145,30 @@ class CortexM4F(Target):
             _, total, least, most, cycles = found[program.measured]
             made[program.name] = total / cases.COUNT, least, most, round(cycles / cases.COUNT, 1)
         return made
+
+
+class CortexM4FSmall(CortexM4F):
+    """The same, where GCC is asked for small code."""
+
+    name = "cortex-m4f -Os"
+    level = "-Os"
+    peers = False
+
+
+class CortexM0Plus(CortexM4F):
+    """The code of a Cortex-M0+, which has no FPU: each operation is a call of GCC's library, whose instructions are counted too.
+
+    It runs on the same emulated machine; the cycles would be those of another processor.
+    """
+
+    name = "cortex-m0plus"
+    peers = False
+    flags = ("-mcpu=cortex-m0plus", "-mthumb", "-mfloat-abi=soft")
+
+    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, tuple]:
+        """Program name -> mean, least, most, no cycles."""
+        counted = super().count(image, programs, symbols)
+        return {name: (mean, least, most, None) for name, (mean, least, most, _) in counted.items()}
 
 
 def measure_all(target: Target, jobs: Sequence[tuple[str, Sequence[Program], str]], shared: Path) -> dict:

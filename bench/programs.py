@@ -166,7 +166,8 @@ def _program(
 ) -> Program:
     empty = Program(law.name, quantity, "")
     size = 2 if quantity == "tau" else 4
-    text = f"""#define MEASURED {empty.measured}
+    text = f"""#define NOSLIP_QUICK
+#define MEASURED {empty.measured}
 {(chr(10) * 2).join(parts)}
 
 #include "cases_{scalar}.h"

@@ -95,7 +95,7 @@ class _Loop:
     def __init__(self, law: ControlLaw, fixed: dict[str, np.ndarray], shared: Path, folder: Path):
         self.law, self.fixed = law, fixed
         sources = [BENCH / "simulation/loop.c", shared / "labmate.c", shared / "labmate_type_i.c"]
-        flags = [flag for flag in [*COMMON, *LANGUAGE["c"]] if "callgraph" not in flag]
+        flags = [flag for flag in ["-O2", *COMMON, *LANGUAGE["c"]] if "callgraph" not in flag]
         run(["gcc", *flags, "-fPIC", "-shared", f"-I{RUNTIME}", f"-I{shared}", *map(str, sources), "-o", "loop.so"], folder)
         self.lib = ctypes.CDLL(str(folder / "loop.so"))
         self.memory = ctypes.create_string_buffer(self.lib.closed_loop_size())

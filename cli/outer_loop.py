@@ -73,9 +73,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     design.add_argument("--integral", action="store_true", help="design integral action too")
     plain = quantity("1")
     sampled = parser.add_argument_group("on a processor")
-    sampled.add_argument(
-        "--period", type=quantity("s"), metavar="S", help="sampling period with zero-order hold, s (default: continuous)"
-    )
+    period = "sampling period with zero-order hold, s (default: from SPEC, else continuous)"
+    sampled.add_argument("--period", type=quantity("s"), metavar="S", help=period)
     sampled.add_argument("--delay", action="store_true", help="apply the torque one period after the state was measured")
     sampled.add_argument(
         "--drive", choices=DRIVES, help="what the drives take: torque (default), or velocities that a loop of their own follows"
@@ -101,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
     from ..outer.robustness import Loops
 
     law, spec = _law_and_spec(args)
+    if args.period is None and args.spec and spec.simulation.period:
+        args.period = spec.simulation.period
     drive = _drive(args, spec)
     if drive and law.extension:
         raise BadInput(f"{law.name} has a dynamic extension, which does not go with {drive}; leave out --drive")

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 EXAMPLE = """examples:
   noslip plan dubins --from 0 0 0 --to 4 3 1.5708 --radius 1
   noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 1.5 --plot path.png
-  noslip plan waypoints points.csv --tolerance 0.05 --c --scalar float -o path.h"""
+  noslip plan waypoints points.csv --tolerance 0.05 --c --scalar float -o path.h
+  noslip plan course points.csv --tolerance 0.01 --speed 0.5 -o reference.toml"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -56,6 +57,25 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     way.add_argument("--min-radius", type=quantity("m"), metavar="R", help="reject curves with a smaller radius, m")
     _add_common(way)
     way.set_defaults(way="waypoints", plan=_through_waypoints)
+    way = ways.add_parser(
+        "course",
+        help="a curve of continuous curvature through waypoints",
+        description="Fit a course to the smooth curve through waypoints, and print it as the [reference] of a SPEC (m, rad).",
+        epilog=EXAMPLE,
+    )
+    way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
+    way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
+    way.add_argument("--speed", type=quantity("m/s"), metavar="V", default=1.0, help="along it, m/s; default: 1")
+    way.add_argument(
+        "--rounding",
+        type=quantity("m"),
+        metavar="M",
+        default=0.0,
+        help="of lines, arcs and clothoids, m; default: 0, no clothoids",
+    )
+    way.add_argument("--degrees", action="store_true", help="headings are given in degrees; the output is in rad")
+    way.add_argument("-o", "--output", metavar="FILE", default="-", help="output file; default: standard output")
+    way.set_defaults(run=_run_course)
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
@@ -91,6 +111,26 @@ def run(arguments: argparse.Namespace) -> int:
         print(about, file=sys.stderr)
     else:
         show(arguments, lambda: about, lambda: {"way": arguments.way, **_measures(segments), "files": files})
+    return 0
+
+
+def _run_course(arguments: argparse.Namespace) -> int:
+    from ..planning.smooth import fit_course  # slow to import
+    from ..readers.printing import toml
+
+    check_targets([arguments.output], [], [arguments.points])
+    points, headings = read_waypoints(arguments.points, arguments.degrees)
+    try:
+        course = fit_course(points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings)
+    except BadInput as error:
+        raise BadInput(f"{arguments.points}: {error}") from error
+    names = ("speed", "heading", "lengths", "curvatures", *(["rounding"] if course.rounding else []))
+    table = {name: list(v) if isinstance(v := getattr(course, name), tuple) else v for name in names}
+    position = toml([course.x, course.y])
+    write_whole(arguments.output, f"[reference]\nposition = {position}\ncourse = {toml(table | {'follow': 'path'})}\n")
+    largest = max(map(abs, course.curvatures))
+    about = f"course: {len(course.lengths)} parts, {sum(course.lengths):.6g} m, largest curvature at their ends {largest:.4g} 1/m"
+    print(about, file=sys.stderr if arguments.output == "-" else sys.stdout)
     return 0
 
 

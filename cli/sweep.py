@@ -92,7 +92,8 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None) -> None:
-    from ..sweeping.runner import TableRunner, Threads, run_parts
+    from ..sweeping.batch import Batch
+    from ..sweeping.runner import Processes, TableRunner, Threads, run_parts
     from ..sweeping.store import Parts, merge
 
     engine: TableRunner
@@ -100,8 +101,10 @@ def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None)
         from ..sweeping.cluster import Cluster
 
         engine = Cluster(scheduler, study)
-    else:
+    elif isinstance(study.batch, Batch):
         engine = Threads(study.batch, jobs)
+    else:
+        engine = Processes(study, jobs)
     parts = Parts(output, study)
     try:
         with parts.held(), Progress() as progress:

@@ -42,7 +42,7 @@ COSTS = {
     "host": Costs(sum=1, product=1, division=6, root=8, load=0.5, wait=1.5),
     "cortex-m4f": Costs(sum=1, product=1, division=14, root=14, load=1.5, wait=1),
     "rv32": Costs(sum=1, product=1, division=20, root=25, load=2, wait=4),
-    "soft": Costs(sum=70, product=60, division=190, root=400, load=2, wait=0),
+    "soft": Costs(sum=75, product=123, division=384, root=270, load=2, wait=0),
 }
 
 

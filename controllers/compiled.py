@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property, lru_cache
+from itertools import islice
 from threading import Lock
 from typing import Generic, TypeVar
 
@@ -31,11 +32,11 @@ class _Compiled(InC, Generic[Text]):
 
     def _load(self, system: ReducedSystem, text: Text, written: Mapping[str, str] | None) -> None:
         self.text: Text = text
+        self._lengths: dict[str, int] = {}  # of structs, by kind
         self.ffi = cffi.FFI()
-        self.ffi.cdef("const char *noslip_status_name(int status);")
-        self.ffi.cdef(runtime_types(text.scalar))
-        self.ffi.cdef(robot_declarations(system, text.scalar))
-        self.ffi.cdef(text.declarations())
+        status = "const char *noslip_status_name(int status);"
+        declared = [status, runtime_types(text.scalar), robot_declarations(system, text.scalar), text.declarations()]
+        self.ffi.cdef("\n".join(declared))  # at once: each call reads what is known again
         self.files = written or {**shared_files(system, text.scalar), **text_files(text)}
         self.lib = load(self.ffi, self.files)
 
@@ -57,10 +58,9 @@ class _Compiled(InC, Generic[Text]):
 
     def struct(self, kind: str, values: Iterable[float]):
         """Return a new C struct of scalars, filled in the order of its fields."""
-        made = self.ffi.new(f"{kind} *")
-        for (field, _), value in zip(self.ffi.typeof(made).item.fields, values, strict=False):
-            setattr(made, field, float(value))
-        return made
+        if kind not in self._lengths:
+            self._lengths[kind] = len(self.ffi.typeof(kind).fields)
+        return self.ffi.new(f"{kind} *", [float(value) for value in islice(values, self._lengths[kind])])
 
     def array(self, values: Iterable[float]):
         """Return a new C array of scalars."""

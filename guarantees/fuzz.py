@@ -8,6 +8,7 @@ from pathlib import Path
 from .tools import HERE, STANDARD, Failed, Missing, Task, attempt, each, need, run
 
 CHECKS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
+LANES_MAY = ["-fno-sanitize=float-divide-by-zero"]  # where its step would leave, a lane goes on, and the step computes it again
 RUNTIME = (
     "odometry",
     "ekf",
@@ -123,7 +124,7 @@ def _drivers(task: Task) -> str:
     parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
     for real, suffix in SCALARS.items():
         parts.append(f"#define SUFFIX {suffix}\n#define REAL {real}\n")
-        parts += [task.driver(law, suffix, "law_fuzz.inc") for law in task.laws]
+        parts += [f'#include "lanes/{law}_steps{suffix}.h"\n' + task.driver(law, suffix, "law_fuzz.inc") for law in task.laws]
         parts.append('#include "runtime_fuzz.inc"\n#undef SUFFIX\n#undef REAL\n')
     rows = [f'    {{"{name}", {"fuzz" if name.removesuffix("_f") in RUNTIME else "run"}_{name}}},\n' for name in _functions(task)]
     return "".join(parts) + TABLE + "".join(rows) + "};\n"
@@ -135,10 +136,10 @@ def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: 
     command = [compiler, *STANDARD, *flags, *include]
 
     def compiled(path: Path) -> Path:
-        run([*command, "-c", path, "-o", folder / f"{path.stem}.o"])
+        run([*command, *(LANES_MAY if path in task.lanes else []), "-c", path, "-o", folder / f"{path.stem}.o"])
         return folder / f"{path.stem}.o"
 
-    objects = each(compiled, [*task.sources, source])
+    objects = each(compiled, [*task.sources, *task.lanes, source])
     run([*command, *objects, "-lm", "-o", folder / "program"])
     return folder / "program"
 

@@ -62,6 +62,11 @@ class Task:
         return [*_c_files(self.runtime), *_c_files(self.generated)]
 
     @property
+    def lanes(self) -> list[Path]:
+        """The C sources of the batch laws, which firmware does not need."""
+        return _c_files(self.generated / "lanes")
+
+    @property
     def float_sources(self) -> list[Path]:
         """The C sources that a program in float needs: those in float, and those without a scalar."""
         names = {path.stem for path in self.sources}

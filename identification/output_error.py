@@ -26,6 +26,8 @@ WEIGHTINGS, ROBUST_WEIGHTINGS = 2, 4
 FEWEST = 20  # measurements beyond the unknowns from which the size of each output's error can be told
 CHANCE = 3.09  # standard deviations that a sum of random sign exceeds in one case of 1000
 HUBER = 1.345  # standard deviations from which an error has less weight
+LONG = 8  # rows of a window in which drift counts; of fewer, errors that two windows share would hide it
+SPARE = 4  # windows beyond the parameters that tell how much errors drift
 MEDIAN = 1.4826  # standard deviation of a normal distribution in units of its median absolute value
 
 
@@ -95,7 +97,7 @@ class OutputError:
             spread = np.nanmax(windows.measured, axis=(0, 1)) - np.nanmin(windows.measured, axis=(0, 1))
         self.scale = np.maximum(spread, 1e-9 * spread.max())
         self.unseen: dict[str, list[str]] = {}  # what the log does not show, with parameters that it shows only beside it
-        self.cost = math.inf
+        self.cost, self._robust = math.inf, False
         self._simulated: tuple[Any, Any] = (), ()  # values and start with which was simulated last, and the result
 
     def fit(self, robust: bool = False) -> "OutputError":
@@ -104,7 +106,7 @@ class OutputError:
         With few measurements beyond the unknowns, some outputs could be fitted exactly and would then outweigh the others; all
         then have the same weight, 1 m that of 1 rad.
         """
-        spread = self.scale
+        spread, self._robust = self.scale, robust
         self.leave_out_unseen()
         if self.surplus < 1:
             measured, unknowns = self._counts
@@ -152,14 +154,16 @@ class OutputError:
 
     def expected_deviations(self, noise: np.ndarray) -> dict[str, float]:
         """Return the standard deviations that a fit will have if the errors of each output have the standard deviation `noise`
-        and are independent: the bound of Cramer and Rao, before anything is fitted. Infinite for a parameter without effect.
+        and are independent: the bound of Cramer and Rao if no row is in two windows. Infinite for a parameter without effect.
         """
         self.scale = noise
         self.leave_out_unseen()
-        rows = self._projected(self.values, self.start, slice(None))[1].reshape(-1, len(self.names))
-        sizes = np.linalg.norm(rows, axis=0)
-        variance = np.diag(np.linalg.inv((rows / sizes).T @ (rows / sizes))) / sizes**2
-        return dict(zip(self.names, np.sqrt(variance), strict=True)) | dict.fromkeys(self.unseen, math.inf)
+        rows = self._projected(self.values, self.start, slice(None))[1]
+        sizes = np.linalg.norm(rows, axis=(0, 1))
+        each, of_log = (r.reshape(-1, len(self.names)) for r in (rows / sizes, self._by_row(rows / sizes, slice(None))))
+        by_error = of_log @ np.linalg.inv(each.T @ each)
+        deviations = np.linalg.norm(by_error, axis=0) / sizes
+        return dict(zip(self.names, deviations, strict=True)) | dict.fromkeys(self.unseen, math.inf)
 
     @property
     def surplus(self) -> int:
@@ -187,18 +191,28 @@ class OutputError:
         return self._errors(slice(None))
 
     def deviations(self) -> tuple[dict[str, float], int]:
-        """Return the standard deviations of the parameters, in their units, and their degrees of freedom: for errors that are
-        independent from row to row and correlated in any way within a row, or, where successive errors are correlated beyond
-        chance, for errors that are correlated in any way within a window: by the change of the fit without each window
-        (jackknife). Raises BadInput if there are too few windows for that.
+        """Return the standard deviations of the parameters, in their units, and their degrees of freedom.
 
-        Errors with less weight count as in the covariance of an M-estimate (Huber, Robust Statistics, 1981, section 7.6).
+        Errors may be correlated in any way within a row, and a row in two windows has one error. Where they drift, or successive
+        errors are correlated beyond chance, they may be correlated in any way within a window too: then what counts is the
+        change of the fit without each window (jackknife), to which rows in two windows contribute as errors that are independent
+        from row to row. Errors with less weight count as in the covariance of an M-estimate (Huber, Robust Statistics, 1981,
+        section 7.6). Raises BadInput if there are too few windows.
         """
         left, rows = self._influence()
         sizes = np.linalg.norm(rows, axis=(0, 1))
         rows = rows / sizes
         each = np.einsum("wrp,wrq->wpq", rows, rows)  # information of each window
-        if self._correlated(left):
+        inverse, of_row = np.linalg.inv(each.sum(axis=0)), self._of_a_row(left)
+
+        def variance(by_row: np.ndarray) -> np.ndarray:
+            by_error = by_row @ inverse
+            return np.einsum("rjp,jk,rkp->p", by_error, of_row, by_error, optimize=True)
+
+        alone = rows.reshape(-1, len(of_row), len(self.names))
+        together = self._by_row(rows, self.windows.used)
+        degrees, found = self.surplus, variance(together)
+        if self._drifts or self._correlated(left):
             degrees = len(each) - len(self.names)
             if degrees < 1:
                 raise BadInput(
@@ -207,15 +221,24 @@ class OutputError:
                 )
             without, scores = each.sum(axis=0) - each, np.einsum("wrp,wr->wp", rows, left)
             changes = np.array([np.linalg.lstsq(a, b)[0] for a, b in zip(without, scores, strict=True)])
-            covariance = changes.T @ changes * (len(changes) - 1) / len(changes)
-        else:
-            degrees, inverse = self.surplus, np.linalg.inv(each.sum(axis=0))
-            of_log, place = np.unique(self.windows.number[self.windows.used], return_inverse=True)
-            by_row = np.zeros((len(of_log), self.windows.measured.shape[2], len(self.names)))
-            np.add.at(by_row, place.ravel(), rows.reshape(-1, *by_row.shape[1:]))
-            covariance = inverse @ np.einsum("rjp,jk,rkq->pq", by_row, self._of_a_row(left), by_row, optimize=True) @ inverse
-        sd = dict(zip(self.names, np.sqrt(np.diag(covariance)) / sizes, strict=True))
+            jackknife = np.sum(changes**2, axis=0) * (len(changes) - 1) / len(changes)
+            found = np.maximum(jackknife + found - variance(alone), jackknife / 2)
+        sd = dict(zip(self.names, np.sqrt(found) / sizes, strict=True))
         return sd | dict.fromkeys(self.unseen, math.inf), degrees
+
+    @property
+    def _drifts(self) -> bool:
+        """Whether the errors may drift within a window, and there are windows enough to tell how much."""
+        used = self.windows.used
+        rows = np.isfinite(self.windows.measured[used]).any(axis=2).sum() / used.sum()
+        return self._robust and rows >= LONG and used.sum() - len(self.names) >= SPARE
+
+    def _by_row(self, rows: np.ndarray, windows: np.ndarray | slice) -> np.ndarray:
+        """Return derivatives of these windows (windows, R ny, p) added up for each row of the log, (rows, ny, p)."""
+        of_log, place = np.unique(self.windows.number[windows], return_inverse=True)
+        by_row = np.zeros((len(of_log), self.windows.measured.shape[2], rows.shape[2]))
+        np.add.at(by_row, place.ravel(), rows.reshape(-1, *by_row.shape[1:]))
+        return by_row
 
     def _influence(self) -> tuple[np.ndarray, np.ndarray]:
         """Return errors (windows, R ny) and derivatives (windows, R ny, p) of the fitted windows such that a change of the

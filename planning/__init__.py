@@ -2,6 +2,7 @@
 
 from .biarcs import fit
 from .shortest import dubins, reeds_shepp
+from .smooth import fit_course
 from .tables import segments_from_tables
 
-__all__ = ["dubins", "fit", "reeds_shepp", "segments_from_tables"]
+__all__ = ["dubins", "fit", "fit_course", "reeds_shepp", "segments_from_tables"]

@@ -131,6 +131,11 @@ class SmoothCurve:
             begin = half
         return parts
 
+    def direction(self, length: float) -> float:
+        """Return the direction at a length along the course, rad."""
+        stretch = self.stretches[self._part(length)]
+        return stretch.direction(length - stretch.begin)
+
     def position(self, length: float) -> complex:
         """Return x + i y at a length along the course, m."""
         k = self._part(length)

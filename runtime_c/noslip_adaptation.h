@@ -79,7 +79,7 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init(noslip_adaptation *sel
     }
     self->options.sd = options->sd;
     self->options.noise = options->noise;
-    self->options.dead_zone = options->dead_zone;
+    self->options.dead_zone = options->dead_zone > 0 ? options->dead_zone : 0; /* not -0 */
     self->options.forgetting = options->forgetting;
     self->options.window = options->window;
     self->options.rate = options->rate;
@@ -281,7 +281,7 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init_f(noslip_adaptation_f 
     }
     self->options.sd = options->sd;
     self->options.noise = options->noise;
-    self->options.dead_zone = options->dead_zone;
+    self->options.dead_zone = options->dead_zone > 0 ? options->dead_zone : 0; /* not -0 */
     self->options.forgetting = options->forgetting;
     self->options.window = options->window;
     self->options.rate = options->rate;

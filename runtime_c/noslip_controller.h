@@ -116,16 +116,6 @@ static inline double noslip_limit(double limit)
     return limit > 0 ? limit : DBL_MAX;
 }
 
-/* Returns 1 if |x| <= limit (from noslip_limit), else 0; 0 for NaN. */
-static inline int noslip_within(double x, double limit)
-{
-#if defined(__FRAMAC__) /* equivalent, in a form that its intervals can follow */
-    return noslip_is_finite(x) && x >= -limit && x <= limit;
-#else
-    return noslip_abs(x) <= limit;
-#endif
-}
-
 /* Returns x, or the nearer of -limit and limit if it is beyond them; NaN for NaN. */
 static inline double noslip_clip(double x, double limit)
 {
@@ -293,16 +283,6 @@ static inline int noslip_limits_ok_f(const float *limits, int count)
 static inline float noslip_limit_f(float limit)
 {
     return limit > 0 ? limit : FLT_MAX;
-}
-
-/* Returns 1 if |x| <= limit (from noslip_limit), else 0; 0 for NaN. */
-static inline int noslip_within_f(float x, float limit)
-{
-#if defined(__FRAMAC__) /* equivalent, in a form that its intervals can follow */
-    return noslip_is_finite_f(x) && x >= -limit && x <= limit;
-#else
-    return noslip_abs_f(x) <= limit;
-#endif
 }
 
 /* Returns x, or the nearer of -limit and limit if it is beyond them; NaN for NaN. */

@@ -27,20 +27,12 @@
 /* Returns 1 if x is in the range of noslip_sincos, 0 if it is outside, infinite or NaN. */
 static inline int noslip_angle_ok(double x)
 {
-#if defined(__FRAMAC__) /* the same, in a form its intervals follow */
-    return noslip_is_finite(x) && x >= -NOSLIP_ANGLE_MAX && x <= NOSLIP_ANGLE_MAX;
-#else
-    return noslip_abs(x) <= NOSLIP_ANGLE_MAX;
-#endif
+    return noslip_within(x, NOSLIP_ANGLE_MAX);
 }
 
 static inline int noslip_angle_ok_f(float x)
 {
-#if defined(__FRAMAC__) /* the same, in a form its intervals follow */
-    return noslip_is_finite_f(x) && x >= -NOSLIP_ANGLE_MAX_F && x <= NOSLIP_ANGLE_MAX_F;
-#else
-    return noslip_abs_f(x) <= NOSLIP_ANGLE_MAX_F;
-#endif
+    return noslip_within_f(x, NOSLIP_ANGLE_MAX_F);
 }
 
 /*

@@ -71,6 +71,7 @@ def simulate(
         integral_rows=loop.integral.rows,
         command=np.array([row.command for row in rows]),
         noticed=np.array([row.noticed for row in rows]),
+        learned=np.array([row.learned for row in rows]),
         use=_use(loop, x, tau, spec, measured),
         warnings=(*loop.warnings, *(floor.engine.warnings if floor else ())),
         floor=measured,

@@ -27,7 +27,7 @@ class Row:
 
     `integral`: of the error, for each output with integral action, and then the estimates of observers; `extension`: the states
     of the dynamic extension; `command`: the velocities that drives were given, if any; `noticed`: friction believed, uncertain
-    heading and way, if slip is noticed.
+    heading and way, if slip is noticed; `learned`: the parameters in use that are learned, if any.
     """
 
     t: float
@@ -42,6 +42,7 @@ class Row:
     extension: np.ndarray
     command: np.ndarray
     noticed: np.ndarray
+    learned: np.ndarray
 
 
 def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
@@ -212,9 +213,8 @@ def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: 
     seen, guidance, drive = loop.seen(x), loop.guidance, loop.drive
     tau = np.zeros(len(loop.law.system.mechanism.inputs)) if given is None else drive.torque(x, given)
     command = np.zeros(drive.commands) if given is None else drive.command(given)
-    return Row(
-        t, x, seen, tau, status, guidance.piece, guidance.leg.config, loop.reference(t, seen), z, xi, command, _noticed(loop)
-    )
+    extra = z, xi, command, _noticed(loop), loop.learned
+    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, loop.reference(t, seen), *extra)
 
 
 def _noticed(loop: Loop) -> np.ndarray:

@@ -55,7 +55,13 @@ class Learning:
         self.adaptation = Adaptation(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
         self.believed, self._t = believed, 0.0
         self.applied: np.ndarray | None = None  # inputs since the last call, if they are known
-        self.history: list[np.ndarray] = []
+        self.names = list(section.bounds)
+        self._places = [[p.name for p in law.parameters].index(name) for name in self.names]
+
+    @property
+    def used(self) -> np.ndarray:
+        """The learned parameters as they are in use, SI, in the order of `names`."""
+        return self.believed[self._places]
 
     def step(self, t: float, seen: np.ndarray, controller: Controller) -> None:
         """Learn from the motion since the last call, by the inputs `applied` in between, and change the controller."""
@@ -64,7 +70,6 @@ class Learning:
             raise BadInput(f"[adaptation] at t = {t:g} s returns {status!r}")
         self._t, self.believed[:] = t, params
         controller.adapt(params)
-        self.history.append(params)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +167,11 @@ class Loop:
     def noticed(self) -> Noticed | None:
         """What was noticed of slip at the last call of the controller; None if that is not looked for."""
         return self.sensing.slip.noticed if self.sensing and self.sensing.slip else None
+
+    @property
+    def learned(self) -> np.ndarray:
+        """The parameters in use that are learned; empty if there are none."""
+        return self.learning.used if self.learning else np.zeros(0)
 
     @property
     def extension_rate(self) -> np.ndarray:

@@ -47,7 +47,7 @@ class Run(Outputs):
     (N, k) the states of the law's dynamic extension. `command`
     (N, n-m) are the velocities that velocity-controlled drives were given, (N, 0) with other drives. `noticed` (N, 3) are the
     friction believed and by how much dead reckoning may be wrong because of slip, rad and m, if the SPEC has notice_slip, else
-    (N, 0). `use` is the
+    (N, 0). `learned` (N, k) are the parameters in use that [adaptation] learns. `use` is the
     friction use (N) of each contact by name, if the SPEC has [contact]. `floor` is what was measured in a physics engine, where
     the robot need not roll; None otherwise. `disturbance` (N, K) are the estimates of the observers, of the outputs
     `disturbance_rows`.
@@ -73,6 +73,7 @@ class Run(Outputs):
     integral_rows: tuple[str, ...]
     command: np.ndarray
     noticed: np.ndarray
+    learned: np.ndarray
     use: Mapping[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     floor: FloorMeasurements | None = None
@@ -93,6 +94,7 @@ class Run(Outputs):
         names += [q.name for q in self.law.extension]
         names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
         names += ["believed_mu", "uncertain_heading", "uncertain_way"][: self.noticed.shape[1]]
+        names += [f"learned_{name}" for name in (self.spec.adaptation.bounds if self.spec.adaptation else ())]
         names += self.floor.columns(mechanism) if self.floor else []
         return [*names, "piece"] if self.composite else names
 
@@ -121,6 +123,7 @@ class Run(Outputs):
                 self.extension,
                 self.command,
                 self.noticed,
+                self.learned,
                 *floor,
             ]
         ).tolist()

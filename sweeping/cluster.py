@@ -6,13 +6,12 @@ Rows are made here, so that the numbers do not depend on whose processor compute
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from functools import lru_cache
 
 import numpy as np
 
 from ..readers.errors import BadInput
 from .runner import AHEAD, in_flight
-from .study import Study, study_of
+from .study import Study, outcomes_of
 
 PATIENCE = "10s"  # for the connection to the scheduler
 
@@ -43,7 +42,7 @@ class Cluster:
         study, client = self._study, self._client
 
         def submit(table: np.ndarray):
-            return client.submit(_outcomes, study.text, study.identity, table, pure=False)
+            return client.submit(outcomes_of, study.text, study.identity, table, pure=False)
 
         try:
             yield from in_flight(tables, submit, self._finished, AHEAD * self.workers)
@@ -61,16 +60,3 @@ class Cluster:
 
     def _finished(self, futures: list) -> Iterable:
         return self._distributed.wait(futures, return_when="FIRST_COMPLETED").done
-
-
-def _outcomes(text: str, identity: dict, table: np.ndarray) -> np.ndarray:
-    """Return the outcomes of a table; runs on a worker."""
-    study = _study(text, identity["samples"])
-    if study.identity != identity:
-        raise BadInput("a worker has another noslip or another robot; install the same version there")
-    return study.batch.run(table)
-
-
-@lru_cache(maxsize=4)
-def _study(text: str, samples: int) -> Study:
-    return study_of(text, "SPEC", samples)

@@ -109,6 +109,12 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
             sensor = getattr(full.sensors, name) if full.limits and full.limits.notice_slip else None
             nominal |= _numbers(sensor, f"sensors.{name}") if sensor else {}
         nominal[SEED] = full.sensors.seed
+    if adaptation := full.adaptation:
+        nominal |= _numbers(adaptation, "adaptation")
+        nominal |= {f"adaptation.bounds.{name}[{k}]": pair[k] for name, pair in adaptation.bounds.items() for k in range(2)}
+    if estimator := full.estimator:
+        nominal |= _numbers(estimator, "estimator") | (_numbers(estimator.pose, "estimator.pose") if estimator.pose else {})
+        nominal |= {f"estimator.scales.{name}": value for name, value in estimator.scales.items()}
     nominal |= {f"simulation.{name}": getattr(simulation, name) for name in ("period", "delay", "duration")}
     follows = {f"plant.{name}": f"parameters.{name}" for name in full.plant if name not in spec.plant}
     return SampleInputs(law, full, {name: float(value) for name, value in nominal.items()}, follows, state)

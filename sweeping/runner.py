@@ -1,14 +1,17 @@
 """Runs the parts of a sweep in parallel, in threads of this process or on other workers."""
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
 from ..readers.progress import Reported
 from .batch import Batch
+from .simulated import Simulated
 from .store import Parts
+from .study import Study, outcomes_of
 
 AHEAD = 2  # queued parts for each thread or worker
 PIECES = 4  # of a table, for each thread
@@ -37,6 +40,23 @@ class Threads:
 
     def close(self) -> None:
         """Nothing to release: threads end with their work."""
+
+
+class Processes:
+    """Processes of this machine, for runs in Python; each prepares the sweep anew."""
+
+    def __init__(self, study: Study, jobs: int):
+        self._study, self._jobs = study, jobs
+
+    def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """See `TableRunner`."""
+        study = self._study
+        with ProcessPoolExecutor(self._jobs) as pool:
+            run = partial(outcomes_of, study.text, study.identity)
+            yield from in_flight(tables, partial(pool.submit, run), first_finished, AHEAD * self._jobs)
+
+    def close(self) -> None:
+        """Nothing to release: processes end with their work."""
 
 
 def in_flight(
@@ -76,7 +96,7 @@ def run_parts(parts: Parts, engine: TableRunner, progress: Reported) -> None:
         progress(done, samples, "samples")
 
 
-def run_table(batch: Batch, table: np.ndarray, jobs: int) -> np.ndarray:
+def run_table(batch: Batch | Simulated, table: np.ndarray, jobs: int) -> np.ndarray:
     """Return the outcomes of a table, computed by threads."""
     pieces = np.array_split(table, max(1, min(PIECES * jobs, len(table) // 8)))
     with ThreadPoolExecutor(jobs) as pool:

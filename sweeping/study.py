@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..simulation.specification.spec import Spec, spec_of
 from .batch import Batch
 from .inputs import inputs_of
 from .plan import Plan, as_sampled, sweep_of
+from .simulated import Simulated
 
 SHORT = ("final", "peak", "settling")  # of each output that is a position or an angle, not a speed
 STOPPED = 1e6  # severity of a run that stops early: larger than any other, and the larger the earlier it stops
@@ -52,7 +53,7 @@ class Study:
 
     text: str
     spec: Spec
-    batch: Batch
+    batch: Batch | Simulated
     plan: Plan
     criterion: Criterion
 
@@ -85,7 +86,8 @@ class Study:
         """The outcomes that are printed: errors, outcomes with a limit, and inputs."""
         names = [long for name in SHORT for long in _in_full(name, self.batch)]
         limited = [name for name in ("saturated", "grip", "will_slip", "use") if self.spec.limits and name in self.batch.outcomes]
-        return list(dict.fromkeys([*names, *self.criterion.limits, *limited]))
+        learned = [name for name in ("outside", "off") if name in self.batch.outcomes]
+        return list(dict.fromkeys([*names, *self.criterion.limits, *limited, *learned]))
 
     def changes(self, row: dict[str, float]) -> list[str]:
         """Return the arguments KEY=VALUE of `noslip simulate SPEC --set` that give the SPEC of a row."""
@@ -103,10 +105,26 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
     try:
         spec = as_sampled(spec_of(text, name))
         sweep = sweep_of(spec)
-        batch = Batch(spec, band=sweep.band, instants=instants)
+        runs = Simulated if spec.adaptation or spec.estimator else Batch
+        batch = runs(spec, band=sweep.band, instants=instants)
         return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch))
     except BadInput as error:
         raise BadInput(str(error) if str(error).startswith(f"{name}: ") else f"{name}: {error}") from error
+
+
+def outcomes_of(text: str, identity: Mapping[str, str | int | float], table: np.ndarray) -> np.ndarray:
+    """Return the outcomes of a table of a sweep, in another process, where the sweep is prepared anew. Raises BadInput if it is
+    another one there.
+    """
+    study = _study(text, int(identity["samples"]))
+    if study.identity != identity:
+        raise BadInput("a worker has another noslip or another robot; install the same version there")
+    return study.batch.run(table)
+
+
+@lru_cache(maxsize=4)
+def _study(text: str, samples: int) -> Study:
+    return study_of(text, "SPEC", samples)
 
 
 def sample_spec(text: str, row: Mapping[str, float]) -> Spec:
@@ -119,7 +137,7 @@ def sample_spec(text: str, row: Mapping[str, float]) -> Spec:
     return plan.spec_of(dict(row))
 
 
-def _criterion(sweep: Sweep, batch: Batch) -> Criterion:
+def _criterion(sweep: Sweep, batch: Batch | Simulated) -> Criterion:
     """Return the given criterion; by default a run fails if it stops early or ends outside the band."""
     given = dict({"final": sweep.band} if sweep.fails is None else sweep.fails)
     status = bool(given.pop("status", True))
@@ -130,7 +148,7 @@ def _criterion(sweep: Sweep, batch: Batch) -> Criterion:
     return Criterion(status, limits, batch.outcomes)
 
 
-def _in_full(name: str, batch: Batch) -> list[str]:
+def _in_full(name: str, batch: Batch | Simulated) -> list[str]:
     """Return the outcomes of a name: for a SHORT one those of each output of relative degree 2, or of all if there is none."""
     if name not in SHORT:
         return [name]

@@ -74,6 +74,7 @@ def run_of(start: Start, vehicle: FollowerInC, where: str) -> Run:
         integral=empty,
         extension=empty,
         noticed=empty,
+        learned=empty,
         integral_rows=(),
         command=np.array(records["command"], float) if velocity else empty,
         use={c.name: c.use for c in contact_forces(plant, x, tau, spec.contact)} if spec.contact and not velocity else {},

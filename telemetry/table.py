@@ -69,6 +69,7 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
         integral_rows=(),
         command=np.column_stack(commands) if commands else none,
         noticed=none,
+        learned=none,
         use=_use(columns, plant, x, tau, spec),
         warnings=loop.warnings,
     )

@@ -1,22 +1,31 @@
 """Learning parameters that change: beside recursive least squares in numpy, in runs with another mass, and bad input."""
 
+import csv
 import math
 import re
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import noslip
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from noslip.cli.main import main
+from noslip.codegen.files import shared_files
+from noslip.controllers.build import RUNTIME
+from noslip.controllers.estimation import adaptation
 from noslip.controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from noslip.controllers.runtime import runtime
 from noslip.readers.errors import BadInput
+from noslip.readers.printing import toml
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
-from noslip.simulation.integrate import sampled
-from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import spec_of_table, toml_table
+from noslip.simulation.specification.vary import read_varied
+from noslip.sweeping.batch import Batch
+from noslip.sweeping.simulated import Simulated
+from noslip.sweeping.study import study_of
 
 HEADER, DOCUMENT = "noslip_adaptation.h", Path(noslip.__file__).parent / "docs/identify.md"
 OPTIONS = {"sd": 0.3, "noise": 0.4, "dead_zone": 0.02, "forgetting": 2.0, "window": 0.05, "rate": 0.5}
@@ -113,30 +122,22 @@ def test_nothing_is_forgotten_while_nothing_is_learned():
 
 
 def run(**changed):
-    """A run and the parameters in use at each call."""
-    spec = spec_of_table({**SPEC, **changed}, Path("none.toml"))
-    loop = make_loop(spec)
-    rows = list(sampled(loop, spec.simulation))
-    return rows, np.array(loop.learning.history)
-
-
-def places() -> list[int]:
-    return [[p.name for p in system_of(find_robot("labmate")).mechanism.parameters].index(name) for name in BOTH]
+    return simulate(spec_of_table({**SPEC, **changed}, Path("none.toml")))
 
 
 def test_a_mass_that_is_twice_as_large_is_learned():
     (document,) = re.findall(r"tests/test_adaptation.py -->\n```toml\n(.*?)^```", DOCUMENT.read_text(), re.S | re.M)
-    rows, used = run(adaptation=toml_table(document)["adaptation"])
-    assert used[-1, places()] == pytest.approx([80.0, 13.0], rel=0.02)
-    assert (np.abs(np.diff(used[:, places()], axis=0)) <= np.array([70.0, 15.0]) * 0.1 * 0.01 * (1 + 1e-9)).all()
-    off = [math.hypot(x + 0.1 * math.cos(phi), y + 0.1 * math.sin(phi)) - 3.0 for x, y, phi in (row.x[:3] for row in rows)]
-    without = simulate(spec_of_table(SPEC, Path("none.toml")))
+    learning, without = run(adaptation=toml_table(document)["adaptation"]), run()
+    used = learning.learned
+    assert used[-1] == pytest.approx([80.0, 13.0], rel=0.02) and learning.columns[-2:] == ["learned_m_c", "learned_I_c"]
+    assert (np.abs(np.diff(used, axis=0)) <= np.array([70.0, 15.0]) * 0.1 * 0.01 * (1 + 1e-9)).all()
+    off = [math.hypot(x + 0.1 * math.cos(phi), y + 0.1 * math.sin(phi)) - 3.0 for x, y, phi in learning.q[:, :3]]
     assert abs(without.error[-1, 0]) > 0.05 and abs(off[-1]) < abs(without.error[-1, 0]) / 10
 
 
 def test_in_use_is_never_beyond_the_bounds():
-    _, used = run(adaptation={"bounds": {"m_c": [30.0, 60.0]}, "noise": 0.2, "rate": 10.0})
-    assert used[:, places()[0]].max() == 60.0 and used[:, places()[0]].min() >= 30.0
+    used = run(adaptation={"bounds": {"m_c": [30.0, 60.0]}, "noise": 0.2, "rate": 10.0}).learned
+    assert used.max() == 60.0 and used.min() >= 30.0
 
 
 @pytest.mark.nightly
@@ -153,6 +154,88 @@ def test_runs_stay_stable_with_any_of_these_options():
         assert set(runs[1].status) == {"ok"} and error[1] < error[0]
 
 
+PAYLOAD = Path(noslip.__file__).parent / "specs/payload.toml"
+
+
+def sample(spec, **columns) -> dict[str, float]:
+    """Outcomes of one run of a sweep of this SPEC, which differs in these numbers."""
+    runs = Simulated(spec, 0.05)
+    return dict(zip(runs.outcomes, runs.run(runs.table(columns, 1))[0].tolist(), strict=True))
+
+
+@pytest.mark.parametrize("changed", [{}, {"initial": {"point": [3.4, 0.0], "heading": -1.9, "speed": 0.2}}])
+def test_outcomes_of_simulate_are_those_of_the_c(changed):
+    """Of a SPEC without adaptation, which both can run; facing the other way it is refused or stops."""
+    spec = spec_of_table({**SPEC, **changed, "limits": {"torque": 20.0}}, Path("none.toml"))
+    batch = Batch(spec, band=0.05, instants=(1.0, 3.0))
+    ours = Simulated(spec, 0.05, (1.0, 3.0))
+    columns = {"plant.m_c": np.array([40.0, 90.0])}
+    left, right = (runs.run(runs.table(columns, 2)) for runs in (ours, batch))
+    assert ours.status(left[0, 0]) == batch.status(right[0, 0])
+    for k, name in enumerate(ours.outcomes):
+        if name not in ("status", "integration_error"):
+            assert left[:, k] == pytest.approx(right[:, batch.outcomes.index(name)], abs=1e-7, nan_ok=True), name
+
+
+def test_a_sweep_of_a_payload_and_of_a_filter(tmp_path, capsys):
+    """By the command, in processes of their own; each run is that of `simulate`."""
+    estimator = {"noise": [0.02], "gyro_noise": 0.001, "pose": {"rate": 2.0, "sd": 0.02, "heading_sd": 0.02}}
+    sections = {"estimator": estimator, "sensors": {"noise": {"sd": 0.01}, "pose": "reckoned", "seed": 1}}
+    time = {"duration": 1.0, "period": 0.02, "output_step": 0.02}
+    vary = {"seed": 3, "estimator": {"pose": {"rate": {"uniform": [1.0, 5.0]}}}, "plant": {"m_c": {"uniform": [30.0, 90.0]}}}
+    table = {**SPEC, **sections, "simulation": time, "sweep": vary}
+    filtered = "\n".join(f"{name} = {toml(value)}" for name, value in table.items())
+    for text, name in ((PAYLOAD.read_text().replace("duration = 20.0", "duration = 1.0"), "outside"), (filtered, "off")):
+        (tmp_path / "swept.toml").write_text(text)
+        table = tmp_path / f"{name}.parquet"
+        assert main(["sweep", str(tmp_path / "swept.toml"), "--samples", "3", "--jobs", "2", "-o", str(table)]) == 0
+        rows = pq.read_table(table).to_pylist()
+        assert len(rows) == 3 and f"\n{name} " in capsys.readouterr().out
+        assert main(["simulate", str(table), "--sample", "1", "-o", str(tmp_path / "run.csv")]) == 0
+        with (tmp_path / "run.csv").open() as stream:
+            *_, last = csv.DictReader(stream)
+        capsys.readouterr()
+        for state in ("x_c", "phi", "thetadot_r"):
+            assert float(last[state]) == rows[1][f"end.{state}"]
+
+
+def test_a_sweep_finds_bounds_that_are_no_use_and_c_without_bounds(monkeypatch):
+    """Planted: bounds so wide that noise drives the robot off its path; a runtime that does not keep them."""
+    wide = {"bounds": {"m_c": [1.0, 1000.0]}, "noise": 0.01, "window": 0.1, "forgetting": 0.2, "rate": 50.0}
+    noisy = {"sensors": {"noise": {"sd": 0.2}, "pose": "true", "seed": 1}}
+    assert abs(sample(read_varied(PAYLOAD, {"adaptation": wide, **noisy}))["final.distance"]) > 0.1
+    heavy = {"plant.m_c": 150.0}
+    good = sample(spec_of_table(toml_table(PAYLOAD.read_text()), PAYLOAD), **heavy)
+    assert abs(good["final.distance"]) < 0.1 and good["outside"] == 0.0 and good["learned.m_c"] == pytest.approx(120.0)
+    clamped = "estimate[i] > 0 ? (estimate[i] < 1 ? estimate[i] : 1) : 0"
+
+    text = (RUNTIME / HEADER).read_text()
+    assert clamped in text and "value > most ? most : value" in text
+    text = text.replace(clamped, "estimate[i]").replace("value > most ? most : value", "value")
+    monkeypatch.setattr(adaptation, "shared_files", lambda *given: {**shared_files(*given), HEADER: text})
+    adaptation.adaptation_library.cache_clear()
+    try:
+        assert sample(spec_of_table(toml_table(PAYLOAD.read_text()), PAYLOAD), **heavy)["outside"] > 0.1
+    finally:
+        adaptation.adaptation_library.cache_clear()
+
+
+@pytest.mark.nightly
+def test_no_payload_leads_astray():
+    """200 runs of specs/payload.toml: all go to their end, none beyond a bound, and the path is followed better than without."""
+    study = study_of(PAYLOAD.read_text(), "payload", 200)
+    table = study.plan.table(0, 200)
+    outcomes = study.batch.run(table)
+    names, inputs = study.batch.outcomes, study.batch.inputs
+    without = Batch(replace(study.spec, adaptation=None), band=0.05)
+    columns = {name: table[:, inputs.index(name)] for name in without.inputs}
+    fixed = without.run(without.table(columns, 200))
+    off = [np.abs(each[:, n.index("final.distance")]) for each, n in ((outcomes, names), (fixed, without.outcomes))]
+    print([np.quantile(each, [0.5, 0.95, 1.0]) for each in off], np.mean(off[0] < off[1]))
+    assert (outcomes[:, names.index("status")] >= 0).all() and outcomes[:, names.index("outside")].max() == 0.0
+    assert not (study.severity(table, outcomes) > 1).any() and off[0].max() < off[1].max() / 3
+
+
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_any_bits_in_finite_numbers_within_the_bounds_out(scalar):
     random, system = np.random.default_rng(21), system_of(find_robot("labmate"))
@@ -160,7 +243,7 @@ def test_any_bits_in_finite_numbers_within_the_bounds_out(scalar):
     options = AdaptationOptions(bounds={"m_c": (30.0, 100.0), "I_c": (1.0, 20.0)}, noise=0.2, rate=100.0, forgetting=1.0)
     ours = Adaptation(system, parameters, options, scalar)
     kind = np.uint64 if scalar == "double" else np.uint32
-    good = 0
+    good, places = 0, [[p.name for p in system.mechanism.parameters].index(name) for name in options.bounds]
     for k in range(2000):
         numbers = random.normal(size=10)
         if k % 2:
@@ -176,7 +259,7 @@ def test_any_bits_in_finite_numbers_within_the_bounds_out(scalar):
         good += status == "ok"
         assert status == "ok" or bytes(ours.c.ffi.buffer(ours.self)) == before
         assert status in ("ok", "nonfinite", "bad_parameter", "range")
-        assert np.isfinite(used).all() and 30 <= used[places()[0]] <= 100 and 1 <= used[places()[1]] <= 20
+        assert np.isfinite(used).all() and 30 <= used[places[0]] <= 100 and 1 <= used[places[1]] <= 20
         assert np.isfinite(ours.covariance).all() and np.diag(ours.covariance).min() >= 0
     assert 900 < good < 1900
 

@@ -482,10 +482,8 @@ def test_what_takes_too_much_is_not_decided(monkeypatch):
     reports: list[tuple[float, float, str]] = []
     robot = find_robot.__wrapped__("car")
     whole = analyse(robot, progress=lambda *report: reports.append(report))
-    assert [report for report in reports if "constraints" in report[2]] == [
-        (k, 6, "parts of the constraints analysed") for k in range(6)
-    ]
-    assert whole.outputs
+    done = [count for count, total, of in reports if (total, of) == (functions.WORK, "terms at most for the constraints")]
+    assert whole.outputs and len(done) > 100 and done == sorted(done)
     monkeypatch.setattr(functions, "WORK", 1000)
     with pytest.raises(ModelError, match=r"^car: not decided within 1,000 terms of polynomials; write the system in simpler"):
         analyse(find_robot.__wrapped__("car"))

@@ -139,7 +139,7 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") 
     for path in (folder / "root/generated/labmate").rglob("labmate_*"):
         follower = "_follower" in path.name or "_telemetry" in path.name
         whole = "_type_" in path.name or (follower and laws != "labmate_type_iv_segment")
-        if laws is not None and whole and not path.name.startswith((f"{laws}.", f"{laws}_f.")):
+        if laws is not None and whole and not path.name.startswith((f"{laws}.", f"{laws}_f.", f"{laws}_steps")):
             path.unlink()
     path = folder / "root" / file
     text = path.read_text()
@@ -158,7 +158,7 @@ EVA_FINDS = {
         "overflow in conversion",
     ),
     "something added beyond its limit": (
-        ("noslip_controller.inc", "(x) && x >= -limit && x <= limit;", "(x) && x >= -limit;"),
+        ("noslip_real.h", "(x) && x >= -limit && x <= limit;", "(x) && x >= -limit;"),
         "assertion got status",
     ),
     "a write where none may be": (
@@ -352,10 +352,15 @@ def test_a_law_that_grows_is_found(name, tmp_path):
 
 FOLLOW = "generated/labmate/labmate_type_iv_segment_f.c"
 FOLLOWED = "labmate_type_iv_segment_follow_f_law(self, foot, state, reference, made);"
+LANE = "generated/labmate/lanes/labmate_type_i_steps.c"
 SEEDED_FIND = {
     "an answer beyond its limit": (
-        ("runtime_c/noslip_controller.inc", "(x) <= limit;", "(x) <= limit * (NOSLIP_REAL)1.001;", "labmate_type_i"),
+        ("runtime_c/noslip_real.h", "(x) <= limit;", "(x) <= limit * 1.001;", "labmate_type_i"),
         r"not (isfinite|options.limit)",
+    ),
+    "a lane that is not the step": (
+        (LANE, "inputs[0][i] = fine ? made[0]", "inputs[0][i] = fine ? made[0] * (1 + 1e-15)", "labmate_type_i"),
+        r"not k % LANES != lane",
     ),
     "a position that follow reads": (
         (FOLLOW, FOLLOWED, f"{FOLLOWED} made[0] += state->phi;", "labmate_type_iv_segment"),

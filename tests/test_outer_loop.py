@@ -698,3 +698,10 @@ def test_example_in_the_docs(capsys):
     """docs/outer_loop.py runs, and its assertions hold."""
     runpy.run_path(str(ROOT / "docs" / "outer_loop.py"))
     assert "the whole loop is stable up to 0.1032 s" in capsys.readouterr().out
+
+
+def test_the_period_is_the_specs(capsys):
+    """A SPEC whose controller is called at a period is judged as it is run; --period takes precedence."""
+    for more, period in (([], 0.01), (["--period", "0.03"], 0.03)):
+        argv = ["labmate", "--spec", str(ROOT / "specs" / "figures" / "sampled.toml"), *more]
+        assert answer(capsys, *argv)["period"] == period

@@ -1,6 +1,7 @@
 """Underactuated robots: equations against textbooks, partial feedback linearization, verdicts at rest, LQR on the rigid model."""
 
 import dataclasses
+import math
 import re
 import subprocess
 from pathlib import Path
@@ -13,7 +14,7 @@ from noslip.analysis.answers import analyse, as_json
 from noslip.analysis.balance import BalanceInC, differences
 from noslip.analysis.report import report
 from noslip.analysis.text import as_text
-from noslip.analysis.underactuated import AtRest, Balanced, analyse_at_rest, region
+from noslip.analysis.underactuated import AtRest, Balanced, Confirmed, analyse_at_rest, confirm, region
 from noslip.cli.main import main
 from noslip.model import Mechanism, ModelError
 from noslip.model.underactuated import PartialLinearization, partial_linearization
@@ -321,6 +322,54 @@ def test_a_region_of_attraction_by_sampling(count):
     assert again.returned.all() and again.level == np.inf and again.inside == 6
 
 
+def measured() -> tuple[Balanced, np.ndarray]:
+    """The balancer whose gains do not use the angles of its wheels, and the form of the cost."""
+    rest, loop, X = balanced()
+    return Balanced(rest, rest.without(loop.K, "theta_r", "theta_l"), loop.limit), X
+
+
+@pytest.mark.parametrize("count", [16, pytest.param(1000, marks=pytest.mark.nightly)])
+def test_a_level_is_confirmed_by_fresh_starts(count):
+    """In all directions that the inputs reach, with limits, called every 10 ms; far beyond it robots fall, and are counted."""
+    loop, X = measured()
+    found = confirm(loop, X, 1.4, count, 6.0)
+    assert found.returned == count and found.share(0.95) == pytest.approx(0.05 ** (1 / count), rel=1e-9)
+    far = confirm(loop, X, 12.0, 16, 6.0)
+    assert 0 < far.returned < 8 and 0 < far.share() < far.returned / 16
+
+
+def test_the_bound_of_a_share_is_the_binomial_distributions():
+    """With the share at the bound, as many returns or more have the probability 1 - confidence, summed term by term."""
+    for count, returned in ((20, 20), (200, 187), (50, 1)):
+        p = Confirmed(1.0, count, returned).share(0.9)
+        tail = sum(math.comb(count, k) * p**k * (1 - p) ** (count - k) for k in range(returned, count + 1))
+        assert tail == pytest.approx(0.1, rel=1e-9)
+    assert Confirmed(1.0, 5, 0).share() == 0.0
+
+
+def test_starts_of_a_confirmation_are_uniform(monkeypatch):
+    """All have a cost up to the level; half of it encloses 2^-3 of a ball in the 6 dimensions that the inputs reach."""
+    loop, X = measured()
+    starts: list[np.ndarray] = []
+    monkeypatch.setattr(Balanced, "returns", lambda self, start, duration, within: starts.append(start) or True)
+    confirm(loop, X, 0.7, 4000, 6.0)
+    of = np.array(starts)
+    cost, T = np.sum((of @ X) * of, axis=1), loop.rest.reached
+    assert cost.max() <= 0.7 * (1 + 1e-9) and np.abs(of - of @ T @ T.T).max() < 1e-12
+    assert np.mean(cost < 0.35) == pytest.approx(1 / 8, abs=4 * math.sqrt(1 / 8 * 7 / 8 / 4000))
+    assert np.abs((of @ X @ T).mean(axis=0)).max() < 0.05 * np.abs(of @ X @ T).max()  # on all sides alike
+
+
+def test_wheels_that_roll_on_are_no_fall():
+    """A start that is turned and moves: the wheels end turned, as gains without their angles let them; it returned."""
+    loop, _ = measured()
+    start = np.zeros(len(loop.rest.names))
+    start[[loop.rest.names.index(name) for name in ("phi", "speed")]] = 0.4, 1.0
+    states, _ = loop.run(start, 6.0, lambda t: np.zeros(len(start)))
+    wheels = [loop.rest.names.index(name) for name in ("theta_r", "theta_l")]
+    assert np.abs(states[-1, wheels]).min() > 0.05 and loop.returns(start, 6.0, 1e-3)
+
+
 def test_bad_input():
     rest, loop, X = balanced()
     wrong = {
@@ -328,6 +377,9 @@ def test_bad_input():
         "weight of pitch is -1.0": lambda: rest.lqr({"pitch": -1.0}),
         "effort must be positive": lambda: rest.lqr(WEIGHTS, 0.0),
         "weigh further states": lambda: rest.lqr({"pitch": 1.0}),
+        "confirm: the level is inf": lambda: confirm(loop, X, np.inf, 1, 1.0),
+        "confirm: 0 starts": lambda: confirm(loop, X, 1.0, 0, 1.0),
+        "confidence = 1 must be between": lambda: Confirmed(1.0, 1, 1).share(1.0),
         "region: unknown state 'tilt'": lambda: region(loop, X, {"tilt": 1.0}, 1, 1.0),
     }
     for message, call in wrong.items():
@@ -344,5 +396,6 @@ def test_the_page_runs(capsys):
     page = (Path(noslip.__file__).parent / "docs" / "underactuated.md").read_text()
     (code,) = re.findall(r"<!-- run by tests/test_underactuated.py -->\n```python\n(.*?)```", page, re.DOTALL)
     exec(compile(code, "underactuated.md", "exec"), {})
-    left, inside = capsys.readouterr().out.splitlines()
+    left, inside, fresh = capsys.readouterr().out.splitlines()
     assert float(left) < 1e-5 and "of 24 samples are inside the level" in inside
+    assert fresh == "20 of 20 fresh starts returned: 79.4% of all at least, 99 % sure"

@@ -5,7 +5,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from multiprocessing import get_context
+from multiprocessing import current_process, get_context
 
 from ..readers.errors import BadInput
 from ..readers.kept import folder_of_results
@@ -15,8 +15,9 @@ WAIT = 0.2  # s between two reports of progress
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use by forking: 1 unless it is alone on Linux, with a cache."""
-    if sys.platform != "linux" or threading.active_count() > 1:
+    """Return the number of processors that this process may use by forking: 1 unless it runs on Linux, has one thread, may have
+    children, and has a cache."""
+    if sys.platform != "linux" or threading.active_count() > 1 or current_process().daemon:
         return 1
     with suppress(BadInput):
         folder_of_results()
@@ -30,9 +31,10 @@ def in_shares(work: Callable[[int], object], count: int, progress: Reported) -> 
 
     What fails is silent here: it is missing in the cache, so that the caller meets it again.
     """
-    shares = [range(first, count, min(processors(), count)) for first in range(min(processors(), count))]
-    if len(shares) < 2:
+    shared_by = min(processors(), count)
+    if shared_by < 2:
         return
+    shares = [range(first, count, shared_by) for first in range(shared_by)]
     done = get_context("fork").Value("i", 0)
 
     def process(share: Sequence[int]) -> None:

@@ -132,42 +132,26 @@ def analyse(system: Kinematics | Mechanism | ReducedSystem, progress: Reported =
     """Return the exact analysis. Raises ModelError for degenerate systems, for functions that cannot be treated exactly, and for
     what is not decided within WORK.
     """
-    parts = 6
-
-    def done(count: int) -> None:
-        progress(count, parts, "parts of the constraints analysed")
-
-    done(0)
     Delta = distribution(system)
     functions = Delta.functions
+    functions.progress = progress
     mechanism = system.mechanism if isinstance(system, ReducedSystem) else system
     inputs = actuation(mechanism) if isinstance(mechanism, Mechanism) else None
     with provable(Delta.kinematics.name):
-        growth = Delta.growth
-        done(1)
-        integrals = holonomic(Delta)
-        done(2)
-        proof = certificate(Delta)
-        done(3)
-        changes = places(Delta)
-        done(4)
-        steps = linearization_steps(Delta)
-        done(5)
-        properties = checks(Delta, inputs)
-    return Analysis(
-        Delta.kinematics.name,
-        functions.n,
-        Delta.m,
-        growth,
-        integrals,
-        proof,
-        changes,
-        steps,
-        properties,
-        Delta.S,
-        tuple(map(written, functions.positive)),
-        inputs,
-    )
+        return Analysis(
+            Delta.kinematics.name,
+            functions.n,
+            Delta.m,
+            Delta.growth,
+            holonomic(Delta),
+            certificate(Delta),
+            places(Delta),
+            linearization_steps(Delta),
+            checks(Delta, inputs),
+            Delta.S,
+            tuple(map(written, functions.positive)),
+            inputs,
+        )
 
 
 def certificate(Delta: Distribution) -> DimensionProof:

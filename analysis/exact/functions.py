@@ -21,6 +21,7 @@ from sympy.polys.rings import PolyElement, PolyRing, ring
 
 from ...model.algebra.ratios import Ratio, by_squares, conjugate, factored, generators_of, in_lowest_terms
 from ...model.errors import ModelError
+from ...readers.progress import Reported, silent
 from .symbolic import NOT_EXACT
 
 LARGEST_POWER = 32  # largest exponent of a function in an expression
@@ -71,6 +72,7 @@ class Functions:
     ):
         self.name = name
         self.work = 0  # see spend
+        self.progress: Reported = silent
         self.coordinates, self.parameters = tuple(coordinates), tuple(parameters)
         self.symbols = (*parameters, *coordinates)
         expressions = list(expressions)
@@ -333,6 +335,7 @@ class Functions:
     def spend(self, terms: int) -> None:
         """Count the terms that an operation takes: what is tried has the same bound on every machine. Raises TooMuchWork."""
         self.work += terms
+        self.progress(self.work, WORK, "terms at most for the constraints")
         if self.work > WORK:
             raise TooMuchWork(f"{WORK:,} terms of polynomials")
 

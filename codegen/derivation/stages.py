@@ -103,12 +103,21 @@ class Stages:
 
     def step(self, name: str, expression: ca.SX) -> ca.SX:
         """Return a symbol for the expression times its constant factor; a short expression is returned unchanged."""
+        factor, rest = self._rest_named(name, expression)
+        return self._times(factor, rest)
+
+    def whole(self, name: str, expression: ca.SX) -> ca.SX:
+        """Return the same with the factor written out in parameters, so that it can cancel."""
+        factor, rest = self._rest_named(name, expression)
+        return factor if rest is None else factor * rest
+
+    def _rest_named(self, name: str, expression: ca.SX) -> Split:
         factor, rest = self._split(expression)
-        if rest is None or rest.is_symbolic():
-            return self._times(factor, rest)
-        symbol = ca.SX.sym(STEP + name)
-        self.steps.append(Step(symbol, rest, name))
-        return self._times(factor, symbol)
+        if rest is not None and not rest.is_symbolic():
+            symbol = ca.SX.sym(STEP + name)
+            self.steps.append(Step(symbol, rest, name))
+            rest = symbol
+        return factor, rest
 
     def variable(self, name: str, expression: ca.SX) -> ca.SX:
         """Return a symbol for the whole expression, by which others can be differentiated."""
@@ -250,7 +259,7 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
     damped = {} if integrators or law.system.mechanism.carried else _damped_alone(rows, degree)
     feedback = _Feedback(stages, inner, rows, integrators)
-    loop = feedback.loop(law, ca.SX(h), _rest_of_rates(rows, degree, damped, inner.nu))
+    loop = feedback.loop(law, ca.SX(h), _rest_of_rates(rows, degree, damped, inner.nu), damped)
     virtual = feedback.scale * ca.vertcat(*[q.symbol for q in law.virtual_input])
     kd = {row.name: gain.symbol for row in output.rows for gain in law.gains if gain.name == f"kd_{row.name}"}
     damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.dof)])
@@ -381,11 +390,12 @@ class _Point:
 class _Scaled:
     """A row of Phi multiplied by a positive `factor` that removes roots and divisions from it, and what is multiplied alike:
     rate, drift due to the curvature of the path, and the part `away` of the output; `rest` is the other part as it is.
+    The rate is None, for Phi w, if the drift does not use it.
     """
 
     factor: ca.SX
     Phi: ca.SX
-    rate: ca.SX
+    rate: ca.SX | None
     curvature: ca.SX
     away: ca.SX
     rest: ca.SX
@@ -403,6 +413,12 @@ class _Row:
     drift: ca.SX
     point: _Point | None = None
     scaled: "_Scaled | None" = None
+
+    @property
+    def turns_by_rate(self) -> bool:
+        """Whether the rate is used for the curvature of the path, too."""
+        curved = self.point is not None and not self.point.curvature.is_zero()
+        return curved and (self.scaled is None or self.scaled.rate is not None)
 
 
 def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSystem, W: ca.SX) -> OutputMap:
@@ -463,7 +479,7 @@ def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through
     Phidot = stages.exact(slope_rate @ point + slope @ point_rate)
     drift = stages.exact(slope @ point_drift) + curvature
     h = stages.step(name, outer)
-    scaled = _scaled(stages, name, h, outer, z, zdot, point, inner, shorten)
+    scaled = _scaled(stages, name, h, outer, z, zdot, through.inner, point, inner, shorten)
     slope_squared = canonical(ca.sumsqr(gradient)) if through.slope is None else ca.SX(1)
     return _Row(h, rate, Phi, written_out, Phidot, drift, _Point(point, point_drift, curvature, slope_squared), scaled)
 
@@ -475,6 +491,7 @@ def _scaled(
     outer: ca.SX,
     z: ca.SX,
     zdot: ca.SX,
+    place: ca.SX,
     point: ca.SX,
     inner: ReducedSystem,
     shorten: Callable[[ca.SX], ca.SX],
@@ -508,6 +525,9 @@ def _scaled(
     if outer.op() == ca.OP_DIV:
         F, S = stages.exact(F), stages.exact(S)
     half, half_hessian = stages.exact(ca.jacobian(S, z) / 2), ca.hessian(S, z)[0] / 2
+    rigid = point.shape == (2, 2) and not ca.depends_on(canonical(point.T @ point), inner.mechanism.q)
+    if outer.op() == ca.OP_SQRT and rigid and canonical(half_hessian - ca.SX.eye(2)).is_zero():
+        return _from_point(stages, name, half, z, place, point, inner, rest)
     if outer.op() == ca.OP_SQRT:
         Phi = row_of_Phi(half)
         rate = stages.step(f"scaled_{name}_rate", Phi @ inner.nu)
@@ -517,6 +537,31 @@ def _scaled(
     Q = stages.step(f"{name}_turning", half @ zdot)
     curvature = S * turned(ca.hessian(F, z)[0]) - F * turned(half_hessian) + Q * (F * Q - 2 * rate) / S
     return _Scaled(S * ca.sqrt(S), Phi, rate, curvature, S * F, rest)
+
+
+def _from_point(
+    stages: Stages, name: str, half: ca.SX, z: ca.SX, place: ca.SX, point: ca.SX, inner: ReducedSystem, rest: ca.SX
+) -> _Scaled:
+    """Return the row of sqrt(p p') + rest, the distance of z = `place`, a function of q, from a center.
+
+    `half`: p = (z - center)'. `point`: J in dz/dt = J w, where J'J is constant.
+
+    In the frame of w, in which the vehicle's own lengths do not turn, Phi = p J and p p' = Phi (J'J)^-1 Phi'. The curvature's
+    part, (p p' (dz/dt)'(dz/dt) - (p dz/dt)^2) / p p', is there the square of p x dz/dt over p p': no large numbers cancel.
+    """
+    q, w = inner.mechanism.q, inner.nu
+    moves = canonical(ca.jacobian(place, q))
+    shifts = [k for k in range(q.numel()) if not moves[:, k].is_zero() and not ca.depends_on(moves[:, k], q)]
+    own = ca.substitute(place, q[shifts], ca.SX.zeros(len(shifts)))
+    names = [f"{str(symbol).removeprefix(STEP)}_from_center" for symbol in ca.vertsplit(z)]
+    start = stages.row(names, stages.exact(ca.substitute(half, z, place - own)))
+    turned = canonical((start + own.T) @ point)
+    names = [f"scaled_{name}_by_{q.name}" for q in inner.quasi_velocities]
+    Phi = ca.horzcat(*[stages.whole(each, entry) for each, entry in zip(names, ca.horzsplit(turned), strict=True)])
+    seen = solve(point.T @ point, Phi.T)
+    squared = stages.step(f"{name}_squared", stages.exact(Phi @ seen))
+    across = stages.step(f"{name}_across", stages.exact(ca.det(point) * (seen[0] * w[1] - seen[1] * w[0])))
+    return _Scaled(ca.sqrt(squared), stages.exact(Phi), None, across**2 / squared, ca.SX(0), ca.sqrt(squared) + rest)
 
 
 def _extended_rows(
@@ -533,16 +578,15 @@ def _extended_rows(
 
 
 def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
-    """Return column j of Phi -> row i, where only row i has an entry in the column, has degree 2, and its point contributes no
-    curvature.
+    """Return column j of Phi -> row i, where only row i has an entry in the column, has degree 2, and its rate is not needed for
+    the curvature of the path.
 
     There Phi^-1 maps the damping -kd Phi_ij w_j of the outer loop to -kd w_j, which needs no inverse.
     """
     alone = {}
     for j in range(len(rows)):
         felt = [i for i, row in enumerate(rows) if not row.Phi[j].is_zero()]
-        point = rows[felt[0]].point if felt else None
-        if len(felt) == 1 and degree[felt[0]] == 2 and (point is None or point.curvature.is_zero()):
+        if len(felt) == 1 and degree[felt[0]] == 2 and not rows[felt[0]].turns_by_rate:
             alone[j] = felt[0]
     return alone
 
@@ -554,9 +598,12 @@ def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, 
     rates = []
     for i, (row, k) in enumerate(zip(rows, degree, strict=True)):
         if k > 1:
-            left = [row.Phi[j] * w[j] for j in range(len(rows)) if damped.get(j) != i]
-            rates.append(row.rate if len(left) == len(rows) else sum(left, start=ca.SX(0)))
+            rates.append(_rest_of_rate(row.Phi, i, damped, w) if i in damped.values() else row.rate)
     return ca.vertcat(*rates)
+
+
+def _rest_of_rate(Phi: ca.SX, i: int, damped: dict[int, int], w: ca.SX) -> ca.SX:
+    return sum((Phi[j] * w[j] for j in range(w.numel()) if damped.get(j) != i), start=ca.SX(0))
 
 
 class _Feedback:
@@ -588,8 +635,11 @@ class _Feedback:
             to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else stages.inverse(inner.input_map)
             self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
 
-    def loop(self, law: ControlLaw, h: ca.SX, rates: ca.SX) -> ca.SX:
-        """Return the virtual input of the outer loop, multiplied as the rows of Phi are, from the outputs and their rates."""
+    def loop(self, law: ControlLaw, h: ca.SX, rates: ca.SX, damped: dict[int, int]) -> ca.SX:
+        """Return the virtual input of the outer loop, multiplied as the rows of Phi are, from the outputs and their rates.
+
+        It leaves out what is `damped` outside the inverse, as `rates` do.
+        """
         gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
         degree, none = law.linearization.relative_degree, [ca.SX(0)] * len(reference)
         names = [q.name if scaled is None else f"scaled_{q.name}" for q, scaled in zip(law.virtual_input, self.rows, strict=True)]
@@ -598,7 +648,8 @@ class _Feedback:
             for k, scaled in enumerate(self.rows):
                 if scaled:
                     place = sum(degree[:k]) - k  # of its rate, the only one: the others have one less than their degree
-                    h[k], away[k], rates[place], rate[place] = scaled.rest, scaled.away, 0, scaled.rate
+                    undamped = _rest_of_rate(scaled.Phi, k, damped, self.inner.nu) if scaled.rate is None else scaled.rate
+                    h[k], away[k], rates[place], rate[place] = scaled.rest, scaled.away, 0, undamped
             v = self.scale * outer_loop(degree, gains, reference, h, rates) + outer_loop(degree, gains, none, away, rate)
         else:
             v = outer_loop(degree, gains, reference, h, rates)
@@ -690,7 +741,8 @@ def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Resu
 
 
 def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.SX] | None:
-    """Return a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2 with a - b > 0; None if it does not have this form."""
+    """Return a x^2 > b x^2 + c y^2 as |x| > sqrt(c / (a - b)) |y| with a - b > 0, which init tests; None if it does not have this
+    form. Where several y are compared, squares save the roots."""
     fixed = {symbol.element_hash() for symbol in stages.fixed}
     variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in fixed]
     others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in fixed]
@@ -703,8 +755,13 @@ def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.
         return None
     if any(not factors[i, j].is_zero() for i in range(x.numel()) for j in range(i)):
         return None
-    rest = [stages.exact(-factors[k, k] / factors[0, 0]) * x[k] ** 2 for k in range(1, x.numel())]
-    return {Result.SINGULAR: ca.vertcat(x[0] ** 2, sum(rest, start=ca.SX(0))), Result.REGULAR: stages.exact(factors[0, 0] / 2)}
+    rest = [stages.exact(-factors[k, k] / factors[0, 0]) for k in range(1, x.numel())]
+    compared = (
+        ca.vertcat(ca.fabs(x[0]), ca.sqrt(rest[0]) * ca.fabs(x[1]))
+        if len(rest) == 1
+        else ca.vertcat(x[0] ** 2, sum((factor * x[k] ** 2 for k, factor in enumerate(rest, 1)), start=ca.SX(0)))
+    )
+    return {Result.SINGULAR: compared, Result.REGULAR: stages.exact(factors[0, 0] / 2)}
 
 
 def by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:

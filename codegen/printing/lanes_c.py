@@ -107,8 +107,8 @@ class LanesC(LawC):
     def _lane(self) -> str:
         """Return the function that computes a lane by the step."""
         real, held = self.scalar.real, range(self.inputs)
-        lines = [f"{self.type} law = *self;", *(f"{kind} {group}_of_lane;" for group, kind in self._structs.items())]
-        lines += [f"{real} made[{self.inputs}];", "int status;"]
+        lines = [f"{self.type} law;", *(f"{kind} {group}_of_lane;" for group, kind in self._structs.items())]
+        lines += [f"{real} made[{self.inputs}];", "int status;", "noslip_copy(&law, self, sizeof law);"]
         for group in ARRAYS:
             lines += [f"{group}_of_lane.{q.in_c} = {_entry(group, k)};" for k, q in self._rows(group)]
         lines += [f"law.held[{k}] = {_entry('tau', k)};" for k in held]

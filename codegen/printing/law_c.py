@@ -277,7 +277,7 @@ class LawC(ProgramC[Program]):
         computed = [*program.conditions, *program.regular, *(root for law in program.entries.values() for root in law.roots)]
         includes = [self.type, *headers(computed), *(["noslip_shaping"] if self.grips and not self.plain_grip else [])]
         parts = [
-            self._head(f"{self.type}.c", includes, own=self.grips),
+            self._head(f"{self.type}.c", includes, own=self.grips, quick=True),
             self._init(),
             self._reset(),
             self._set_limits(),
@@ -309,7 +309,7 @@ class LawC(ProgramC[Program]):
         refused = " && ".join(f"options->on_limit != {choice}" for choice in self.on_limit)
         return "\n".join(
             [
-                *fill(self._init_signature(), ""),
+                *fill(f"NOSLIP_SMALL {self._init_signature()}", ""),
                 "{",
                 "    int status;",
                 "    if (self == NULL) {",
@@ -374,7 +374,7 @@ class LawC(ProgramC[Program]):
 
     def _set_limits(self) -> str:
         lines = [
-            self._set_limits_signature(),
+            *fill(f"NOSLIP_SMALL {self._set_limits_signature()}", ""),
             "{",
             body([self.leave("self == NULL || limit == NULL", "NOSLIP_NULL")]),
             body([self.leave("self->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]),
@@ -400,13 +400,13 @@ class LawC(ProgramC[Program]):
             *(f"    self->{name}[{k}] = {name}[{k}];" for name, count in kept.items() if name != "held" for k in range(count)),
             "    return NOSLIP_OK;",
         ]
-        return "\n".join([self._update_signature(), "{", *lines, "}"])
+        return "\n".join([*fill(f"NOSLIP_SMALL {self._update_signature()}", ""), "{", *lines, "}"])
 
     def _reset(self) -> str:
         zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
         zeros += [f"    self->{name}[{k}] = 0;" for k in range(self.extends) for name in ("extension", "extension_rate")]
         head = [
-            f"int {self.function('reset')}({self.type} *self)",
+            f"NOSLIP_SMALL int {self.function('reset')}({self.type} *self)",
             "{",
             "    if (self == NULL) {",
             "        return NOSLIP_NULL;",
@@ -503,7 +503,7 @@ class LawC(ProgramC[Program]):
             lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
         call = f"{self.function(entry.name)}_law({', '.join([*given, 'all' if entry.name == 'evaluate' else 'made'])})"
         lines += written_once(self.scalar, call, pieces)
-        return "\n".join([*fill(self.signature(entry), ""), "{", body(lines), "}"])
+        return "\n".join([*fill(f"NOSLIP_SMALL {self.signature(entry)}", ""), "{", body(lines), "}"])
 
     def _local(self, entry: Entry) -> list[str]:
         """Return the declaration of the local array for the results of an entry point; that of evaluate would be too large."""

@@ -138,9 +138,10 @@ class ProgramC(ABC, Generic[AnyProgram]):
         array = self.array(node)
         return f"{array[0]}[{[q.name for q in array[1]].index(node.name)}]" if array else init_given(node)
 
-    def _head(self, file_name: str, includes: Sequence[str] = (), own: bool = False) -> str:
+    def _head(self, file_name: str, includes: Sequence[str] = (), own: bool = False, quick: bool = False) -> str:
         lines = [comment([f"{file_name} - {self.title}, {self.scalar.real}", *self.banner])]
         lines += ["#define NOSLIP_OWN"] if own else []  # what is NOSLIP_HOT is inlined
+        lines += ["#define NOSLIP_QUICK"] if quick else []  # a step is compiled for speed at -Os, too
         return "\n".join([*lines, *(f'#include "{name}.h"' for name in includes)])
 
 

@@ -174,8 +174,8 @@ class Statements:
 
 
 def factors(node: Node) -> list[Node]:
-    """Return the node and, for a product or a root, its factors, which are not zero unless the node is zero or underflows."""
-    inside = node.arguments if is_operation(node, Operation.MUL, Operation.NEG, Operation.SQRT) else ()
+    """Return the node and, for a product, magnitude or root, its factors: zero only if the node is zero or underflows."""
+    inside = node.arguments if is_operation(node, Operation.MUL, Operation.NEG, Operation.ABS, Operation.SQRT) else ()
     return [node, *(factor for argument in inside for factor in factors(argument))]
 
 

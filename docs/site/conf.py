@@ -55,6 +55,7 @@ docs/drives
 docs/grip
 docs/redundant
 docs/extension
+docs/normal
 docs/underactuated
 docs/identify
 docs/estimator

@@ -20,8 +20,8 @@ void *memset(void *to, int value, size_t size)
     return to;
 }
 
-/* The names that clang calls on ARM. */
-#if defined(__clang__) && defined(__arm__)
+/* The names that clang calls on ARM, whatever compiles this file. */
+#if defined(__arm__)
 void *__aeabi_memcpy(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));
 void *__aeabi_memcpy4(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));
 void *__aeabi_memcpy8(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));

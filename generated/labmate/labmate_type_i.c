@@ -4,10 +4,11 @@
  * Model SHA-256 16f87d7bc6570a2021c68f65837e717ee2a0c73202d8abbdbae797caca464175
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_i.h"
 
-int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, const labmate_type_i_config *config,
-    const labmate_type_i_gains *gains, const labmate_options *options)
+NOSLIP_SMALL int labmate_type_i_init(labmate_type_i *self, const labmate_params *params,
+    const labmate_type_i_config *config, const labmate_type_i_gains *gains, const labmate_options *options)
 {
     int status;
     if (self == NULL) {
@@ -155,7 +156,7 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
     return status;
 }
 
-int labmate_type_i_reset(labmate_type_i *self)
+NOSLIP_SMALL int labmate_type_i_reset(labmate_type_i *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -165,7 +166,7 @@ int labmate_type_i_reset(labmate_type_i *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_i_set_limits(labmate_type_i *self, const double limit[2])
+NOSLIP_SMALL int labmate_type_i_set_limits(labmate_type_i *self, const double limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -185,7 +186,7 @@ int labmate_type_i_set_limits(labmate_type_i *self, const double limit[2])
     return NOSLIP_OK;
 }
 
-int labmate_type_i_update(labmate_type_i *self, const labmate_type_i *next)
+NOSLIP_SMALL int labmate_type_i_update(labmate_type_i *self, const labmate_type_i *next)
 {
     double held[2];
     if (self == NULL || next == NULL) {
@@ -242,7 +243,7 @@ static int labmate_type_i_output_law(const labmate_type_i *self, const labmate_s
     return NOSLIP_OK;
 }
 
-int labmate_type_i_output(const labmate_type_i *self, const labmate_state *state, double h[2])
+NOSLIP_SMALL int labmate_type_i_output(const labmate_type_i *self, const labmate_state *state, double h[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -279,7 +280,7 @@ static int labmate_type_i_rate_law(const labmate_type_i *self, const labmate_sta
     return NOSLIP_OK;
 }
 
-int labmate_type_i_rate(const labmate_type_i *self, const labmate_state *state, double ydot[2])
+NOSLIP_SMALL int labmate_type_i_rate(const labmate_type_i *self, const labmate_state *state, double ydot[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -320,7 +321,7 @@ static int labmate_type_i_decoupling_law(const labmate_type_i *self, const labma
     return NOSLIP_OK;
 }
 
-int labmate_type_i_decoupling(const labmate_type_i *self, const labmate_state *state, double Phi[2][2])
+NOSLIP_SMALL int labmate_type_i_decoupling(const labmate_type_i *self, const labmate_state *state, double Phi[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -367,7 +368,8 @@ static int labmate_type_i_decoupling_rate_law(const labmate_type_i *self, const 
     return NOSLIP_OK;
 }
 
-int labmate_type_i_decoupling_rate(const labmate_type_i *self, const labmate_state *state, double Phidot[2][2])
+NOSLIP_SMALL int labmate_type_i_decoupling_rate(const labmate_type_i *self, const labmate_state *state,
+    double Phidot[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -422,7 +424,8 @@ static int labmate_type_i_feedback_law(const labmate_type_i *self, const labmate
     return NOSLIP_OK;
 }
 
-int labmate_type_i_feedback(const labmate_type_i *self, const labmate_state *state, const double v[2], double tau[2])
+NOSLIP_SMALL int labmate_type_i_feedback(const labmate_type_i *self, const labmate_state *state, const double v[2],
+    double tau[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -479,7 +482,8 @@ NOSLIP_HOT int labmate_type_i_ground_law(const labmate_type_i *self, const labma
     return NOSLIP_OK;
 }
 
-int labmate_type_i_ground(const labmate_type_i *self, const labmate_state *state, const double tau[2], double ground[8])
+NOSLIP_SMALL int labmate_type_i_ground(const labmate_type_i *self, const labmate_state *state, const double tau[2],
+    double ground[8])
 {
     double made[8];
     int status = NOSLIP_NULL;
@@ -531,7 +535,7 @@ static int labmate_type_i_ground_by_inputs_law(const labmate_type_i *self, const
     return NOSLIP_OK;
 }
 
-int labmate_type_i_ground_by_inputs(const labmate_type_i *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_i_ground_by_inputs(const labmate_type_i *self, const labmate_state *state,
     double ground_by_inputs[6][2])
 {
     double made[6][2];
@@ -645,7 +649,7 @@ static int labmate_type_i_evaluate_law(const labmate_type_i *self, const labmate
     return NOSLIP_OK;
 }
 
-int labmate_type_i_evaluate(const labmate_type_i *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_i_evaluate(const labmate_type_i *self, const labmate_state *state,
     const labmate_type_i_reference *reference, labmate_type_i_evaluation *all)
 {
     int status = NOSLIP_NULL;

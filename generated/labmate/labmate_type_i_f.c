@@ -4,10 +4,11 @@
  * Model SHA-256 16f87d7bc6570a2021c68f65837e717ee2a0c73202d8abbdbae797caca464175
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_i_f.h"
 
-int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params, const labmate_type_i_config_f *config,
-    const labmate_type_i_gains_f *gains, const labmate_options_f *options)
+NOSLIP_SMALL int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params,
+    const labmate_type_i_config_f *config, const labmate_type_i_gains_f *gains, const labmate_options_f *options)
 {
     int status;
     if (self == NULL) {
@@ -155,7 +156,7 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     return status;
 }
 
-int labmate_type_i_reset_f(labmate_type_i_f *self)
+NOSLIP_SMALL int labmate_type_i_reset_f(labmate_type_i_f *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -165,7 +166,7 @@ int labmate_type_i_reset_f(labmate_type_i_f *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_i_set_limits_f(labmate_type_i_f *self, const float limit[2])
+NOSLIP_SMALL int labmate_type_i_set_limits_f(labmate_type_i_f *self, const float limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -185,7 +186,7 @@ int labmate_type_i_set_limits_f(labmate_type_i_f *self, const float limit[2])
     return NOSLIP_OK;
 }
 
-int labmate_type_i_update_f(labmate_type_i_f *self, const labmate_type_i_f *next)
+NOSLIP_SMALL int labmate_type_i_update_f(labmate_type_i_f *self, const labmate_type_i_f *next)
 {
     float held[2];
     if (self == NULL || next == NULL) {
@@ -242,7 +243,7 @@ static int labmate_type_i_output_f_law(const labmate_type_i_f *self, const labma
     return NOSLIP_OK;
 }
 
-int labmate_type_i_output_f(const labmate_type_i_f *self, const labmate_state_f *state, float h[2])
+NOSLIP_SMALL int labmate_type_i_output_f(const labmate_type_i_f *self, const labmate_state_f *state, float h[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -279,7 +280,7 @@ static int labmate_type_i_rate_f_law(const labmate_type_i_f *self, const labmate
     return NOSLIP_OK;
 }
 
-int labmate_type_i_rate_f(const labmate_type_i_f *self, const labmate_state_f *state, float ydot[2])
+NOSLIP_SMALL int labmate_type_i_rate_f(const labmate_type_i_f *self, const labmate_state_f *state, float ydot[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -320,7 +321,8 @@ static int labmate_type_i_decoupling_f_law(const labmate_type_i_f *self, const l
     return NOSLIP_OK;
 }
 
-int labmate_type_i_decoupling_f(const labmate_type_i_f *self, const labmate_state_f *state, float Phi[2][2])
+NOSLIP_SMALL int labmate_type_i_decoupling_f(const labmate_type_i_f *self, const labmate_state_f *state,
+    float Phi[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -367,7 +369,8 @@ static int labmate_type_i_decoupling_rate_f_law(const labmate_type_i_f *self, co
     return NOSLIP_OK;
 }
 
-int labmate_type_i_decoupling_rate_f(const labmate_type_i_f *self, const labmate_state_f *state, float Phidot[2][2])
+NOSLIP_SMALL int labmate_type_i_decoupling_rate_f(const labmate_type_i_f *self, const labmate_state_f *state,
+    float Phidot[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -422,7 +425,7 @@ static int labmate_type_i_feedback_f_law(const labmate_type_i_f *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_i_feedback_f(const labmate_type_i_f *self, const labmate_state_f *state, const float v[2],
+NOSLIP_SMALL int labmate_type_i_feedback_f(const labmate_type_i_f *self, const labmate_state_f *state, const float v[2],
     float tau[2])
 {
     float made[2];
@@ -480,7 +483,7 @@ NOSLIP_HOT int labmate_type_i_ground_f_law(const labmate_type_i_f *self, const l
     return NOSLIP_OK;
 }
 
-int labmate_type_i_ground_f(const labmate_type_i_f *self, const labmate_state_f *state, const float tau[2],
+NOSLIP_SMALL int labmate_type_i_ground_f(const labmate_type_i_f *self, const labmate_state_f *state, const float tau[2],
     float ground[8])
 {
     float made[8];
@@ -533,7 +536,7 @@ static int labmate_type_i_ground_by_inputs_f_law(const labmate_type_i_f *self, c
     return NOSLIP_OK;
 }
 
-int labmate_type_i_ground_by_inputs_f(const labmate_type_i_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_i_ground_by_inputs_f(const labmate_type_i_f *self, const labmate_state_f *state,
     float ground_by_inputs[6][2])
 {
     float made[6][2];
@@ -647,7 +650,7 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_i_evaluate_f(const labmate_type_i_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_i_evaluate_f(const labmate_type_i_f *self, const labmate_state_f *state,
     const labmate_type_i_reference_f *reference, labmate_type_i_evaluation_f *all)
 {
     int status = NOSLIP_NULL;

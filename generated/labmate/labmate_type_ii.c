@@ -4,10 +4,11 @@
  * Model SHA-256 907c081cd107db027bc73bb8af9dbd86b39d951e7ac066a10523bedb8851f1d4
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_ii.h"
 
-int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, const labmate_type_ii_config *config,
-    const labmate_type_ii_gains *gains, const labmate_options *options)
+NOSLIP_SMALL int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params,
+    const labmate_type_ii_config *config, const labmate_type_ii_gains *gains, const labmate_options *options)
 {
     int status;
     if (self == NULL) {
@@ -141,7 +142,7 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
     return status;
 }
 
-int labmate_type_ii_reset(labmate_type_ii *self)
+NOSLIP_SMALL int labmate_type_ii_reset(labmate_type_ii *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -151,7 +152,7 @@ int labmate_type_ii_reset(labmate_type_ii *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_set_limits(labmate_type_ii *self, const double limit[2])
+NOSLIP_SMALL int labmate_type_ii_set_limits(labmate_type_ii *self, const double limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -171,7 +172,7 @@ int labmate_type_ii_set_limits(labmate_type_ii *self, const double limit[2])
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_update(labmate_type_ii *self, const labmate_type_ii *next)
+NOSLIP_SMALL int labmate_type_ii_update(labmate_type_ii *self, const labmate_type_ii *next)
 {
     double held[2];
     if (self == NULL || next == NULL) {
@@ -228,7 +229,7 @@ static int labmate_type_ii_output_law(const labmate_type_ii *self, const labmate
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_output(const labmate_type_ii *self, const labmate_state *state, double h[2])
+NOSLIP_SMALL int labmate_type_ii_output(const labmate_type_ii *self, const labmate_state *state, double h[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -265,7 +266,7 @@ static int labmate_type_ii_rate_law(const labmate_type_ii *self, const labmate_s
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_rate(const labmate_type_ii *self, const labmate_state *state, double ydot[2])
+NOSLIP_SMALL int labmate_type_ii_rate(const labmate_type_ii *self, const labmate_state *state, double ydot[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -306,7 +307,7 @@ static int labmate_type_ii_decoupling_law(const labmate_type_ii *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_decoupling(const labmate_type_ii *self, const labmate_state *state, double Phi[2][2])
+NOSLIP_SMALL int labmate_type_ii_decoupling(const labmate_type_ii *self, const labmate_state *state, double Phi[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -349,7 +350,8 @@ static int labmate_type_ii_decoupling_rate_law(const labmate_type_ii *self, cons
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_decoupling_rate(const labmate_type_ii *self, const labmate_state *state, double Phidot[2][2])
+NOSLIP_SMALL int labmate_type_ii_decoupling_rate(const labmate_type_ii *self, const labmate_state *state,
+    double Phidot[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -408,7 +410,8 @@ static int labmate_type_ii_feedback_law(const labmate_type_ii *self, const labma
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_feedback(const labmate_type_ii *self, const labmate_state *state, const double v[2], double tau[2])
+NOSLIP_SMALL int labmate_type_ii_feedback(const labmate_type_ii *self, const labmate_state *state, const double v[2],
+    double tau[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -465,7 +468,7 @@ NOSLIP_HOT int labmate_type_ii_ground_law(const labmate_type_ii *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_ground(const labmate_type_ii *self, const labmate_state *state, const double tau[2],
+NOSLIP_SMALL int labmate_type_ii_ground(const labmate_type_ii *self, const labmate_state *state, const double tau[2],
     double ground[8])
 {
     double made[8];
@@ -518,7 +521,7 @@ static int labmate_type_ii_ground_by_inputs_law(const labmate_type_ii *self, con
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_ground_by_inputs(const labmate_type_ii *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_ii_ground_by_inputs(const labmate_type_ii *self, const labmate_state *state,
     double ground_by_inputs[6][2])
 {
     double made[6][2];
@@ -625,7 +628,7 @@ static int labmate_type_ii_evaluate_law(const labmate_type_ii *self, const labma
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_evaluate(const labmate_type_ii *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_ii_evaluate(const labmate_type_ii *self, const labmate_state *state,
     const labmate_type_ii_reference *reference, labmate_type_ii_evaluation *all)
 {
     int status = NOSLIP_NULL;

@@ -4,9 +4,10 @@
  * Model SHA-256 907c081cd107db027bc73bb8af9dbd86b39d951e7ac066a10523bedb8851f1d4
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_ii_f.h"
 
-int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *params,
+NOSLIP_SMALL int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *params,
     const labmate_type_ii_config_f *config, const labmate_type_ii_gains_f *gains, const labmate_options_f *options)
 {
     int status;
@@ -141,7 +142,7 @@ int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *para
     return status;
 }
 
-int labmate_type_ii_reset_f(labmate_type_ii_f *self)
+NOSLIP_SMALL int labmate_type_ii_reset_f(labmate_type_ii_f *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -151,7 +152,7 @@ int labmate_type_ii_reset_f(labmate_type_ii_f *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_set_limits_f(labmate_type_ii_f *self, const float limit[2])
+NOSLIP_SMALL int labmate_type_ii_set_limits_f(labmate_type_ii_f *self, const float limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -171,7 +172,7 @@ int labmate_type_ii_set_limits_f(labmate_type_ii_f *self, const float limit[2])
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_update_f(labmate_type_ii_f *self, const labmate_type_ii_f *next)
+NOSLIP_SMALL int labmate_type_ii_update_f(labmate_type_ii_f *self, const labmate_type_ii_f *next)
 {
     float held[2];
     if (self == NULL || next == NULL) {
@@ -228,7 +229,7 @@ static int labmate_type_ii_output_f_law(const labmate_type_ii_f *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_output_f(const labmate_type_ii_f *self, const labmate_state_f *state, float h[2])
+NOSLIP_SMALL int labmate_type_ii_output_f(const labmate_type_ii_f *self, const labmate_state_f *state, float h[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -265,7 +266,7 @@ static int labmate_type_ii_rate_f_law(const labmate_type_ii_f *self, const labma
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_rate_f(const labmate_type_ii_f *self, const labmate_state_f *state, float ydot[2])
+NOSLIP_SMALL int labmate_type_ii_rate_f(const labmate_type_ii_f *self, const labmate_state_f *state, float ydot[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -307,7 +308,8 @@ static int labmate_type_ii_decoupling_f_law(const labmate_type_ii_f *self, const
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_decoupling_f(const labmate_type_ii_f *self, const labmate_state_f *state, float Phi[2][2])
+NOSLIP_SMALL int labmate_type_ii_decoupling_f(const labmate_type_ii_f *self, const labmate_state_f *state,
+    float Phi[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -350,7 +352,8 @@ static int labmate_type_ii_decoupling_rate_f_law(const labmate_type_ii_f *self, 
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_decoupling_rate_f(const labmate_type_ii_f *self, const labmate_state_f *state, float Phidot[2][2])
+NOSLIP_SMALL int labmate_type_ii_decoupling_rate_f(const labmate_type_ii_f *self, const labmate_state_f *state,
+    float Phidot[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -409,8 +412,8 @@ static int labmate_type_ii_feedback_f_law(const labmate_type_ii_f *self, const l
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_feedback_f(const labmate_type_ii_f *self, const labmate_state_f *state, const float v[2],
-    float tau[2])
+NOSLIP_SMALL int labmate_type_ii_feedback_f(const labmate_type_ii_f *self, const labmate_state_f *state,
+    const float v[2], float tau[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -467,8 +470,8 @@ NOSLIP_HOT int labmate_type_ii_ground_f_law(const labmate_type_ii_f *self, const
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_ground_f(const labmate_type_ii_f *self, const labmate_state_f *state, const float tau[2],
-    float ground[8])
+NOSLIP_SMALL int labmate_type_ii_ground_f(const labmate_type_ii_f *self, const labmate_state_f *state,
+    const float tau[2], float ground[8])
 {
     float made[8];
     int status = NOSLIP_NULL;
@@ -520,7 +523,7 @@ static int labmate_type_ii_ground_by_inputs_f_law(const labmate_type_ii_f *self,
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_ground_by_inputs_f(const labmate_type_ii_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_ii_ground_by_inputs_f(const labmate_type_ii_f *self, const labmate_state_f *state,
     float ground_by_inputs[6][2])
 {
     float made[6][2];
@@ -627,7 +630,7 @@ static int labmate_type_ii_evaluate_f_law(const labmate_type_ii_f *self, const l
     return NOSLIP_OK;
 }
 
-int labmate_type_ii_evaluate_f(const labmate_type_ii_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_ii_evaluate_f(const labmate_type_ii_f *self, const labmate_state_f *state,
     const labmate_type_ii_reference_f *reference, labmate_type_ii_evaluation_f *all)
 {
     int status = NOSLIP_NULL;

@@ -4,10 +4,11 @@
  * Model SHA-256 2b06ac1e3f8e4af5cc0dc6e9770656c17370d22174cecfa8b5eab018ebe748c0
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iii.h"
 
-int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params, const labmate_type_iii_config *config,
-    const labmate_type_iii_gains *gains, const labmate_options *options)
+NOSLIP_SMALL int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params,
+    const labmate_type_iii_config *config, const labmate_type_iii_gains *gains, const labmate_options *options)
 {
     int status;
     if (self == NULL) {
@@ -142,7 +143,7 @@ int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params, 
     return status;
 }
 
-int labmate_type_iii_reset(labmate_type_iii *self)
+NOSLIP_SMALL int labmate_type_iii_reset(labmate_type_iii *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -152,7 +153,7 @@ int labmate_type_iii_reset(labmate_type_iii *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_set_limits(labmate_type_iii *self, const double limit[2])
+NOSLIP_SMALL int labmate_type_iii_set_limits(labmate_type_iii *self, const double limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -172,7 +173,7 @@ int labmate_type_iii_set_limits(labmate_type_iii *self, const double limit[2])
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_update(labmate_type_iii *self, const labmate_type_iii *next)
+NOSLIP_SMALL int labmate_type_iii_update(labmate_type_iii *self, const labmate_type_iii *next)
 {
     double held[2];
     if (self == NULL || next == NULL) {
@@ -229,7 +230,7 @@ static int labmate_type_iii_output_law(const labmate_type_iii *self, const labma
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_output(const labmate_type_iii *self, const labmate_state *state, double h[2])
+NOSLIP_SMALL int labmate_type_iii_output(const labmate_type_iii *self, const labmate_state *state, double h[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -266,7 +267,7 @@ static int labmate_type_iii_rate_law(const labmate_type_iii *self, const labmate
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_rate(const labmate_type_iii *self, const labmate_state *state, double ydot[2])
+NOSLIP_SMALL int labmate_type_iii_rate(const labmate_type_iii *self, const labmate_state *state, double ydot[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -307,7 +308,7 @@ static int labmate_type_iii_decoupling_law(const labmate_type_iii *self, const l
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_decoupling(const labmate_type_iii *self, const labmate_state *state, double Phi[2][2])
+NOSLIP_SMALL int labmate_type_iii_decoupling(const labmate_type_iii *self, const labmate_state *state, double Phi[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -350,7 +351,8 @@ static int labmate_type_iii_decoupling_rate_law(const labmate_type_iii *self, co
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_decoupling_rate(const labmate_type_iii *self, const labmate_state *state, double Phidot[2][2])
+NOSLIP_SMALL int labmate_type_iii_decoupling_rate(const labmate_type_iii *self, const labmate_state *state,
+    double Phidot[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -407,7 +409,7 @@ static int labmate_type_iii_feedback_law(const labmate_type_iii *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_feedback(const labmate_type_iii *self, const labmate_state *state, const double v[2],
+NOSLIP_SMALL int labmate_type_iii_feedback(const labmate_type_iii *self, const labmate_state *state, const double v[2],
     double tau[2])
 {
     double made[2];
@@ -465,7 +467,7 @@ NOSLIP_HOT int labmate_type_iii_ground_law(const labmate_type_iii *self, const l
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_ground(const labmate_type_iii *self, const labmate_state *state, const double tau[2],
+NOSLIP_SMALL int labmate_type_iii_ground(const labmate_type_iii *self, const labmate_state *state, const double tau[2],
     double ground[8])
 {
     double made[8];
@@ -518,7 +520,7 @@ static int labmate_type_iii_ground_by_inputs_law(const labmate_type_iii *self, c
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_ground_by_inputs(const labmate_type_iii *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iii_ground_by_inputs(const labmate_type_iii *self, const labmate_state *state,
     double ground_by_inputs[6][2])
 {
     double made[6][2];
@@ -624,7 +626,7 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_evaluate(const labmate_type_iii *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iii_evaluate(const labmate_type_iii *self, const labmate_state *state,
     const labmate_type_iii_reference *reference, labmate_type_iii_evaluation *all)
 {
     int status = NOSLIP_NULL;

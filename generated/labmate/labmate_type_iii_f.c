@@ -4,9 +4,10 @@
  * Model SHA-256 2b06ac1e3f8e4af5cc0dc6e9770656c17370d22174cecfa8b5eab018ebe748c0
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iii_f.h"
 
-int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *params,
+NOSLIP_SMALL int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *params,
     const labmate_type_iii_config_f *config, const labmate_type_iii_gains_f *gains, const labmate_options_f *options)
 {
     int status;
@@ -142,7 +143,7 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
     return status;
 }
 
-int labmate_type_iii_reset_f(labmate_type_iii_f *self)
+NOSLIP_SMALL int labmate_type_iii_reset_f(labmate_type_iii_f *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -152,7 +153,7 @@ int labmate_type_iii_reset_f(labmate_type_iii_f *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_set_limits_f(labmate_type_iii_f *self, const float limit[2])
+NOSLIP_SMALL int labmate_type_iii_set_limits_f(labmate_type_iii_f *self, const float limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -172,7 +173,7 @@ int labmate_type_iii_set_limits_f(labmate_type_iii_f *self, const float limit[2]
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_update_f(labmate_type_iii_f *self, const labmate_type_iii_f *next)
+NOSLIP_SMALL int labmate_type_iii_update_f(labmate_type_iii_f *self, const labmate_type_iii_f *next)
 {
     float held[2];
     if (self == NULL || next == NULL) {
@@ -229,7 +230,7 @@ static int labmate_type_iii_output_f_law(const labmate_type_iii_f *self, const l
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_output_f(const labmate_type_iii_f *self, const labmate_state_f *state, float h[2])
+NOSLIP_SMALL int labmate_type_iii_output_f(const labmate_type_iii_f *self, const labmate_state_f *state, float h[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -266,7 +267,7 @@ static int labmate_type_iii_rate_f_law(const labmate_type_iii_f *self, const lab
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_rate_f(const labmate_type_iii_f *self, const labmate_state_f *state, float ydot[2])
+NOSLIP_SMALL int labmate_type_iii_rate_f(const labmate_type_iii_f *self, const labmate_state_f *state, float ydot[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -308,7 +309,8 @@ static int labmate_type_iii_decoupling_f_law(const labmate_type_iii_f *self, con
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_decoupling_f(const labmate_type_iii_f *self, const labmate_state_f *state, float Phi[2][2])
+NOSLIP_SMALL int labmate_type_iii_decoupling_f(const labmate_type_iii_f *self, const labmate_state_f *state,
+    float Phi[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -351,7 +353,8 @@ static int labmate_type_iii_decoupling_rate_f_law(const labmate_type_iii_f *self
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_decoupling_rate_f(const labmate_type_iii_f *self, const labmate_state_f *state, float Phidot[2][2])
+NOSLIP_SMALL int labmate_type_iii_decoupling_rate_f(const labmate_type_iii_f *self, const labmate_state_f *state,
+    float Phidot[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -408,8 +411,8 @@ static int labmate_type_iii_feedback_f_law(const labmate_type_iii_f *self, const
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_feedback_f(const labmate_type_iii_f *self, const labmate_state_f *state, const float v[2],
-    float tau[2])
+NOSLIP_SMALL int labmate_type_iii_feedback_f(const labmate_type_iii_f *self, const labmate_state_f *state,
+    const float v[2], float tau[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -466,8 +469,8 @@ NOSLIP_HOT int labmate_type_iii_ground_f_law(const labmate_type_iii_f *self, con
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_ground_f(const labmate_type_iii_f *self, const labmate_state_f *state, const float tau[2],
-    float ground[8])
+NOSLIP_SMALL int labmate_type_iii_ground_f(const labmate_type_iii_f *self, const labmate_state_f *state,
+    const float tau[2], float ground[8])
 {
     float made[8];
     int status = NOSLIP_NULL;
@@ -519,7 +522,7 @@ static int labmate_type_iii_ground_by_inputs_f_law(const labmate_type_iii_f *sel
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_ground_by_inputs_f(const labmate_type_iii_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iii_ground_by_inputs_f(const labmate_type_iii_f *self, const labmate_state_f *state,
     float ground_by_inputs[6][2])
 {
     float made[6][2];
@@ -625,7 +628,7 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     return NOSLIP_OK;
 }
 
-int labmate_type_iii_evaluate_f(const labmate_type_iii_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iii_evaluate_f(const labmate_type_iii_f *self, const labmate_state_f *state,
     const labmate_type_iii_reference_f *reference, labmate_type_iii_evaluation_f *all)
 {
     int status = NOSLIP_NULL;

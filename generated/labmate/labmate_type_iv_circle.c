@@ -4,9 +4,10 @@
  * Model SHA-256 832f3b13baadd481808ca1caf71c682c89099bbb878e0c5b2380298d08d71aba
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iv_circle.h"
 
-int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_params *params,
+NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_params *params,
     const labmate_type_iv_circle_config *config, const labmate_type_iv_circle_gains *gains,
     const labmate_options *options)
 {
@@ -85,81 +86,84 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
     const double t8 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
     const double t9 = t3 * params->I_c + t3 * params->I_m * 2.0 + t6 * 2.0 + t3 * t7 * 2.0 + t3 * t8;
-    self->k6 = self->k4 * (self->k1 * (t9 / t3));
-    const double t10 = t2 * t2; /* m^2: (L + d)^2 */
-    const double t11 = t3 * t3; /* m^4: r^4 */
-    const double t12 = t3 * 0.5; /* m^2: r^2/2 */
-    const double t13 = t5 * 2.0; /* m^2: 2 b^2 */
+    /* kg m^2: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
+    const double t10 = self->k1 * (t9 / t3);
+    self->k6 = self->k4 * t10;
+    const double t11 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
+    self->k7 = 0.5 * t11;
+    const double t12 = 2.0 * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs(t12) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k8 = params->r * t11 / t12;
+    const double t13 = 2.0 * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t13) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t14 = t3 / t13; /* r^2/(2 b^2) */
-    const double t15 = t10 * t11 - t12 * (t14 * (t10 * t5)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
-    if (!(noslip_abs(t15) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k7 = t12 * (t14 * (t5 * t5)) * 4e-10 / t15;
-    const double t16 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
-    self->k8 = 0.5 * t16;
-    const double t17 = 2.0 * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
-    if (!(noslip_abs(t17) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k9 = params->r * t16 / t17;
-    const double t18 = 2.0 * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    self->k9 = params->r * (params->I_c + params->I_m * 2.0 + t7 * 2.0 + t8) / t13;
+    self->k10 = params->b * params->d * params->m_c * params->r / t13;
+    self->k11 = self->k8 + self->k9;
+    self->k12 = self->k8 - self->k9;
+    const double t14 = params->d * params->m_c; /* kg m: d m_c */
+    self->k13 = t14 * params->r / t13;
+    const double t15 = t2 * t2; /* m^2: (L + d)^2 */
+    const double t16 = t3 * t3; /* m^4: r^4 */
+    const double t17 = t3 * 0.5; /* m^2: r^2/2 */
+    const double t18 = t5 * 2.0; /* m^2: 2 b^2 */
     if (!(noslip_abs(t18) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k10 = params->r * (params->I_c + params->I_m * 2.0 + t7 * 2.0 + t8) / t18;
-    self->k11 = params->b * params->d * params->m_c * params->r / t18;
-    self->k12 = self->k9 + self->k10;
-    self->k13 = self->k9 - self->k10;
-    const double t19 = params->d * params->m_c; /* kg m: d m_c */
-    self->k14 = t19 * params->r / t18;
-    self->k15 = -self->k14;
-    self->k16 = -self->k11;
+    const double t19 = t3 / t18; /* r^2/(2 b^2) */
+    const double t20 = t15 * t16 - t17 * (t19 * (t15 * t5)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
+    if (!(noslip_abs(t20) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k14 = noslip_sqrt(t17 * (t19 * (t5 * t5)) * 4e-10 / t20);
+    self->k15 = -self->k13;
+    self->k16 = -self->k10;
     self->k17 = self->k1 * t2;
-    self->k18 = t3 * 0.25;
-    const double t20 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k19 = t10 * t20;
-    self->k20 = t20 * t2;
-    const double t21 = self->k1 * t19 - self->k6; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k21 = self->k1 * (self->Phi_21 * t21);
-    self->k22 = t20 * (self->Phi_21 * t19 - self->k5 * t2);
-    self->k23 = 1.0 / t1 * 2.0;
-    const double t22 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k24 = params->b * params->I_w * params->d * params->m_c / t18 * 2.0 * t22;
-    self->k25 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
-    const double t23 = t9 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs(t23) > 0)) {
+    const double t21 = self->k1 * self->k1; /* r^2/(4 b^2) */
+    self->k18 = t21 * t2;
+    const double t22 = self->k1 * t14 - self->k6; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    self->k19 = self->k1 * (self->Phi_21 * t22);
+    self->k20 = t21 * (self->Phi_21 * t14 - self->k5 * t2);
+    self->k21 = 1.0 / t1 * 2.0;
+    const double t23 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
+    self->k22 = params->b * params->I_w * params->d * params->m_c / t13 * 2.0 * t23;
+    self->k23 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
+    const double t24 = t9 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs(t24) > 0)) {
         return NOSLIP_SINGULAR;
     }
     /* kg^2 m^4: r^2 (I_c m_c + 2 I_c m_w + 2 I_m m_c) */
-    const double t24 = t3 * (params->m_c * params->I_c) + t3 * (params->m_w * params->I_c) * 2.0 + t3 * (params->m_c *
+    const double t25 = t3 * (params->m_c * params->I_c) + t3 * (params->m_w * params->I_c) * 2.0 + t3 * (params->m_c *
         params->I_m) * 2.0;
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
-    const double t25 = t24 + t3 * (params->m_w * params->I_m) * 4.0 + t6 * params->m_c * 2.0 + t6 * params->m_w * 4.0 +
+    const double t26 = t25 + t3 * (params->m_w * params->I_m) * 4.0 + t6 * params->m_c * 2.0 + t6 * params->m_w * 4.0 +
         t3 * (t5 * params->m_c * params->m_w) * 2.0;
-    self->k26 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t23 * 2.0 * t22;
-    self->k27 = t22 * t21;
-    self->k28 = self->k4 * t22;
-    if (!(noslip_abs(t11) > 0)) {
+    self->k24 = (t26 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t24 * 2.0 * t23;
+    self->k25 = t23 * t22;
+    self->k26 = self->Phi_21 * gains->kd_distance;
+    self->k27 = self->k4 * t23;
+    self->k28 = self->k1 * gains->kd_distance;
+    self->k29 = self->k1 * (t10 * gains->kd_distance);
+    if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(t15 / t11 > 0)) {
+    if (!(t20 / t16 > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28)) {
+        self->k26 + self->k27 + self->k28 + self->k29)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
     return status;
 }
 
-int labmate_type_iv_circle_reset(labmate_type_iv_circle *self)
+NOSLIP_SMALL int labmate_type_iv_circle_reset(labmate_type_iv_circle *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -169,7 +173,7 @@ int labmate_type_iv_circle_reset(labmate_type_iv_circle *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_set_limits(labmate_type_iv_circle *self, const double limit[2])
+NOSLIP_SMALL int labmate_type_iv_circle_set_limits(labmate_type_iv_circle *self, const double limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -189,7 +193,7 @@ int labmate_type_iv_circle_set_limits(labmate_type_iv_circle *self, const double
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_update(labmate_type_iv_circle *self, const labmate_type_iv_circle *next)
+NOSLIP_SMALL int labmate_type_iv_circle_update(labmate_type_iv_circle *self, const labmate_type_iv_circle *next)
 {
     double held[2];
     if (self == NULL || next == NULL) {
@@ -240,28 +244,27 @@ static int labmate_type_iv_circle_admit_both(const labmate_type_iv_circle *self,
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 10 mul, 2 add, 6 sub, 1 div, 1 sincos.
+ * Operations: 6 mul, 1 add, 6 sub, 1 div, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_circle_slope_law(const labmate_type_iv_circle *self, const labmate_state *state,
     double slope[2])
 {
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
-    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
-    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
-    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
-    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
-        scaled_distance_by_forward_speed)) {
+    const double x_l_from_center = self->x_f - state->x_c;
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
+    const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     /* part of slope[0], slope[1] */
     const double t1 = self->k6 * scaled_distance_by_forward_speed / scaled_distance_by_yaw_rate;
-    slope[0] = self->k5 + t1;
-    slope[1] = self->k5 - t1;
+    slope[0] = self->k5 - t1;
+    slope[1] = self->k5 + t1;
     return NOSLIP_OK;
 }
 
@@ -269,19 +272,19 @@ static int labmate_type_iv_circle_output_law(const labmate_type_iv_circle *self,
     double h[2])
 {
     /* Phi_21 (m) = r/2 */
+    const double x_l_from_center = self->x_f - state->x_c;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
-    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
-    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
-        scaled_distance_by_y_l);
-    h[0] = t1 - self->R;
+    const double t1 = x_l_from_center - self->L * cos_phi; /* x_l_from_center - L cos(phi) */
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double t2 = y_l_from_center - self->L * sin_phi; /* y_l_from_center - L sin(phi) */
+    h[0] = noslip_sqrt(t1 * t1 + t2 * t2) - self->R;
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_output(const labmate_type_iv_circle *self, const labmate_state *state, double h[2])
+NOSLIP_SMALL int labmate_type_iv_circle_output(const labmate_type_iv_circle *self, const labmate_state *state,
+    double h[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -310,26 +313,27 @@ static int labmate_type_iv_circle_rate_law(const labmate_type_iv_circle *self, c
 {
     /* Phi_21 (m) = r/2 */
     /* k17 (m) = r (L + d)/(2 b) */
+    const double x_l_from_center = self->x_f - state->x_c;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
-    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
-    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
-        scaled_distance_by_y_l);
-    if (!(t1 > 0)) {
+    const double t1 = x_l_from_center - self->L * cos_phi; /* x_l_from_center - L cos(phi) */
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double t2 = y_l_from_center - self->L * sin_phi; /* y_l_from_center - L sin(phi) */
+    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2); /* sqrt(distance_squared) */
+    if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    const double t3 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
-    const double t4 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
+    const double t4 = 1.0 / t3; /* 1/sqrt(distance_squared) */
+    const double t5 = t4 * t1; /* -distance_by_x_l */
+    const double t6 = t4 * t2; /* -distance_by_y_l */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    ydot[0] = self->k17 * (t3 * sin_phi - t4 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
-        (t3 * cos_phi + t4 * sin_phi);
+    ydot[0] = self->k17 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
+        (t5 * cos_phi + t6 * sin_phi);
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_rate(const labmate_type_iv_circle *self, const labmate_state *state, double ydot[1])
+NOSLIP_SMALL int labmate_type_iv_circle_rate(const labmate_type_iv_circle *self, const labmate_state *state,
+    double ydot[1])
 {
     double made[1];
     int status = NOSLIP_NULL;
@@ -358,29 +362,30 @@ static int labmate_type_iv_circle_decoupling_law(const labmate_type_iv_circle *s
 {
     /* Phi_21 (m) = r/2 */
     /* k17 (m) = r (L + d)/(2 b) */
+    const double x_l_from_center = self->x_f - state->x_c;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
-    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
-    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
-        scaled_distance_by_y_l);
-    if (!(t1 > 0)) {
+    const double t1 = x_l_from_center - self->L * cos_phi; /* x_l_from_center - L cos(phi) */
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double t2 = y_l_from_center - self->L * sin_phi; /* y_l_from_center - L sin(phi) */
+    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2); /* sqrt(distance_squared) */
+    if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    const double t3 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
-    const double t4 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
-    const double t5 = self->k17 * (t3 * sin_phi - t4 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const double t6 = self->Phi_21 * (t3 * cos_phi + t4 * sin_phi); /* -distance_by_forward_speed r/2 */
-    Phi[0][0] = t5 - t6;
-    Phi[0][1] = -(t5 + t6);
+    const double t4 = 1.0 / t3; /* 1/sqrt(distance_squared) */
+    const double t5 = t4 * t1; /* -distance_by_x_l */
+    const double t6 = t4 * t2; /* -distance_by_y_l */
+    const double t7 = self->k17 * (t5 * sin_phi - t6 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t8 = self->Phi_21 * (t5 * cos_phi + t6 * sin_phi); /* -distance_by_forward_speed r/2 */
+    Phi[0][0] = t7 - t8;
+    Phi[0][1] = -(t7 + t8);
     Phi[1][0] = self->Phi_21;
     Phi[1][1] = self->Phi_21;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_decoupling(const labmate_type_iv_circle *self, const labmate_state *state, double Phi[2][2])
+NOSLIP_SMALL int labmate_type_iv_circle_decoupling(const labmate_type_iv_circle *self, const labmate_state *state,
+    double Phi[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -414,37 +419,37 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
     /* k17 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
-    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
-    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
-        scaled_distance_by_y_l);
-    if (!(t1 > 0)) {
+    const double x_l_from_center = self->x_f - state->x_c;
+    const double t1 = x_l_from_center - self->L * cos_phi; /* x_l_from_center - L cos(phi) */
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double t2 = y_l_from_center - self->L * sin_phi; /* y_l_from_center - L sin(phi) */
+    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2); /* sqrt(distance_squared) */
+    if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t4 = 1.0 / t3; /* 1/sqrt(distance_squared) */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t4 = self->k17 * t3; /* yaw_rate (L + d) */
-    const double t5 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
-    const double t6 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
+    const double t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t6 = self->k17 * t5; /* yaw_rate (L + d) */
+    const double t7 = t4 * t1; /* -distance_by_x_l */
+    const double t8 = t4 * t2; /* -distance_by_y_l */
     /* -distance_rate */
-    const double t7 = forward_speed * (t5 * cos_phi + t6 * sin_phi) - t4 * (t5 * sin_phi - t6 * cos_phi);
-    const double yaw_rate = self->k1 * t3;
+    const double t9 = forward_speed * (t7 * cos_phi + t8 * sin_phi) - t6 * (t7 * sin_phi - t8 * cos_phi);
+    const double yaw_rate = self->k1 * t5;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
-    const double t8 = t2 * (forward_speed * cos_phi - t4 * sin_phi - t5 * t7) - t6 * yaw_rate;
-    const double distance_by_y_l_rate = t2 * (forward_speed * sin_phi + t4 * cos_phi - t6 * t7);
-    const double t9 = distance_by_y_l_rate + t5 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
-    const double t10 = self->Phi_21 * (cos_phi * t8 + sin_phi * t9); /* part of Phidot[0][0], Phidot[0][1] */
-    const double t11 = self->k17 * (cos_phi * t9 - sin_phi * t8); /* part of Phidot[0][0], Phidot[0][1] */
-    Phidot[0][0] = t10 + t11;
-    Phidot[0][1] = t10 - t11;
+    const double t10 = t4 * (forward_speed * cos_phi - t6 * sin_phi - t7 * t9) - t8 * yaw_rate;
+    const double distance_by_y_l_rate = t4 * (forward_speed * sin_phi + t6 * cos_phi - t8 * t9);
+    const double t11 = distance_by_y_l_rate + t7 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
+    const double t12 = self->Phi_21 * (cos_phi * t10 + sin_phi * t11); /* part of Phidot[0][0], Phidot[0][1] */
+    const double t13 = self->k17 * (cos_phi * t11 - sin_phi * t10); /* part of Phidot[0][0], Phidot[0][1] */
+    Phidot[0][0] = t12 + t13;
+    Phidot[0][1] = t12 - t13;
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_decoupling_rate(const labmate_type_iv_circle *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_circle_decoupling_rate(const labmate_type_iv_circle *self, const labmate_state *state,
     double Phidot[2][2])
 {
     double made[2][2];
@@ -477,51 +482,46 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
     /* Phi_21 (m) = r/2 */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m^2) = r^2/4 */
-    /* k19 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k20 (m) = r^2 (L + d)/(4 b^2) */
-    /* k21 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k22 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k18 (m) = r^2 (L + d)/(4 b^2) */
+    /* k19 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double x_l = state->x_c + self->L * cos_phi;
-    const double scaled_distance_by_x_l = self->x_f - x_l;
-    const double y_l = state->y_c + self->L * sin_phi;
-    const double scaled_distance_by_y_l = self->y_f - y_l;
-    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
-    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
-    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
-        scaled_distance_by_forward_speed)) {
+    const double x_l_from_center = self->x_f - state->x_c;
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
+    const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    /* scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2 */
-    const double t3 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l * scaled_distance_by_y_l;
-    const double t4 = scaled_distance_by_yaw_rate * t3; /* part of tau[0], tau[1] */
-    if (!(noslip_abs(t4) > 0)) {
+    const double distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
+        scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
+    const double t3 = scaled_distance_by_yaw_rate * distance_squared; /* distance_squared scaled_distance_by_yaw_rate */
+    if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double forward_speed = self->Phi_21 * t1;
-    const double scaled_distance_rate = self->k17 * t2 * scaled_distance_by_yaw_rate - forward_speed *
+    const double distance_across = forward_speed * scaled_distance_by_yaw_rate - self->k17 * t2 *
         scaled_distance_by_forward_speed;
-    const double t5 = t2 * t2; /* 4 b^2 yaw_rate^2/r^2 */
-    const double v_less_drift_1 = v[1] - self->k20 * t5;
+    const double t4 = t2 * t2; /* 4 b^2 yaw_rate^2/r^2 */
+    const double v_less_drift_1 = v[1] - self->k18 * t4;
     /* part of tau[0], tau[1] */
-    const double t6 = v[0] * noslip_sqrt(t3) - self->k18 * t1 * t1 - self->k19 * t5 + scaled_distance_by_forward_speed *
-        v_less_drift_1;
+    const double t5 = distance_squared * (v[0] * noslip_sqrt(distance_squared) - scaled_distance_by_forward_speed *
+        v_less_drift_1);
     /* part of tau[0], tau[1] */
-    const double t7 = self->k21 * t1 * t2 + self->k6 * (scaled_distance_rate * scaled_distance_rate + t3 * t6) / t4;
-    const double t8 = self->k5 * v_less_drift_1 - self->k22 * t5; /* part of tau[0], tau[1] */
-    tau[0] = t7 + t8;
-    tau[1] = t8 - t7;
+    const double t6 = self->k19 * t1 * t2 - self->k6 * (distance_across * distance_across - t5) / t3;
+    const double t7 = self->k5 * v_less_drift_1 - self->k20 * t4; /* part of tau[0], tau[1] */
+    tau[0] = t6 + t7;
+    tau[1] = t7 - t6;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_feedback(const labmate_type_iv_circle *self, const labmate_state *state, const double v[2],
-    double tau[2])
+NOSLIP_SMALL int labmate_type_iv_circle_feedback(const labmate_type_iv_circle *self, const labmate_state *state,
+    const double v[2], double tau[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -551,35 +551,35 @@ int labmate_type_iv_circle_feedback(const labmate_type_iv_circle *self, const la
 NOSLIP_HOT int labmate_type_iv_circle_ground_law(const labmate_type_iv_circle *self, const labmate_state *state,
     const double tau[2], double ground[8])
 {
-    /* k8 (kg) = (m_c + 2 m_w)/2 */
-    /* k9 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k23 (1/m) = 1/b */
+    /* k7 (kg) = (m_c + 2 m_w)/2 */
+    /* k8 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k9 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k10 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k21 (1/m) = 1/b */
+    /* k22 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k23 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k24 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k25 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k10 * effort_1 + self->k24 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k9 * effort_1 + self->k22 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k9 * effort_0 - self->k25 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k8 * effort_0 - self->k23 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k11 * effort_1 + self->k26 * t2;
+    const double force_across_0 = self->k10 * effort_1 + self->k24 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k23 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k21 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k8;
+    ground[3] = self->k7;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k8;
+    ground[7] = self->k7;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_ground(const labmate_type_iv_circle *self, const labmate_state *state, const double tau[2],
-    double ground[8])
+NOSLIP_SMALL int labmate_type_iv_circle_ground(const labmate_type_iv_circle *self, const labmate_state *state,
+    const double tau[2], double ground[8])
 {
     double made[8];
     int status = NOSLIP_NULL;
@@ -610,28 +610,28 @@ static int labmate_type_iv_circle_ground_by_inputs_law(const labmate_type_iv_cir
     double ground_by_inputs[6][2])
 {
     (void)state;
-    /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k10 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k11 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k14 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k13 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k15 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k16 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k12;
-    ground_by_inputs[0][1] = self->k13;
-    ground_by_inputs[1][0] = self->k11;
+    ground_by_inputs[0][0] = self->k11;
+    ground_by_inputs[0][1] = self->k12;
+    ground_by_inputs[1][0] = self->k10;
     ground_by_inputs[1][1] = self->k16;
-    ground_by_inputs[2][0] = self->k14;
+    ground_by_inputs[2][0] = self->k13;
     ground_by_inputs[2][1] = self->k15;
-    ground_by_inputs[3][0] = self->k13;
-    ground_by_inputs[3][1] = self->k12;
-    ground_by_inputs[4][0] = self->k11;
+    ground_by_inputs[3][0] = self->k12;
+    ground_by_inputs[3][1] = self->k11;
+    ground_by_inputs[4][0] = self->k10;
     ground_by_inputs[4][1] = self->k16;
     ground_by_inputs[5][0] = self->k15;
-    ground_by_inputs[5][1] = self->k14;
+    ground_by_inputs[5][1] = self->k13;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_ground_by_inputs(const labmate_type_iv_circle *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_circle_ground_by_inputs(const labmate_type_iv_circle *self, const labmate_state *state,
     double ground_by_inputs[6][2])
 {
     double made[6][2];
@@ -678,96 +678,94 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     /* k4 (1/m) = 1/(L + d) */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m^2) = r^2/4 */
-    /* k19 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k20 (m) = r^2 (L + d)/(4 b^2) */
-    /* k22 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k28 = r^2/(4 b (L + d)) */
+    /* k18 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k25 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k26 (m/s) = kd_distance r/2 */
+    /* k27 = r^2/(4 b (L + d)) */
+    /* k28 (1/s) = kd_distance r/(2 b) */
+    /* k29 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double x_l = state->x_c + self->L * cos_phi;
-    const double scaled_distance_by_x_l = self->x_f - x_l;
-    const double y_l = state->y_c + self->L * sin_phi;
-    const double scaled_distance_by_y_l = self->y_f - y_l;
-    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
-    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
-    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
-        scaled_distance_by_forward_speed)) {
+    const double x_l_from_center = self->x_f - state->x_c;
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
+    const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    /* scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2 */
-    const double t1 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l * scaled_distance_by_y_l;
-    const double t2 = noslip_sqrt(t1); /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    all->h[0] = t2 - self->R;
-    const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const double forward_speed = self->Phi_21 * t3;
+    const double t1 = self->L * cos_phi - x_l_from_center; /* L cos(phi) - x_l_from_center */
+    const double t2 = self->L * sin_phi - y_l_from_center; /* L sin(phi) - y_l_from_center */
+    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2); /* sqrt(distance_squared) */
+    all->h[0] = t3 - self->R;
+    const double t4 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const double forward_speed = self->Phi_21 * t4;
     all->h[1] = forward_speed;
-    const double t4 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t5 = self->k17 * t4; /* yaw_rate (L + d) */
-    if (!(t2 > 0)) {
+    if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t6 = 1.0 / t2; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
-    const double t7 = t6 * scaled_distance_by_x_l; /* -distance_by_x_l */
-    const double t8 = t6 * scaled_distance_by_y_l; /* -distance_by_y_l */
-    const double t9 = t7 * sin_phi - t8 * cos_phi; /* -distance_by_yaw_rate */
-    const double t10 = t5 * t9; /* -distance_by_yaw_rate yaw_rate (L + d) */
-    const double t11 = t7 * cos_phi + t8 * sin_phi; /* -distance_by_forward_speed */
-    const double t12 = forward_speed * t11; /* -distance_by_forward_speed forward_speed */
-    all->ydot[0] = t10 - t12;
-    const double t13 = self->k17 * t9; /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const double t14 = self->Phi_21 * t11; /* -distance_by_forward_speed r/2 */
+    const double t5 = 1.0 / t3; /* 1/sqrt(distance_squared) */
+    const double t6 = t5 * t1; /* distance_by_x_l */
+    const double t7 = t5 * t2; /* distance_by_y_l */
+    const double t8 = t6 * cos_phi + t7 * sin_phi; /* distance_by_forward_speed */
+    const double t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t10 = self->k17 * t9; /* yaw_rate (L + d) */
+    const double t11 = t6 * sin_phi - t7 * cos_phi; /* distance_by_yaw_rate */
+    const double t12 = forward_speed * t8 - t10 * t11; /* distance_rate */
+    all->ydot[0] = t12;
+    const double t13 = self->Phi_21 * t8; /* distance_by_forward_speed r/2 */
+    const double t14 = self->k17 * t11; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t13 - t14;
-    all->Phi[0][1] = -(t14 + t13);
+    all->Phi[0][1] = t13 + t14;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t15 = t12 - t10; /* -distance_rate */
-    const double yaw_rate = self->k1 * t4;
+    const double yaw_rate = self->k1 * t9;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
-    const double t16 = t6 * (forward_speed * cos_phi - t5 * sin_phi - t7 * t15) - yaw_rate * t8;
-    const double distance_by_y_l_rate = t6 * (forward_speed * sin_phi + t5 * cos_phi - t8 * t15);
-    const double t17 = distance_by_y_l_rate + yaw_rate * t7; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
+    const double t15 = t5 * (forward_speed * cos_phi - t10 * sin_phi - t6 * t12) + yaw_rate * t7;
+    const double distance_by_y_l_rate = t5 * (forward_speed * sin_phi + t10 * cos_phi - t7 * t12);
+    const double t16 = distance_by_y_l_rate - yaw_rate * t6; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const double t18 = self->Phi_21 * (cos_phi * t16 + sin_phi * t17);
-    const double t19 = self->k17 * (cos_phi * t17 - sin_phi * t16); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    all->Phidot[0][0] = t18 + t19;
-    all->Phidot[0][1] = t18 - t19;
+    const double t17 = self->Phi_21 * (cos_phi * t15 + sin_phi * t16);
+    const double t18 = self->k17 * (cos_phi * t16 - sin_phi * t15); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    all->Phidot[0][0] = t17 + t18;
+    all->Phidot[0][1] = t17 - t18;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t20 = t4 * t4; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t21 = self->k20 * t20; /* yaw_rate^2 (L + d) */
-    const double v_less_drift_1 = reference->speed_rate - t21 + self->kv_speed * (reference->speed - forward_speed);
-    const double t22 = self->k2 * (v_less_drift_1 + t21); /* v_speed/r */
-    const double t23 = t3 * t4; /* 4 b forward_speed yaw_rate/r^2 */
-    /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
-    const double t24 = scaled_distance_by_yaw_rate * t1;
-    if (!(noslip_abs(t24) > 0)) {
+    const double t19 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
+    const double t20 = self->k18 * t19; /* yaw_rate^2 (L + d) */
+    const double v_less_drift_1 = reference->speed_rate - t20 + self->kv_speed * (reference->speed - forward_speed);
+    const double t21 = self->k2 * (v_less_drift_1 + t20); /* v_speed/r */
+    const double t22 = t4 * t9; /* 4 b forward_speed yaw_rate/r^2 */
+    const double distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
+        scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
+    /* distance_squared scaled_distance_by_yaw_rate */
+    const double t23 = scaled_distance_by_yaw_rate * distance_squared;
+    if (!(noslip_abs(t23) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    /* -scaled_distance_rate */
-    const double t25 = forward_speed * scaled_distance_by_forward_speed - t5 * scaled_distance_by_yaw_rate;
-    /* distance_acceleration + distance_rate kd_distance */
-    const double t26 = reference->distance_acceleration + self->kp_distance * (self->R - t2 + reference->distance) +
+    const double t24 = noslip_sqrt(distance_squared); /* sqrt(distance_squared) */
+    /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
+    const double t25 = reference->distance_acceleration + self->kp_distance * (self->R + reference->distance - t24) +
         self->kd_distance * reference->distance_rate;
     /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
-    const double t27 = self->k18 * t3 * t3 + self->k19 * t20 - t2 * t26 - scaled_distance_by_forward_speed *
-        v_less_drift_1 - self->kd_distance * t25;
-    const double t28 = (t25 * t25 - t1 * t27) / t24; /* u_yaw_rate (L + d) */
-    /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const double t29 = self->k3 * (t23 * self->k28 - self->k4 * t28);
-    all->u[0] = t22 - t29;
-    all->u[1] = t22 + t29;
-    const double t30 = t23 * self->k27 + self->k6 * t28; /* part of all->tau[0], all->tau[1] */
-    const double t31 = self->k5 * v_less_drift_1 - self->k22 * t20; /* part of all->tau[0], all->tau[1] */
-    all->tau[0] = t30 + t31;
-    all->tau[1] = t31 - t30;
+    const double t26 = distance_squared * (t24 * t25 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k26 *
+        t4));
+    const double distance_across = forward_speed * scaled_distance_by_yaw_rate - t10 * scaled_distance_by_forward_speed;
+    const double t27 = (t26 - distance_across * distance_across) / t23; /* u_yaw_rate (L + d) */
+    /* part of u_thetadot_r, u_thetadot_l */
+    const double t28 = self->k3 * (t22 * self->k27 + self->k28 * t9 - self->k4 * t27);
+    all->u[0] = t21 - t28;
+    all->u[1] = t21 + t28;
+    const double t29 = t22 * self->k25 - self->k29 * t9 + self->k6 * t27; /* part of all->tau[0], all->tau[1] */
+    const double t30 = self->k5 * v_less_drift_1 - self->k20 * t19; /* part of all->tau[0], all->tau[1] */
+    all->tau[0] = t29 + t30;
+    all->tau[1] = t30 - t29;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const labmate_state *state,
     const labmate_type_iv_circle_reference *reference, labmate_type_iv_circle_evaluation *all)
 {
     int status = NOSLIP_NULL;
@@ -806,51 +804,47 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     /* Phi_21 (m) = r/2 */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m^2) = r^2/4 */
-    /* k19 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k20 (m) = r^2 (L + d)/(4 b^2) */
-    /* k21 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k22 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k18 (m) = r^2 (L + d)/(4 b^2) */
+    /* k19 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k26 (m/s) = kd_distance r/2 */
+    /* k29 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double x_l = state->x_c + self->L * cos_phi;
-    const double scaled_distance_by_x_l = self->x_f - x_l;
-    const double y_l = state->y_c + self->L * sin_phi;
-    const double scaled_distance_by_y_l = self->y_f - y_l;
-    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
-    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
-    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
-        scaled_distance_by_forward_speed)) {
+    const double x_l_from_center = self->x_f - state->x_c;
+    const double y_l_from_center = self->y_f - state->y_c;
+    const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
+    const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t3;
-    const double v_less_drift_1 = reference->speed_rate - self->k20 * t2 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k18 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t4 = self->k5 * v_less_drift_1 - self->k22 * t2; /* part of tau[0], tau[1] */
-    /* scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2 */
-    const double t5 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l * scaled_distance_by_y_l;
-    const double t6 = scaled_distance_by_yaw_rate * t5; /* part of tau[0], tau[1] */
-    if (!(noslip_abs(t6) > 0)) {
+    const double t4 = self->k5 * v_less_drift_1 - self->k20 * t2; /* part of tau[0], tau[1] */
+    const double distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
+        scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
+    const double t5 = scaled_distance_by_yaw_rate * distance_squared; /* distance_squared scaled_distance_by_yaw_rate */
+    if (!(noslip_abs(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double scaled_distance_rate = self->k17 * t1 * scaled_distance_by_yaw_rate - forward_speed *
-        scaled_distance_by_forward_speed;
-    const double t7 = noslip_sqrt(t5); /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t6 = noslip_sqrt(distance_squared); /* sqrt(distance_squared) */
     /* part of tau[0], tau[1] */
-    const double t8 = reference->distance_acceleration + self->kd_distance * reference->distance_rate +
-        self->kp_distance * (self->R + reference->distance - t7);
+    const double t7 = reference->distance_acceleration + self->kp_distance * (self->R + reference->distance - t6) +
+        self->kd_distance * reference->distance_rate;
+    /* -distance_across */
+    const double t8 = self->k17 * t1 * scaled_distance_by_forward_speed - forward_speed * scaled_distance_by_yaw_rate;
     /* part of tau[0], tau[1] */
-    const double t9 = self->k18 * t3 * t3 + self->k19 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 - t7 *
-        t8 + self->kd_distance * scaled_distance_rate;
-    /* part of tau[0], tau[1] */
-    const double t10 = self->k21 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 * t9) / t6;
-    tau[0] = t4 + t10;
-    tau[1] = t4 - t10;
+    const double t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k26 *
+        t3)) - t8 * t8;
+    const double t10 = t1 * (self->k29 - self->k19 * t3) - self->k6 * t9 / t5; /* part of tau[0], tau[1] */
+    tau[0] = t4 - t10;
+    tau[1] = t4 + t10;
     return NOSLIP_OK;
 }
 

@@ -74,28 +74,29 @@ typedef struct labmate_type_iv_circle_f {
     float k5;                 /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* kg m: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     float k6;
-    float k7;                 /* 1.0000000001e-10 b^2/(L + d)^2 */
-    float k8;                 /* kg: (m_c + 2 m_w)/2 */
-    float k9;                 /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k10;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k11;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k7;                 /* kg: (m_c + 2 m_w)/2 */
+    float k8;                 /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k9;                 /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k10;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k11;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k12;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k13;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k14;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k13;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k14;                /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float k15;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k16;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k17;                /* m: r (L + d)/(2 b) */
-    float k18;                /* m^2: r^2/4 */
-    float k19;                /* m^2: r^2 (L + d)^2/(4 b^2) */
-    float k20;                /* m: r^2 (L + d)/(4 b^2) */
-    float k21;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k22;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    float k23;                /* 1/m: 1/b */
+    float k18;                /* m: r^2 (L + d)/(4 b^2) */
+    float k19;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k20;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k21;                /* 1/m: 1/b */
+    float k22;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k23;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     float k24;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k25;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k26;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k27;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k28;                /* r^2/(4 b (L + d)) */
+    float k25;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k26;                /* m/s: kd_distance r/2 */
+    float k27;                /* r^2/(4 b (L + d)) */
+    float k28;                /* 1/s: kd_distance r/(2 b) */
+    float k29;                /* kg m^2/s: of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
 } labmate_type_iv_circle_f;
 
 /*
@@ -159,7 +160,7 @@ int labmate_type_iv_circle_decoupling_rate_f(const labmate_type_iv_circle_f *sel
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 30 mul, 9 add, 10 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 23 mul, 3 add, 13 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_circle_feedback_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const float v[2], float tau[2]);
@@ -182,7 +183,7 @@ int labmate_type_iv_circle_ground_by_inputs_f(const labmate_type_iv_circle_f *se
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 65 mul, 20 add, 27 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 64 mul, 19 add, 29 sub, 2 div, 2 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, labmate_type_iv_circle_evaluation_f *all);
@@ -190,7 +191,7 @@ int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, cons
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 34 mul, 13 add, 13 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 27 mul, 8 add, 16 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_circle_step_f(labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, float tau[2]);

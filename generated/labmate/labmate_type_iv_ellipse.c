@@ -4,9 +4,10 @@
  * Model SHA-256 1267982abf573038cea50052705248ea697a021c06a3892208429077ef7c7e67
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iv_ellipse.h"
 
-int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_params *params,
+NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_params *params,
     const labmate_type_iv_ellipse_config *config, const labmate_type_iv_ellipse_gains *gains,
     const labmate_options *options)
 {
@@ -105,47 +106,47 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
     const double t14 = t8 * params->I_c + t8 * params->I_m * 2.0 + t11 * 2.0 + t8 * t12 * 2.0 + t8 * t13;
     self->k15 = self->k12 * (self->k1 * (t14 / t8));
-    const double t15 = t7 * t7; /* m^2: (L + d)^2 */
-    const double t16 = t8 * t8; /* m^4: r^4 */
-    const double t17 = t8 * 0.5; /* m^2: r^2/2 */
-    const double t18 = t10 * 2.0; /* m^2: 2 b^2 */
-    if (!(noslip_abs(t18) > 0)) {
+    const double t15 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
+    self->k16 = 0.5 * t15;
+    const double t16 = 2.0 * t9; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t19 = t8 / t18; /* r^2/(2 b^2) */
-    const double t20 = t15 * t16 - t17 * (t19 * (t10 * t15)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
-    if (!(noslip_abs(t20) > 0)) {
+    self->k17 = params->r * t15 / t16;
+    const double t17 = 2.0 * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k16 = t17 * (t19 * (t10 * t10)) * 4e-10 / t20;
-    const double t21 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
-    self->k17 = 0.5 * t21;
-    const double t22 = 2.0 * t9; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    self->k18 = params->r * (params->I_c + params->I_m * 2.0 + t12 * 2.0 + t13) / t17;
+    self->k19 = params->b * params->d * params->m_c * params->r / t17;
+    self->k20 = self->k17 + self->k18;
+    self->k21 = self->k17 - self->k18;
+    const double t18 = params->d * params->m_c; /* kg m: d m_c */
+    self->k22 = t18 * params->r / t17;
+    const double t19 = t7 * t7; /* m^2: (L + d)^2 */
+    const double t20 = t8 * t8; /* m^4: r^4 */
+    const double t21 = t8 * 0.5; /* m^2: r^2/2 */
+    const double t22 = t10 * 2.0; /* m^2: 2 b^2 */
     if (!(noslip_abs(t22) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = params->r * t21 / t22;
-    const double t23 = 2.0 * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs(t23) > 0)) {
+    const double t23 = t8 / t22; /* r^2/(2 b^2) */
+    const double t24 = t19 * t20 - t21 * (t23 * (t10 * t19)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
+    if (!(noslip_abs(t24) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k19 = params->r * (params->I_c + params->I_m * 2.0 + t12 * 2.0 + t13) / t23;
-    self->k20 = params->b * params->d * params->m_c * params->r / t23;
-    self->k21 = self->k18 + self->k19;
-    self->k22 = self->k18 - self->k19;
-    const double t24 = params->d * params->m_c; /* kg m: d m_c */
-    self->k23 = t24 * params->r / t23;
-    self->k24 = -self->k23;
-    self->k25 = -self->k20;
+    self->k23 = noslip_sqrt(t21 * (t23 * (t10 * t10)) * 4e-10 / t24);
+    self->k24 = -self->k22;
+    self->k25 = -self->k19;
     self->k26 = self->k1 * t7;
     const double t25 = self->k1 * self->k1; /* r^2/(4 b^2) */
     self->k27 = t25 * t7;
-    const double t26 = self->k1 * t24 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    const double t26 = self->k1 * t18 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     self->k28 = self->k1 * (self->Phi_21 * t26);
-    self->k29 = t25 * (self->Phi_21 * t24 - self->k13 * t7);
+    self->k29 = t25 * (self->Phi_21 * t18 - self->k13 * t7);
     self->k30 = 1.0 / t1 * 2.0;
     const double t27 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k31 = params->b * params->I_w * params->d * params->m_c / t23 * 2.0 * t27;
+    self->k31 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0 * t27;
     self->k32 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
     const double t28 = t14 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t28) > 0)) {
@@ -161,10 +162,10 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
         t27;
     self->k34 = t27 * t26;
     self->k35 = self->k12 * t27;
-    if (!(noslip_abs(t16) > 0)) {
+    if (!(noslip_abs(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(t20 / t16 > 0)) {
+    if (!(t24 / t20 > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
@@ -178,7 +179,7 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     return status;
 }
 
-int labmate_type_iv_ellipse_reset(labmate_type_iv_ellipse *self)
+NOSLIP_SMALL int labmate_type_iv_ellipse_reset(labmate_type_iv_ellipse *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -188,7 +189,7 @@ int labmate_type_iv_ellipse_reset(labmate_type_iv_ellipse *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_set_limits(labmate_type_iv_ellipse *self, const double limit[2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_set_limits(labmate_type_iv_ellipse *self, const double limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -208,7 +209,7 @@ int labmate_type_iv_ellipse_set_limits(labmate_type_iv_ellipse *self, const doub
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_update(labmate_type_iv_ellipse *self, const labmate_type_iv_ellipse *next)
+NOSLIP_SMALL int labmate_type_iv_ellipse_update(labmate_type_iv_ellipse *self, const labmate_type_iv_ellipse *next)
 {
     double held[2];
     if (self == NULL || next == NULL) {
@@ -259,7 +260,7 @@ static int labmate_type_iv_ellipse_admit_both(const labmate_type_iv_ellipse *sel
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 19 mul, 7 add, 4 sub, 1 div, 1 sincos.
+ * Operations: 17 mul, 7 add, 5 sub, 1 div, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_ellipse_slope_law(const labmate_type_iv_ellipse *self, const labmate_state *state,
     double slope[2])
@@ -270,26 +271,30 @@ static int labmate_type_iv_ellipse_slope_law(const labmate_type_iv_ellipse *self
     /* k11 = a^4/(2 b^4) */
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double y_l = state->y_c + self->L * sin_phi;
     const double x_l = state->x_c + self->L * cos_phi;
     const double t1 = x_l * x_l; /* x_l^2 */
+    const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l; /* y_l^2 */
     const double t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
     const double t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const double scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
     const double scaled_distance_by_x_l = x_l * (t3 + 0.5 * t4);
-    /* -scaled_distance_by_yaw_rate */
-    const double t5 = scaled_distance_by_y_l * cos_phi - scaled_distance_by_x_l * sin_phi;
+    const double t5 = scaled_distance_by_x_l * sin_phi; /* scaled_distance_by_x_l sin(phi) */
+    const double scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const double t6 = scaled_distance_by_y_l * cos_phi; /* scaled_distance_by_y_l cos(phi) */
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t5 * t5 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs(t5 - t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t6 = self->k15 * scaled_distance_by_forward_speed / t5; /* part of slope[0], slope[1] */
-    slope[0] = self->k13 - t6;
-    slope[1] = self->k13 + t6;
+    const double t7 = t6 - t5; /* -scaled_distance_by_yaw_rate */
+    if (!(noslip_abs(t7) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t8 = self->k15 * scaled_distance_by_forward_speed / t7; /* part of slope[0], slope[1] */
+    slope[0] = self->k13 - t8;
+    slope[1] = self->k13 + t8;
     return NOSLIP_OK;
 }
 
@@ -315,7 +320,8 @@ static int labmate_type_iv_ellipse_output_law(const labmate_type_iv_ellipse *sel
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_output(const labmate_type_iv_ellipse *self, const labmate_state *state, double h[2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_output(const labmate_type_iv_ellipse *self, const labmate_state *state,
+    double h[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -371,7 +377,8 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_rate(const labmate_type_iv_ellipse *self, const labmate_state *state, double ydot[1])
+NOSLIP_SMALL int labmate_type_iv_ellipse_rate(const labmate_type_iv_ellipse *self, const labmate_state *state,
+    double ydot[1])
 {
     double made[1];
     int status = NOSLIP_NULL;
@@ -429,7 +436,7 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_decoupling(const labmate_type_iv_ellipse *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_ellipse_decoupling(const labmate_type_iv_ellipse *self, const labmate_state *state,
     double Phi[2][2])
 {
     double made[2][2];
@@ -516,8 +523,8 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self, const labmate_state *state,
-    double Phidot[2][2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self,
+    const labmate_state *state, double Phidot[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -553,7 +560,7 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     /* k11 = a^4/(2 b^4) */
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k26 (m) = r (L + d)/(2 b) */
     /* k27 (m) = r^2 (L + d)/(4 b^2) */
     /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
@@ -572,7 +579,7 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     /* scaled_distance_by_yaw_rate */
     const double t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -603,8 +610,8 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const labmate_state *state, const double v[2],
-    double tau[2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const labmate_state *state,
+    const double v[2], double tau[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -634,10 +641,10 @@ int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const 
 NOSLIP_HOT int labmate_type_iv_ellipse_ground_law(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const double tau[2], double ground[8])
 {
-    /* k17 (kg) = (m_c + 2 m_w)/2 */
-    /* k18 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k20 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (kg) = (m_c + 2 m_w)/2 */
+    /* k17 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k30 (1/m) = 1/b */
     /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k32 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
@@ -645,24 +652,24 @@ NOSLIP_HOT int labmate_type_iv_ellipse_ground_law(const labmate_type_iv_ellipse 
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k19 * effort_1 + self->k31 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k18 * effort_1 + self->k31 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k18 * effort_0 - self->k32 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k17 * effort_0 - self->k32 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k20 * effort_1 + self->k33 * t2;
+    const double force_across_0 = self->k19 * effort_1 + self->k33 * t2;
     ground[1] = force_across_0;
     const double t5 = self->k30 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k17;
+    ground[3] = self->k16;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k17;
+    ground[7] = self->k16;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_ground(const labmate_type_iv_ellipse *self, const labmate_state *state, const double tau[2],
-    double ground[8])
+NOSLIP_SMALL int labmate_type_iv_ellipse_ground(const labmate_type_iv_ellipse *self, const labmate_state *state,
+    const double tau[2], double ground[8])
 {
     double made[8];
     int status = NOSLIP_NULL;
@@ -693,29 +700,29 @@ static int labmate_type_iv_ellipse_ground_by_inputs_law(const labmate_type_iv_el
     double ground_by_inputs[6][2])
 {
     (void)state;
-    /* k20 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k20 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k21 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k22 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k23 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k22 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k24 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k25 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k21;
-    ground_by_inputs[0][1] = self->k22;
-    ground_by_inputs[1][0] = self->k20;
+    ground_by_inputs[0][0] = self->k20;
+    ground_by_inputs[0][1] = self->k21;
+    ground_by_inputs[1][0] = self->k19;
     ground_by_inputs[1][1] = self->k25;
-    ground_by_inputs[2][0] = self->k23;
+    ground_by_inputs[2][0] = self->k22;
     ground_by_inputs[2][1] = self->k24;
-    ground_by_inputs[3][0] = self->k22;
-    ground_by_inputs[3][1] = self->k21;
-    ground_by_inputs[4][0] = self->k20;
+    ground_by_inputs[3][0] = self->k21;
+    ground_by_inputs[3][1] = self->k20;
+    ground_by_inputs[4][0] = self->k19;
     ground_by_inputs[4][1] = self->k25;
     ground_by_inputs[5][0] = self->k24;
-    ground_by_inputs[5][1] = self->k23;
+    ground_by_inputs[5][1] = self->k22;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_ground_by_inputs(const labmate_type_iv_ellipse *self, const labmate_state *state,
-    double ground_by_inputs[6][2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_ground_by_inputs(const labmate_type_iv_ellipse *self,
+    const labmate_state *state, double ground_by_inputs[6][2])
 {
     double made[6][2];
     int status = NOSLIP_NULL;
@@ -770,7 +777,7 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k14 (1/s^2) = kp_distance/2 */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k26 (m) = r (L + d)/(2 b) */
     /* k27 (m) = r^2 (L + d)/(4 b^2) */
     /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
@@ -790,7 +797,7 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     /* scaled_distance_by_yaw_rate */
     const double t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = noslip_sqrt(t3); /* sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
@@ -876,7 +883,7 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, labmate_type_iv_ellipse_evaluation *all)
 {
     int status = NOSLIP_NULL;
@@ -920,7 +927,7 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k14 (1/s^2) = kp_distance/2 */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k26 (m) = r (L + d)/(2 b) */
     /* k27 (m) = r^2 (L + d)/(4 b^2) */
     /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
@@ -939,7 +946,7 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     /* scaled_distance_by_yaw_rate */
     const double t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */

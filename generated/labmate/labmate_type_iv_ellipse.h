@@ -79,14 +79,14 @@ typedef struct labmate_type_iv_ellipse {
     double k14;               /* 1/s^2: kp_distance/2 */
     /* kg m: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     double k15;
-    double k16;               /* 1.0000000001e-10 b^2/(L + d)^2 */
-    double k17;               /* kg: (m_c + 2 m_w)/2 */
-    double k18;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k19;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k20;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k16;               /* kg: (m_c + 2 m_w)/2 */
+    double k17;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k18;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k19;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k20;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k21;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k22;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k23;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k22;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k23;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double k24;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k25;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k26;               /* m: r (L + d)/(2 b) */
@@ -162,7 +162,7 @@ int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self,
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 49 mul, 13 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 47 mul, 13 add, 14 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const labmate_state *state, const double v[2],
     double tau[2]);
@@ -185,7 +185,7 @@ int labmate_type_iv_ellipse_ground_by_inputs(const labmate_type_iv_ellipse *self
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 104 mul, 31 add, 27 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 102 mul, 31 add, 27 sub, 1 neg, 2 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, labmate_type_iv_ellipse_evaluation *all);
@@ -193,7 +193,7 @@ int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const 
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 54 mul, 17 add, 16 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 52 mul, 17 add, 16 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_step(labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, double tau[2]);

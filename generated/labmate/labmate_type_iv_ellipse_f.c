@@ -4,9 +4,10 @@
  * Model SHA-256 1267982abf573038cea50052705248ea697a021c06a3892208429077ef7c7e67
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iv_ellipse_f.h"
 
-int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmate_params_f *params,
+NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmate_params_f *params,
     const labmate_type_iv_ellipse_config_f *config, const labmate_type_iv_ellipse_gains_f *gains,
     const labmate_options_f *options)
 {
@@ -105,47 +106,47 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
     const float t14 = t8 * params->I_c + t8 * params->I_m * 2.0f + t11 * 2.0f + t8 * t12 * 2.0f + t8 * t13;
     self->k15 = self->k12 * (self->k1 * (t14 / t8));
-    const float t15 = t7 * t7; /* m^2: (L + d)^2 */
-    const float t16 = t8 * t8; /* m^4: r^4 */
-    const float t17 = t8 * 0.5f; /* m^2: r^2/2 */
-    const float t18 = t10 * 2.0f; /* m^2: 2 b^2 */
-    if (!(noslip_abs_f(t18) > 0)) {
+    const float t15 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
+    self->k16 = 0.5f * t15;
+    const float t16 = 2.0f * t9; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t19 = t8 / t18; /* r^2/(2 b^2) */
-    const float t20 = t15 * t16 - t17 * (t19 * (t10 * t15)) * 4e-10f; /* 0.9999999999 r^4 (L + d)^2 */
-    if (!(noslip_abs_f(t20) > 0)) {
+    self->k17 = params->r * t15 / t16;
+    const float t17 = 2.0f * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k16 = t17 * (t19 * (t10 * t10)) * 4e-10f / t20;
-    const float t21 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
-    self->k17 = 0.5f * t21;
-    const float t22 = 2.0f * t9; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    self->k18 = params->r * (params->I_c + params->I_m * 2.0f + t12 * 2.0f + t13) / t17;
+    self->k19 = params->b * params->d * params->m_c * params->r / t17;
+    self->k20 = self->k17 + self->k18;
+    self->k21 = self->k17 - self->k18;
+    const float t18 = params->d * params->m_c; /* kg m: d m_c */
+    self->k22 = t18 * params->r / t17;
+    const float t19 = t7 * t7; /* m^2: (L + d)^2 */
+    const float t20 = t8 * t8; /* m^4: r^4 */
+    const float t21 = t8 * 0.5f; /* m^2: r^2/2 */
+    const float t22 = t10 * 2.0f; /* m^2: 2 b^2 */
     if (!(noslip_abs_f(t22) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = params->r * t21 / t22;
-    const float t23 = 2.0f * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t23) > 0)) {
+    const float t23 = t8 / t22; /* r^2/(2 b^2) */
+    const float t24 = t19 * t20 - t21 * (t23 * (t10 * t19)) * 4e-10f; /* 0.9999999999 r^4 (L + d)^2 */
+    if (!(noslip_abs_f(t24) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k19 = params->r * (params->I_c + params->I_m * 2.0f + t12 * 2.0f + t13) / t23;
-    self->k20 = params->b * params->d * params->m_c * params->r / t23;
-    self->k21 = self->k18 + self->k19;
-    self->k22 = self->k18 - self->k19;
-    const float t24 = params->d * params->m_c; /* kg m: d m_c */
-    self->k23 = t24 * params->r / t23;
-    self->k24 = -self->k23;
-    self->k25 = -self->k20;
+    self->k23 = noslip_sqrt_f(t21 * (t23 * (t10 * t10)) * 4e-10f / t24);
+    self->k24 = -self->k22;
+    self->k25 = -self->k19;
     self->k26 = self->k1 * t7;
     const float t25 = self->k1 * self->k1; /* r^2/(4 b^2) */
     self->k27 = t25 * t7;
-    const float t26 = self->k1 * t24 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    const float t26 = self->k1 * t18 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     self->k28 = self->k1 * (self->Phi_21 * t26);
-    self->k29 = t25 * (self->Phi_21 * t24 - self->k13 * t7);
+    self->k29 = t25 * (self->Phi_21 * t18 - self->k13 * t7);
     self->k30 = 1.0f / t1 * 2.0f;
     const float t27 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k31 = params->b * params->I_w * params->d * params->m_c / t23 * 2.0f * t27;
+    self->k31 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0f * t27;
     self->k32 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
     const float t28 = t14 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t28) > 0)) {
@@ -163,10 +164,10 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     self->k33 = t31 * t27;
     self->k34 = t27 * t26;
     self->k35 = self->k12 * t27;
-    if (!(noslip_abs_f(t16) > 0)) {
+    if (!(noslip_abs_f(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(t20 / t16 > 0)) {
+    if (!(t24 / t20 > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
@@ -180,7 +181,7 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     return status;
 }
 
-int labmate_type_iv_ellipse_reset_f(labmate_type_iv_ellipse_f *self)
+NOSLIP_SMALL int labmate_type_iv_ellipse_reset_f(labmate_type_iv_ellipse_f *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -190,7 +191,7 @@ int labmate_type_iv_ellipse_reset_f(labmate_type_iv_ellipse_f *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_set_limits_f(labmate_type_iv_ellipse_f *self, const float limit[2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_set_limits_f(labmate_type_iv_ellipse_f *self, const float limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -210,7 +211,8 @@ int labmate_type_iv_ellipse_set_limits_f(labmate_type_iv_ellipse_f *self, const 
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_update_f(labmate_type_iv_ellipse_f *self, const labmate_type_iv_ellipse_f *next)
+NOSLIP_SMALL int labmate_type_iv_ellipse_update_f(labmate_type_iv_ellipse_f *self,
+    const labmate_type_iv_ellipse_f *next)
 {
     float held[2];
     if (self == NULL || next == NULL) {
@@ -261,7 +263,7 @@ static int labmate_type_iv_ellipse_admit_both_f(const labmate_type_iv_ellipse_f 
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 19 mul, 7 add, 4 sub, 1 div, 1 sincos.
+ * Operations: 17 mul, 7 add, 5 sub, 1 div, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_ellipse_slope_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     float slope[2])
@@ -272,26 +274,30 @@ static int labmate_type_iv_ellipse_slope_f_law(const labmate_type_iv_ellipse_f *
     /* k11 = a^4/(2 b^4) */
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float y_l = state->y_c + self->L * sin_phi;
     const float x_l = state->x_c + self->L * cos_phi;
     const float t1 = x_l * x_l; /* x_l^2 */
+    const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l; /* y_l^2 */
     const float t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
     const float t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const float scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
     const float scaled_distance_by_x_l = x_l * (t3 + 0.5f * t4);
-    /* -scaled_distance_by_yaw_rate */
-    const float t5 = scaled_distance_by_y_l * cos_phi - scaled_distance_by_x_l * sin_phi;
+    const float t5 = scaled_distance_by_x_l * sin_phi; /* scaled_distance_by_x_l sin(phi) */
+    const float scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const float t6 = scaled_distance_by_y_l * cos_phi; /* scaled_distance_by_y_l cos(phi) */
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t5 * t5 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs_f(t5 - t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t6 = self->k15 * scaled_distance_by_forward_speed / t5; /* part of slope[0], slope[1] */
-    slope[0] = self->k13 - t6;
-    slope[1] = self->k13 + t6;
+    const float t7 = t6 - t5; /* -scaled_distance_by_yaw_rate */
+    if (!(noslip_abs_f(t7) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const float t8 = self->k15 * scaled_distance_by_forward_speed / t7; /* part of slope[0], slope[1] */
+    slope[0] = self->k13 - t8;
+    slope[1] = self->k13 + t8;
     return NOSLIP_OK;
 }
 
@@ -317,7 +323,8 @@ static int labmate_type_iv_ellipse_output_f_law(const labmate_type_iv_ellipse_f 
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_output_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state, float h[2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_output_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+    float h[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -373,7 +380,8 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_rate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state, float ydot[1])
+NOSLIP_SMALL int labmate_type_iv_ellipse_rate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+    float ydot[1])
 {
     float made[1];
     int status = NOSLIP_NULL;
@@ -431,8 +439,8 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_decoupling_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
-    float Phi[2][2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_decoupling_f(const labmate_type_iv_ellipse_f *self,
+    const labmate_state_f *state, float Phi[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -518,8 +526,8 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_decoupling_rate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
-    float Phidot[2][2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_decoupling_rate_f(const labmate_type_iv_ellipse_f *self,
+    const labmate_state_f *state, float Phidot[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -555,7 +563,7 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     /* k11 = a^4/(2 b^4) */
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k26 (m) = r (L + d)/(2 b) */
     /* k27 (m) = r^2 (L + d)/(4 b^2) */
     /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
@@ -574,7 +582,7 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     /* scaled_distance_by_yaw_rate */
     const float t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs_f(t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -605,7 +613,7 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const float v[2], float tau[2])
 {
     float made[2];
@@ -636,10 +644,10 @@ int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellipse_f *self, co
 NOSLIP_HOT int labmate_type_iv_ellipse_ground_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const float tau[2], float ground[8])
 {
-    /* k17 (kg) = (m_c + 2 m_w)/2 */
-    /* k18 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k20 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (kg) = (m_c + 2 m_w)/2 */
+    /* k17 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k30 (1/m) = 1/b */
     /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k32 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
@@ -647,23 +655,23 @@ NOSLIP_HOT int labmate_type_iv_ellipse_ground_f_law(const labmate_type_iv_ellips
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k19 * effort_1 + self->k31 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k18 * effort_1 + self->k31 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k18 * effort_0 - self->k32 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k17 * effort_0 - self->k32 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k20 * effort_1 + self->k33 * t2;
+    const float force_across_0 = self->k19 * effort_1 + self->k33 * t2;
     ground[1] = force_across_0;
     const float t5 = self->k30 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k17;
+    ground[3] = self->k16;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k17;
+    ground[7] = self->k16;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_ground_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iv_ellipse_ground_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const float tau[2], float ground[8])
 {
     float made[8];
@@ -695,29 +703,29 @@ static int labmate_type_iv_ellipse_ground_by_inputs_f_law(const labmate_type_iv_
     const labmate_state_f *state, float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k20 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k20 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k21 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k22 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k23 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k22 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k24 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k25 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k21;
-    ground_by_inputs[0][1] = self->k22;
-    ground_by_inputs[1][0] = self->k20;
+    ground_by_inputs[0][0] = self->k20;
+    ground_by_inputs[0][1] = self->k21;
+    ground_by_inputs[1][0] = self->k19;
     ground_by_inputs[1][1] = self->k25;
-    ground_by_inputs[2][0] = self->k23;
+    ground_by_inputs[2][0] = self->k22;
     ground_by_inputs[2][1] = self->k24;
-    ground_by_inputs[3][0] = self->k22;
-    ground_by_inputs[3][1] = self->k21;
-    ground_by_inputs[4][0] = self->k20;
+    ground_by_inputs[3][0] = self->k21;
+    ground_by_inputs[3][1] = self->k20;
+    ground_by_inputs[4][0] = self->k19;
     ground_by_inputs[4][1] = self->k25;
     ground_by_inputs[5][0] = self->k24;
-    ground_by_inputs[5][1] = self->k23;
+    ground_by_inputs[5][1] = self->k22;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_ground_by_inputs_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
-    float ground_by_inputs[6][2])
+NOSLIP_SMALL int labmate_type_iv_ellipse_ground_by_inputs_f(const labmate_type_iv_ellipse_f *self,
+    const labmate_state_f *state, float ground_by_inputs[6][2])
 {
     float made[6][2];
     int status = NOSLIP_NULL;
@@ -772,7 +780,7 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k14 (1/s^2) = kp_distance/2 */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k26 (m) = r (L + d)/(2 b) */
     /* k27 (m) = r^2 (L + d)/(4 b^2) */
     /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
@@ -792,7 +800,7 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     /* scaled_distance_by_yaw_rate */
     const float t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs_f(t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = noslip_sqrt_f(t3); /* sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
@@ -877,7 +885,7 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, labmate_type_iv_ellipse_evaluation_f *all)
 {
     int status = NOSLIP_NULL;
@@ -921,7 +929,7 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k14 (1/s^2) = kp_distance/2 */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k26 (m) = r (L + d)/(2 b) */
     /* k27 (m) = r^2 (L + d)/(4 b^2) */
     /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
@@ -940,7 +948,7 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* scaled_distance_by_yaw_rate */
     const float t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed)) {
+    if (!(noslip_abs_f(t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */

@@ -4,9 +4,10 @@
  * Model SHA-256 96ce92fa619241f893a83c1d79b199570c0a4b3f36767e55b209455f7a3c3520
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iv_line.h"
 
-int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *params,
+NOSLIP_SMALL int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *params,
     const labmate_type_iv_line_config *config, const labmate_type_iv_line_gains *gains, const labmate_options *options)
 {
     int status;
@@ -95,48 +96,48 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     /* kg m^2: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     const double t13 = t7 * (t12 / t4);
     self->k8 = self->k6 * t13;
-    const double t14 = t3 * t3; /* m^2: (L + d)^2 */
-    const double t15 = t4 * t4; /* m^4: r^4 */
-    const double t16 = t4 * 0.5; /* m^2: r^2/2 */
-    const double t17 = t8 * 2.0; /* m^2: 2 b^2 */
-    if (!(noslip_abs(t17) > 0)) {
+    const double t14 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
+    self->k9 = 0.5 * t14;
+    const double t15 = 2.0 * t5; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t18 = t4 / t17; /* r^2/(2 b^2) */
-    const double t19 = t14 * t15 - t16 * (t18 * (t8 * t14)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
-    if (!(noslip_abs(t19) > 0)) {
+    self->k10 = params->r * t14 / t15;
+    const double t16 = 2.0 * t12; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k9 = t16 * (t18 * (t8 * t8)) * 4e-10 / t19;
-    const double t20 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
-    self->k10 = 0.5 * t20;
-    const double t21 = 2.0 * t5; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    self->k11 = params->r * (params->I_c + params->I_m * 2.0 + t10 * 2.0 + t11) / t16;
+    self->k12 = params->b * params->d * params->m_c * params->r / t16;
+    self->k13 = self->k10 + self->k11;
+    self->k14 = self->k10 - self->k11;
+    const double t17 = params->d * params->m_c; /* kg m: d m_c */
+    self->k15 = t17 * params->r / t16;
+    const double t18 = t3 * t3; /* m^2: (L + d)^2 */
+    const double t19 = t4 * t4; /* m^4: r^4 */
+    const double t20 = t4 * 0.5; /* m^2: r^2/2 */
+    const double t21 = t8 * 2.0; /* m^2: 2 b^2 */
     if (!(noslip_abs(t21) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = params->r * t20 / t21;
-    const double t22 = 2.0 * t12; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs(t22) > 0)) {
+    const double t22 = t4 / t21; /* r^2/(2 b^2) */
+    const double t23 = t18 * t19 - t20 * (t22 * (t8 * t18)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
+    if (!(noslip_abs(t23) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = params->r * (params->I_c + params->I_m * 2.0 + t10 * 2.0 + t11) / t22;
-    self->k13 = params->b * params->d * params->m_c * params->r / t22;
-    self->k14 = self->k11 + self->k12;
-    self->k15 = self->k11 - self->k12;
-    const double t23 = params->d * params->m_c; /* kg m: d m_c */
-    self->k16 = t23 * params->r / t22;
-    self->k17 = -self->k16;
-    self->k18 = -self->k13;
+    self->k16 = noslip_sqrt(t20 * (t22 * (t8 * t8)) * 4e-10 / t23);
+    self->k17 = -self->k15;
+    self->k18 = -self->k12;
     self->k19 = t7 * t3;
     self->k20 = self->Phi_21 * t7;
     self->k21 = t7 * self->k19;
     const double t24 = t7 * t7; /* r^2/(4 b^2) */
     self->k22 = t24 * t3;
-    const double t25 = t7 * t23 - self->k8; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    const double t25 = t7 * t17 - self->k8; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     self->k23 = t7 * (self->Phi_21 * t25);
-    self->k24 = t24 * (self->Phi_21 * t23 - self->k7 * t3);
+    self->k24 = t24 * (self->Phi_21 * t17 - self->k7 * t3);
     self->k25 = 1.0 / t6 * 2.0;
-    self->k26 = params->b * params->I_w * params->d * params->m_c / t22 * 2.0 * self->k20;
+    self->k26 = params->b * params->I_w * params->d * params->m_c / t16 * 2.0 * self->k20;
     self->k27 = t7 * (t7 * (params->d * params->I_w * params->m_c / t5));
     const double t26 = t12 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t26) > 0)) {
@@ -154,10 +155,10 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     self->k30 = self->k6 * self->k20;
     self->k31 = t7 * gains->kd_distance;
     self->k32 = t7 * (t13 * gains->kd_distance);
-    if (!(noslip_abs(t15) > 0)) {
+    if (!(noslip_abs(t19) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(t19 / t15 > 0)) {
+    if (!(t23 / t19 > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
@@ -170,7 +171,7 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     return status;
 }
 
-int labmate_type_iv_line_reset(labmate_type_iv_line *self)
+NOSLIP_SMALL int labmate_type_iv_line_reset(labmate_type_iv_line *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -180,7 +181,7 @@ int labmate_type_iv_line_reset(labmate_type_iv_line *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_set_limits(labmate_type_iv_line *self, const double limit[2])
+NOSLIP_SMALL int labmate_type_iv_line_set_limits(labmate_type_iv_line *self, const double limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -200,7 +201,7 @@ int labmate_type_iv_line_set_limits(labmate_type_iv_line *self, const double lim
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_update(labmate_type_iv_line *self, const labmate_type_iv_line *next)
+NOSLIP_SMALL int labmate_type_iv_line_update(labmate_type_iv_line *self, const labmate_type_iv_line *next)
 {
     double held[2];
     if (self == NULL || next == NULL) {
@@ -251,7 +252,7 @@ static int labmate_type_iv_line_admit_both(const labmate_type_iv_line *self, con
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 8 mul, 2 add, 2 sub, 1 div, 1 sincos.
+ * Operations: 6 mul, 2 add, 2 sub, 1 div, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_line_slope_law(const labmate_type_iv_line *self, const labmate_state *state, double slope[2])
 {
@@ -259,13 +260,12 @@ static int labmate_type_iv_line_slope_law(const labmate_type_iv_line *self, cons
     /* k4 = B/sqrt(A^2 + B^2) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k9 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k9 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k16 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = self->k8 * distance_by_forward_speed / distance_by_yaw_rate; /* part of slope[0], slope[1] */
@@ -289,7 +289,7 @@ static int labmate_type_iv_line_output_law(const labmate_type_iv_line *self, con
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_output(const labmate_type_iv_line *self, const labmate_state *state, double h[2])
+NOSLIP_SMALL int labmate_type_iv_line_output(const labmate_type_iv_line *self, const labmate_state *state, double h[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -329,7 +329,7 @@ static int labmate_type_iv_line_rate_law(const labmate_type_iv_line *self, const
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_rate(const labmate_type_iv_line *self, const labmate_state *state, double ydot[1])
+NOSLIP_SMALL int labmate_type_iv_line_rate(const labmate_type_iv_line *self, const labmate_state *state, double ydot[1])
 {
     double made[1];
     int status = NOSLIP_NULL;
@@ -373,7 +373,8 @@ static int labmate_type_iv_line_decoupling_law(const labmate_type_iv_line *self,
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_decoupling(const labmate_type_iv_line *self, const labmate_state *state, double Phi[2][2])
+NOSLIP_SMALL int labmate_type_iv_line_decoupling(const labmate_type_iv_line *self, const labmate_state *state,
+    double Phi[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -420,7 +421,7 @@ static int labmate_type_iv_line_decoupling_rate_law(const labmate_type_iv_line *
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const labmate_state *state,
     double Phidot[2][2])
 {
     double made[2][2];
@@ -454,7 +455,7 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
     /* k4 = B/sqrt(A^2 + B^2) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k9 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r^2 (L + d)/(4 b^2) */
     /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
@@ -462,8 +463,7 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k9 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k16 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
@@ -478,8 +478,8 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmate_state *state, const double v[2],
-    double tau[2])
+NOSLIP_SMALL int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmate_state *state,
+    const double v[2], double tau[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -509,10 +509,10 @@ int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmat
 NOSLIP_HOT int labmate_type_iv_line_ground_law(const labmate_type_iv_line *self, const labmate_state *state,
     const double tau[2], double ground[8])
 {
-    /* k10 (kg) = (m_c + 2 m_w)/2 */
-    /* k11 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k13 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k9 (kg) = (m_c + 2 m_w)/2 */
+    /* k10 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k11 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k12 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k25 (1/m) = 1/b */
     /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k27 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
@@ -520,24 +520,24 @@ NOSLIP_HOT int labmate_type_iv_line_ground_law(const labmate_type_iv_line *self,
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k12 * effort_1 + self->k26 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k11 * effort_1 + self->k26 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k11 * effort_0 - self->k27 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k10 * effort_0 - self->k27 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k13 * effort_1 + self->k28 * t2;
+    const double force_across_0 = self->k12 * effort_1 + self->k28 * t2;
     ground[1] = force_across_0;
     const double t5 = self->k25 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k10;
+    ground[3] = self->k9;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k10;
+    ground[7] = self->k9;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_ground(const labmate_type_iv_line *self, const labmate_state *state, const double tau[2],
-    double ground[8])
+NOSLIP_SMALL int labmate_type_iv_line_ground(const labmate_type_iv_line *self, const labmate_state *state,
+    const double tau[2], double ground[8])
 {
     double made[8];
     int status = NOSLIP_NULL;
@@ -568,28 +568,28 @@ static int labmate_type_iv_line_ground_by_inputs_law(const labmate_type_iv_line 
     double ground_by_inputs[6][2])
 {
     (void)state;
-    /* k13 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k12 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k15 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k16 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k15 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k17 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k18 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k14;
-    ground_by_inputs[0][1] = self->k15;
-    ground_by_inputs[1][0] = self->k13;
+    ground_by_inputs[0][0] = self->k13;
+    ground_by_inputs[0][1] = self->k14;
+    ground_by_inputs[1][0] = self->k12;
     ground_by_inputs[1][1] = self->k18;
-    ground_by_inputs[2][0] = self->k16;
+    ground_by_inputs[2][0] = self->k15;
     ground_by_inputs[2][1] = self->k17;
-    ground_by_inputs[3][0] = self->k15;
-    ground_by_inputs[3][1] = self->k14;
-    ground_by_inputs[4][0] = self->k13;
+    ground_by_inputs[3][0] = self->k14;
+    ground_by_inputs[3][1] = self->k13;
+    ground_by_inputs[4][0] = self->k12;
     ground_by_inputs[4][1] = self->k18;
     ground_by_inputs[5][0] = self->k17;
-    ground_by_inputs[5][1] = self->k16;
+    ground_by_inputs[5][1] = self->k15;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_ground_by_inputs(const labmate_type_iv_line *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_line_ground_by_inputs(const labmate_type_iv_line *self, const labmate_state *state,
     double ground_by_inputs[6][2])
 {
     double made[6][2];
@@ -638,7 +638,7 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     /* k6 (1/m) = 1/(L + d) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k9 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k19 (m) = r (L + d)/(2 b) */
     /* k20 (m) = r^2/(4 b) */
     /* k21 (m) = r^2 (L + d)/(4 b^2) */
@@ -652,8 +652,7 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k9 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k16 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
@@ -700,7 +699,7 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, labmate_type_iv_line_evaluation *all)
 {
     int status = NOSLIP_NULL;
@@ -742,7 +741,7 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
     /* k5 (m) = C/sqrt(A^2 + B^2) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k9 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r^2 (L + d)/(4 b^2) */
     /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
@@ -751,8 +750,7 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k9 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k16 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */

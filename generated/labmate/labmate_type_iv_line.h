@@ -73,14 +73,14 @@ typedef struct labmate_type_iv_line {
     double k7;                /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* kg m: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     double k8;
-    double k9;                /* 1.0000000001e-10 b^2/(L + d)^2 */
-    double k10;               /* kg: (m_c + 2 m_w)/2 */
-    double k11;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k12;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k13;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k9;                /* kg: (m_c + 2 m_w)/2 */
+    double k10;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k11;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k12;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k13;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k14;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k15;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k16;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k15;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k16;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double k17;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k18;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k19;               /* m: r (L + d)/(2 b) */
@@ -158,7 +158,7 @@ int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 15 mul, 3 add, 7 sub, 1 div, 1 sincos.
+ * Operations: 13 mul, 3 add, 7 sub, 1 div, 2 abs, 1 sincos.
  */
 int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmate_state *state, const double v[2],
     double tau[2]);
@@ -181,7 +181,7 @@ int labmate_type_iv_line_ground_by_inputs(const labmate_type_iv_line *self, cons
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 37 mul, 16 add, 15 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 35 mul, 16 add, 15 sub, 1 neg, 1 div, 2 abs, 1 sincos.
  */
 int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, labmate_type_iv_line_evaluation *all);
@@ -189,7 +189,7 @@ int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmat
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 24 mul, 8 add, 13 sub, 1 div, 1 sincos.
+ * Operations: 22 mul, 8 add, 13 sub, 1 div, 2 abs, 1 sincos.
  */
 int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, double tau[2]);

@@ -73,14 +73,14 @@ typedef struct labmate_type_iv_line_f {
     float k7;                 /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* kg m: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     float k8;
-    float k9;                 /* 1.0000000001e-10 b^2/(L + d)^2 */
-    float k10;                /* kg: (m_c + 2 m_w)/2 */
-    float k11;                /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k12;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k13;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k9;                 /* kg: (m_c + 2 m_w)/2 */
+    float k10;                /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k11;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k12;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k13;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k14;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k15;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k16;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k15;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k16;                /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float k17;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k18;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k19;                /* m: r (L + d)/(2 b) */
@@ -160,7 +160,7 @@ int labmate_type_iv_line_decoupling_rate_f(const labmate_type_iv_line_f *self, c
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 15 mul, 3 add, 7 sub, 1 div, 1 sincos.
+ * Operations: 13 mul, 3 add, 7 sub, 1 div, 2 abs, 1 sincos.
  */
 int labmate_type_iv_line_feedback_f(const labmate_type_iv_line_f *self, const labmate_state_f *state, const float v[2],
     float tau[2]);
@@ -183,7 +183,7 @@ int labmate_type_iv_line_ground_by_inputs_f(const labmate_type_iv_line_f *self, 
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 37 mul, 16 add, 15 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 35 mul, 16 add, 15 sub, 1 neg, 1 div, 2 abs, 1 sincos.
  */
 int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, labmate_type_iv_line_evaluation_f *all);
@@ -191,7 +191,7 @@ int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const la
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 24 mul, 8 add, 13 sub, 1 div, 1 sincos.
+ * Operations: 22 mul, 8 add, 13 sub, 1 div, 2 abs, 1 sincos.
  */
 int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, float tau[2]);

@@ -4,9 +4,10 @@
  * Model SHA-256 b1dcabc141e3084e156e7b302dc8913f26c5efbf684ff3bca44c0fb58385f978
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iv_segment.h"
 
-int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_params *params,
+NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_params *params,
     const labmate_type_iv_segment_config *config, const labmate_type_iv_segment_gains *gains,
     const labmate_options *options)
 {
@@ -97,49 +98,49 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
     const double t9 = t3 * params->I_c + t3 * params->I_m * 2.0 + t6 * 2.0 + t3 * t7 * 2.0 + t3 * t8;
     self->k11 = self->k9 * (self->k1 * (t9 / t3));
-    const double t10 = t2 * t2; /* m^2: (L + d)^2 */
-    const double t11 = t3 * t3; /* m^4: r^4 */
-    const double t12 = t3 * 0.5; /* m^2: r^2/2 */
-    const double t13 = t5 * 2.0; /* m^2: 2 b^2 */
-    if (!(noslip_abs(t13) > 0)) {
+    const double t10 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
+    self->k12 = 0.5 * t10;
+    const double t11 = 2.0 * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t14 = t3 / t13; /* r^2/(2 b^2) */
-    const double t15 = t10 * t11 - t12 * (t14 * (t10 * t5)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
-    if (!(noslip_abs(t15) > 0)) {
+    self->k13 = params->r * t10 / t11;
+    const double t12 = 2.0 * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs(t12) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t12 * (t14 * (t5 * t5)) * 4e-10 / t15;
-    const double t16 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
-    self->k13 = 0.5 * t16;
-    const double t17 = 2.0 * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    self->k14 = params->r * (params->I_c + params->I_m * 2.0 + t7 * 2.0 + t8) / t12;
+    self->k15 = params->b * params->d * params->m_c * params->r / t12;
+    self->k16 = self->k13 + self->k14;
+    self->k17 = self->k13 - self->k14;
+    const double t13 = params->d * params->m_c; /* kg m: d m_c */
+    self->k18 = t13 * params->r / t12;
+    const double t14 = t2 * t2; /* m^2: (L + d)^2 */
+    const double t15 = t3 * t3; /* m^4: r^4 */
+    const double t16 = t3 * 0.5; /* m^2: r^2/2 */
+    const double t17 = t5 * 2.0; /* m^2: 2 b^2 */
     if (!(noslip_abs(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k14 = params->r * t16 / t17;
-    const double t18 = 2.0 * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs(t18) > 0)) {
+    const double t18 = t3 / t17; /* r^2/(2 b^2) */
+    const double t19 = t14 * t15 - t16 * (t18 * (t14 * t5)) * 4e-10; /* 0.9999999999 r^4 (L + d)^2 */
+    if (!(noslip_abs(t19) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k15 = params->r * (params->I_c + params->I_m * 2.0 + t7 * 2.0 + t8) / t18;
-    self->k16 = params->b * params->d * params->m_c * params->r / t18;
-    self->k17 = self->k14 + self->k15;
-    self->k18 = self->k14 - self->k15;
-    const double t19 = params->d * params->m_c; /* kg m: d m_c */
-    self->k19 = t19 * params->r / t18;
-    self->k20 = -self->k19;
-    self->k21 = -self->k16;
+    self->k19 = noslip_sqrt(t16 * (t18 * (t5 * t5)) * 4e-10 / t19);
+    self->k20 = -self->k18;
+    self->k21 = -self->k15;
     self->k22 = self->k1 * t2;
     self->k23 = t3 * 0.25;
     const double t20 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k24 = t10 * t20;
+    self->k24 = t14 * t20;
     self->k25 = t20 * t2;
-    const double t21 = self->k1 * t19 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    const double t21 = self->k1 * t13 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     self->k26 = self->k1 * (self->Phi_21 * t21);
-    self->k27 = t20 * (self->Phi_21 * t19 - self->k10 * t2);
+    self->k27 = t20 * (self->Phi_21 * t13 - self->k10 * t2);
     self->k28 = 1.0 / t1 * 2.0;
     const double t22 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k29 = params->b * params->I_w * params->d * params->m_c / t18 * 2.0 * t22;
+    self->k29 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0 * t22;
     self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
     const double t23 = t9 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t23) > 0)) {
@@ -154,10 +155,10 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
     self->k31 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t23 * 2.0 * t22;
     self->k32 = t22 * t21;
     self->k33 = self->k9 * t22;
-    if (!(noslip_abs(t11) > 0)) {
+    if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(t15 / t11 > 0)) {
+    if (!(t19 / t15 > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
@@ -170,7 +171,7 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
     return status;
 }
 
-int labmate_type_iv_segment_reset(labmate_type_iv_segment *self)
+NOSLIP_SMALL int labmate_type_iv_segment_reset(labmate_type_iv_segment *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -180,7 +181,7 @@ int labmate_type_iv_segment_reset(labmate_type_iv_segment *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_set_limits(labmate_type_iv_segment *self, const double limit[2])
+NOSLIP_SMALL int labmate_type_iv_segment_set_limits(labmate_type_iv_segment *self, const double limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -200,7 +201,7 @@ int labmate_type_iv_segment_set_limits(labmate_type_iv_segment *self, const doub
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_update(labmate_type_iv_segment *self, const labmate_type_iv_segment *next)
+NOSLIP_SMALL int labmate_type_iv_segment_update(labmate_type_iv_segment *self, const labmate_type_iv_segment *next)
 {
     double held[2];
     if (self == NULL || next == NULL) {
@@ -270,7 +271,7 @@ static int labmate_type_iv_segment_admit_foot(const labmate_type_iv_segment *sel
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 24 mul, 6 add, 8 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 22 mul, 6 add, 8 sub, 2 div, 1 sqrt, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_segment_slope_law(const labmate_type_iv_segment *self, const labmate_state *state,
     double slope[2])
@@ -282,7 +283,7 @@ static int labmate_type_iv_segment_slope_law(const labmate_type_iv_segment *self
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -299,8 +300,7 @@ static int labmate_type_iv_segment_slope_law(const labmate_type_iv_segment *self
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = self->k11 * distance_by_forward_speed / distance_by_yaw_rate; /* part of slope[0], slope[1] */
@@ -312,7 +312,7 @@ static int labmate_type_iv_segment_slope_law(const labmate_type_iv_segment *self
 /*
  * As slope, for a position relative to the foot of P_l.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 4 mul, 1 add, 1 sub, 1 div.
+ * Operations: 2 mul, 1 add, 1 sub, 1 div, 2 abs.
  */
 static int labmate_type_iv_segment_follow_slope_law(const labmate_type_iv_segment *self, const noslip_foot *foot,
     const labmate_state *state, double slope[2])
@@ -320,8 +320,8 @@ static int labmate_type_iv_segment_follow_slope_law(const labmate_type_iv_segmen
     (void)state;
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
-    if (!(foot->cosine * foot->cosine > self->k12 * foot->sine * foot->sine)) {
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    if (!(noslip_abs(foot->cosine) > self->k19 * noslip_abs(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = self->k11 * foot->sine / foot->cosine; /* part of slope[0], slope[1] */
@@ -354,7 +354,8 @@ static int labmate_type_iv_segment_output_law(const labmate_type_iv_segment *sel
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_output(const labmate_type_iv_segment *self, const labmate_state *state, double h[2])
+NOSLIP_SMALL int labmate_type_iv_segment_output(const labmate_type_iv_segment *self, const labmate_state *state,
+    double h[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -410,7 +411,8 @@ static int labmate_type_iv_segment_rate_law(const labmate_type_iv_segment *self,
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_rate(const labmate_type_iv_segment *self, const labmate_state *state, double ydot[1])
+NOSLIP_SMALL int labmate_type_iv_segment_rate(const labmate_type_iv_segment *self, const labmate_state *state,
+    double ydot[1])
 {
     double made[1];
     int status = NOSLIP_NULL;
@@ -469,7 +471,7 @@ static int labmate_type_iv_segment_decoupling_law(const labmate_type_iv_segment 
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_decoupling(const labmate_type_iv_segment *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_segment_decoupling(const labmate_type_iv_segment *self, const labmate_state *state,
     double Phi[2][2])
 {
     double made[2][2];
@@ -546,8 +548,8 @@ static int labmate_type_iv_segment_decoupling_rate_law(const labmate_type_iv_seg
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_decoupling_rate(const labmate_type_iv_segment *self, const labmate_state *state,
-    double Phidot[2][2])
+NOSLIP_SMALL int labmate_type_iv_segment_decoupling_rate(const labmate_type_iv_segment *self,
+    const labmate_state *state, double Phidot[2][2])
 {
     double made[2][2];
     int status = NOSLIP_NULL;
@@ -584,7 +586,7 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
@@ -608,8 +610,7 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -629,8 +630,8 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_feedback(const labmate_type_iv_segment *self, const labmate_state *state, const double v[2],
-    double tau[2])
+NOSLIP_SMALL int labmate_type_iv_segment_feedback(const labmate_type_iv_segment *self, const labmate_state *state,
+    const double v[2], double tau[2])
 {
     double made[2];
     int status = NOSLIP_NULL;
@@ -660,10 +661,10 @@ int labmate_type_iv_segment_feedback(const labmate_type_iv_segment *self, const 
 NOSLIP_HOT int labmate_type_iv_segment_ground_law(const labmate_type_iv_segment *self, const labmate_state *state,
     const double tau[2], double ground[8])
 {
-    /* k13 (kg) = (m_c + 2 m_w)/2 */
-    /* k14 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k15 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k16 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k12 (kg) = (m_c + 2 m_w)/2 */
+    /* k13 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k15 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k28 (1/m) = 1/b */
     /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
@@ -671,24 +672,24 @@ NOSLIP_HOT int labmate_type_iv_segment_ground_law(const labmate_type_iv_segment 
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k15 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k14 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k14 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k13 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k16 * effort_1 + self->k31 * t2;
+    const double force_across_0 = self->k15 * effort_1 + self->k31 * t2;
     ground[1] = force_across_0;
     const double t5 = self->k28 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k13;
+    ground[3] = self->k12;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k13;
+    ground[7] = self->k12;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_ground(const labmate_type_iv_segment *self, const labmate_state *state, const double tau[2],
-    double ground[8])
+NOSLIP_SMALL int labmate_type_iv_segment_ground(const labmate_type_iv_segment *self, const labmate_state *state,
+    const double tau[2], double ground[8])
 {
     double made[8];
     int status = NOSLIP_NULL;
@@ -719,29 +720,29 @@ static int labmate_type_iv_segment_ground_by_inputs_law(const labmate_type_iv_se
     double ground_by_inputs[6][2])
 {
     (void)state;
-    /* k16 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k15 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k17 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k19 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k20 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k21 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k17;
-    ground_by_inputs[0][1] = self->k18;
-    ground_by_inputs[1][0] = self->k16;
+    ground_by_inputs[0][0] = self->k16;
+    ground_by_inputs[0][1] = self->k17;
+    ground_by_inputs[1][0] = self->k15;
     ground_by_inputs[1][1] = self->k21;
-    ground_by_inputs[2][0] = self->k19;
+    ground_by_inputs[2][0] = self->k18;
     ground_by_inputs[2][1] = self->k20;
-    ground_by_inputs[3][0] = self->k18;
-    ground_by_inputs[3][1] = self->k17;
-    ground_by_inputs[4][0] = self->k16;
+    ground_by_inputs[3][0] = self->k17;
+    ground_by_inputs[3][1] = self->k16;
+    ground_by_inputs[4][0] = self->k15;
     ground_by_inputs[4][1] = self->k21;
     ground_by_inputs[5][0] = self->k20;
-    ground_by_inputs[5][1] = self->k19;
+    ground_by_inputs[5][1] = self->k18;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_ground_by_inputs(const labmate_type_iv_segment *self, const labmate_state *state,
-    double ground_by_inputs[6][2])
+NOSLIP_SMALL int labmate_type_iv_segment_ground_by_inputs(const labmate_type_iv_segment *self,
+    const labmate_state *state, double ground_by_inputs[6][2])
 {
     double made[6][2];
     int status = NOSLIP_NULL;
@@ -792,7 +793,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     /* k9 (1/m) = 1/(L + d) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
@@ -821,8 +822,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t9 = 1.0 + t7; /* part of all->h[0], v_less_drift_0 */
@@ -884,7 +884,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_evaluate(const labmate_type_iv_segment *self, const labmate_state *state,
+NOSLIP_SMALL int labmate_type_iv_segment_evaluate(const labmate_type_iv_segment *self, const labmate_state *state,
     const labmate_type_iv_segment_reference *reference, labmate_type_iv_segment_evaluation *all)
 {
     int status = NOSLIP_NULL;
@@ -928,7 +928,7 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
@@ -953,8 +953,7 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
@@ -1080,14 +1079,14 @@ static int labmate_type_iv_segment_follow_law(const labmate_type_iv_segment *sel
     /* Phi_21 (m) = r/2 */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
     /* k25 (m) = r^2 (L + d)/(4 b^2) */
     /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    if (!(foot->cosine * foot->cosine > self->k12 * foot->sine * foot->sine)) {
+    if (!(noslip_abs(foot->cosine) > self->k19 * noslip_abs(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */

@@ -80,14 +80,14 @@ typedef struct labmate_type_iv_segment {
     double k10;               /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* kg m: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     double k11;
-    double k12;               /* 1.0000000001e-10 b^2/(L + d)^2 */
-    double k13;               /* kg: (m_c + 2 m_w)/2 */
-    double k14;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k15;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k16;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k12;               /* kg: (m_c + 2 m_w)/2 */
+    double k13;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k14;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k15;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k16;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k17;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k18;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k19;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k18;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k19;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double k20;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k21;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k22;               /* m: r (L + d)/(2 b) */
@@ -165,7 +165,7 @@ int labmate_type_iv_segment_decoupling_rate(const labmate_type_iv_segment *self,
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 41 mul, 11 add, 13 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 39 mul, 11 add, 13 sub, 2 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_segment_feedback(const labmate_type_iv_segment *self, const labmate_state *state, const double v[2],
     double tau[2]);
@@ -188,7 +188,7 @@ int labmate_type_iv_segment_ground_by_inputs(const labmate_type_iv_segment *self
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 69 mul, 26 add, 24 sub, 3 neg, 3 div, 1 sqrt, 1 sincos.
+ * Operations: 67 mul, 26 add, 24 sub, 3 neg, 3 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_segment_evaluate(const labmate_type_iv_segment *self, const labmate_state *state,
     const labmate_type_iv_segment_reference *reference, labmate_type_iv_segment_evaluation *all);
@@ -196,7 +196,7 @@ int labmate_type_iv_segment_evaluate(const labmate_type_iv_segment *self, const 
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 46 mul, 18 add, 15 sub, 3 div, 1 sqrt, 1 sincos.
+ * Operations: 44 mul, 18 add, 15 sub, 3 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_segment_step(labmate_type_iv_segment *self, const labmate_state *state,
     const labmate_type_iv_segment_reference *reference, double tau[2]);
@@ -205,7 +205,7 @@ int labmate_type_iv_segment_step(labmate_type_iv_segment *self, const labmate_st
  * The step for a path given by the position relative to the foot of P_l.
  * tau[2]: tau_r (N m), tau_l (N m)
  * Uses only thetadot_r, thetadot_l of the state, and only L of the config given to init: one law serves all segments.
- * Operations: 23 mul, 9 add, 9 sub, 1 div.
+ * Operations: 21 mul, 9 add, 9 sub, 1 div, 2 abs.
  */
 int labmate_type_iv_segment_follow(labmate_type_iv_segment *self, const noslip_foot *foot, const labmate_state *state,
     const labmate_type_iv_segment_reference *reference, double tau[2]);

@@ -4,9 +4,10 @@
  * Model SHA-256 b1dcabc141e3084e156e7b302dc8913f26c5efbf684ff3bca44c0fb58385f978
  */
 #define NOSLIP_OWN
+#define NOSLIP_QUICK
 #include "labmate_type_iv_segment_f.h"
 
-int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmate_params_f *params,
+NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmate_params_f *params,
     const labmate_type_iv_segment_config_f *config, const labmate_type_iv_segment_gains_f *gains,
     const labmate_options_f *options)
 {
@@ -97,49 +98,49 @@ int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmat
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
     const float t9 = t3 * params->I_c + t3 * params->I_m * 2.0f + t6 * 2.0f + t3 * t7 * 2.0f + t3 * t8;
     self->k11 = self->k9 * (self->k1 * (t9 / t3));
-    const float t10 = t2 * t2; /* m^2: (L + d)^2 */
-    const float t11 = t3 * t3; /* m^4: r^4 */
-    const float t12 = t3 * 0.5f; /* m^2: r^2/2 */
-    const float t13 = t5 * 2.0f; /* m^2: 2 b^2 */
-    if (!(noslip_abs_f(t13) > 0)) {
+    const float t10 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
+    self->k12 = 0.5f * t10;
+    const float t11 = 2.0f * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs_f(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t14 = t3 / t13; /* r^2/(2 b^2) */
-    const float t15 = t10 * t11 - t12 * (t14 * (t10 * t5)) * 4e-10f; /* 0.9999999999 r^4 (L + d)^2 */
-    if (!(noslip_abs_f(t15) > 0)) {
+    self->k13 = params->r * t10 / t11;
+    const float t12 = 2.0f * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t12) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t12 * (t14 * (t5 * t5)) * 4e-10f / t15;
-    const float t16 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
-    self->k13 = 0.5f * t16;
-    const float t17 = 2.0f * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    self->k14 = params->r * (params->I_c + params->I_m * 2.0f + t7 * 2.0f + t8) / t12;
+    self->k15 = params->b * params->d * params->m_c * params->r / t12;
+    self->k16 = self->k13 + self->k14;
+    self->k17 = self->k13 - self->k14;
+    const float t13 = params->d * params->m_c; /* kg m: d m_c */
+    self->k18 = t13 * params->r / t12;
+    const float t14 = t2 * t2; /* m^2: (L + d)^2 */
+    const float t15 = t3 * t3; /* m^4: r^4 */
+    const float t16 = t3 * 0.5f; /* m^2: r^2/2 */
+    const float t17 = t5 * 2.0f; /* m^2: 2 b^2 */
     if (!(noslip_abs_f(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k14 = params->r * t16 / t17;
-    const float t18 = 2.0f * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t18) > 0)) {
+    const float t18 = t3 / t17; /* r^2/(2 b^2) */
+    const float t19 = t14 * t15 - t16 * (t18 * (t14 * t5)) * 4e-10f; /* 0.9999999999 r^4 (L + d)^2 */
+    if (!(noslip_abs_f(t19) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k15 = params->r * (params->I_c + params->I_m * 2.0f + t7 * 2.0f + t8) / t18;
-    self->k16 = params->b * params->d * params->m_c * params->r / t18;
-    self->k17 = self->k14 + self->k15;
-    self->k18 = self->k14 - self->k15;
-    const float t19 = params->d * params->m_c; /* kg m: d m_c */
-    self->k19 = t19 * params->r / t18;
-    self->k20 = -self->k19;
-    self->k21 = -self->k16;
+    self->k19 = noslip_sqrt_f(t16 * (t18 * (t5 * t5)) * 4e-10f / t19);
+    self->k20 = -self->k18;
+    self->k21 = -self->k15;
     self->k22 = self->k1 * t2;
     self->k23 = t3 * 0.25f;
     const float t20 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k24 = t10 * t20;
+    self->k24 = t14 * t20;
     self->k25 = t20 * t2;
-    const float t21 = self->k1 * t19 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    const float t21 = self->k1 * t13 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     self->k26 = self->k1 * (self->Phi_21 * t21);
-    self->k27 = t20 * (self->Phi_21 * t19 - self->k10 * t2);
+    self->k27 = t20 * (self->Phi_21 * t13 - self->k10 * t2);
     self->k28 = 1.0f / t1 * 2.0f;
     const float t22 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k29 = params->b * params->I_w * params->d * params->m_c / t18 * 2.0f * t22;
+    self->k29 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0f * t22;
     self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
     const float t23 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t23) > 0)) {
@@ -155,10 +156,10 @@ int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmat
         t22;
     self->k32 = t22 * t21;
     self->k33 = self->k9 * t22;
-    if (!(noslip_abs_f(t11) > 0)) {
+    if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(t15 / t11 > 0)) {
+    if (!(t19 / t15 > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
@@ -171,7 +172,7 @@ int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmat
     return status;
 }
 
-int labmate_type_iv_segment_reset_f(labmate_type_iv_segment_f *self)
+NOSLIP_SMALL int labmate_type_iv_segment_reset_f(labmate_type_iv_segment_f *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -181,7 +182,7 @@ int labmate_type_iv_segment_reset_f(labmate_type_iv_segment_f *self)
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_set_limits_f(labmate_type_iv_segment_f *self, const float limit[2])
+NOSLIP_SMALL int labmate_type_iv_segment_set_limits_f(labmate_type_iv_segment_f *self, const float limit[2])
 {
     if (self == NULL || limit == NULL) {
         return NOSLIP_NULL;
@@ -201,7 +202,8 @@ int labmate_type_iv_segment_set_limits_f(labmate_type_iv_segment_f *self, const 
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_update_f(labmate_type_iv_segment_f *self, const labmate_type_iv_segment_f *next)
+NOSLIP_SMALL int labmate_type_iv_segment_update_f(labmate_type_iv_segment_f *self,
+    const labmate_type_iv_segment_f *next)
 {
     float held[2];
     if (self == NULL || next == NULL) {
@@ -272,7 +274,7 @@ static int labmate_type_iv_segment_admit_foot_f(const labmate_type_iv_segment_f 
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 24 mul, 6 add, 8 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 22 mul, 6 add, 8 sub, 2 div, 1 sqrt, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_segment_slope_f_law(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     float slope[2])
@@ -284,7 +286,7 @@ static int labmate_type_iv_segment_slope_f_law(const labmate_type_iv_segment_f *
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -301,8 +303,7 @@ static int labmate_type_iv_segment_slope_f_law(const labmate_type_iv_segment_f *
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = self->k11 * distance_by_forward_speed / distance_by_yaw_rate; /* part of slope[0], slope[1] */
@@ -314,7 +315,7 @@ static int labmate_type_iv_segment_slope_f_law(const labmate_type_iv_segment_f *
 /*
  * As slope, for a position relative to the foot of P_l.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 4 mul, 1 add, 1 sub, 1 div.
+ * Operations: 2 mul, 1 add, 1 sub, 1 div, 2 abs.
  */
 static int labmate_type_iv_segment_follow_slope_f_law(const labmate_type_iv_segment_f *self, const noslip_foot_f *foot,
     const labmate_state_f *state, float slope[2])
@@ -322,8 +323,8 @@ static int labmate_type_iv_segment_follow_slope_f_law(const labmate_type_iv_segm
     (void)state;
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
-    if (!(foot->cosine * foot->cosine > self->k12 * foot->sine * foot->sine)) {
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    if (!(noslip_abs_f(foot->cosine) > self->k19 * noslip_abs_f(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = self->k11 * foot->sine / foot->cosine; /* part of slope[0], slope[1] */
@@ -356,7 +357,8 @@ static int labmate_type_iv_segment_output_f_law(const labmate_type_iv_segment_f 
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_output_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state, float h[2])
+NOSLIP_SMALL int labmate_type_iv_segment_output_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
+    float h[2])
 {
     float made[2];
     int status = NOSLIP_NULL;
@@ -412,7 +414,8 @@ static int labmate_type_iv_segment_rate_f_law(const labmate_type_iv_segment_f *s
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_rate_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state, float ydot[1])
+NOSLIP_SMALL int labmate_type_iv_segment_rate_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
+    float ydot[1])
 {
     float made[1];
     int status = NOSLIP_NULL;
@@ -471,8 +474,8 @@ static int labmate_type_iv_segment_decoupling_f_law(const labmate_type_iv_segmen
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_decoupling_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
-    float Phi[2][2])
+NOSLIP_SMALL int labmate_type_iv_segment_decoupling_f(const labmate_type_iv_segment_f *self,
+    const labmate_state_f *state, float Phi[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -548,8 +551,8 @@ static int labmate_type_iv_segment_decoupling_rate_f_law(const labmate_type_iv_s
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_decoupling_rate_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
-    float Phidot[2][2])
+NOSLIP_SMALL int labmate_type_iv_segment_decoupling_rate_f(const labmate_type_iv_segment_f *self,
+    const labmate_state_f *state, float Phidot[2][2])
 {
     float made[2][2];
     int status = NOSLIP_NULL;
@@ -586,7 +589,7 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
@@ -610,8 +613,7 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -631,7 +633,7 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_feedback_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iv_segment_feedback_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     const float v[2], float tau[2])
 {
     float made[2];
@@ -662,10 +664,10 @@ int labmate_type_iv_segment_feedback_f(const labmate_type_iv_segment_f *self, co
 NOSLIP_HOT int labmate_type_iv_segment_ground_f_law(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     const float tau[2], float ground[8])
 {
-    /* k13 (kg) = (m_c + 2 m_w)/2 */
-    /* k14 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k15 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k16 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k12 (kg) = (m_c + 2 m_w)/2 */
+    /* k13 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k15 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k28 (1/m) = 1/b */
     /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
@@ -673,23 +675,23 @@ NOSLIP_HOT int labmate_type_iv_segment_ground_f_law(const labmate_type_iv_segmen
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k15 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k14 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k14 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k13 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k16 * effort_1 + self->k31 * t2;
+    const float force_across_0 = self->k15 * effort_1 + self->k31 * t2;
     ground[1] = force_across_0;
     const float t5 = self->k28 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k13;
+    ground[3] = self->k12;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k13;
+    ground[7] = self->k12;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_ground_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iv_segment_ground_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     const float tau[2], float ground[8])
 {
     float made[8];
@@ -721,29 +723,29 @@ static int labmate_type_iv_segment_ground_by_inputs_f_law(const labmate_type_iv_
     const labmate_state_f *state, float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k16 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k15 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k17 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k19 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k20 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     /* k21 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k17;
-    ground_by_inputs[0][1] = self->k18;
-    ground_by_inputs[1][0] = self->k16;
+    ground_by_inputs[0][0] = self->k16;
+    ground_by_inputs[0][1] = self->k17;
+    ground_by_inputs[1][0] = self->k15;
     ground_by_inputs[1][1] = self->k21;
-    ground_by_inputs[2][0] = self->k19;
+    ground_by_inputs[2][0] = self->k18;
     ground_by_inputs[2][1] = self->k20;
-    ground_by_inputs[3][0] = self->k18;
-    ground_by_inputs[3][1] = self->k17;
-    ground_by_inputs[4][0] = self->k16;
+    ground_by_inputs[3][0] = self->k17;
+    ground_by_inputs[3][1] = self->k16;
+    ground_by_inputs[4][0] = self->k15;
     ground_by_inputs[4][1] = self->k21;
     ground_by_inputs[5][0] = self->k20;
-    ground_by_inputs[5][1] = self->k19;
+    ground_by_inputs[5][1] = self->k18;
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_ground_by_inputs_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
-    float ground_by_inputs[6][2])
+NOSLIP_SMALL int labmate_type_iv_segment_ground_by_inputs_f(const labmate_type_iv_segment_f *self,
+    const labmate_state_f *state, float ground_by_inputs[6][2])
 {
     float made[6][2];
     int status = NOSLIP_NULL;
@@ -794,7 +796,7 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     /* k9 (1/m) = 1/(L + d) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
@@ -823,8 +825,7 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     const float distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t9 = 1.0f + t7; /* part of all->h[0], v_less_drift_0 */
@@ -885,7 +886,7 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     return NOSLIP_OK;
 }
 
-int labmate_type_iv_segment_evaluate_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
+NOSLIP_SMALL int labmate_type_iv_segment_evaluate_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     const labmate_type_iv_segment_reference_f *reference, labmate_type_iv_segment_evaluation_f *all)
 {
     int status = NOSLIP_NULL;
@@ -929,7 +930,7 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
@@ -954,8 +955,7 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     const float distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-        distance_by_forward_speed)) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
@@ -1081,14 +1081,14 @@ static int labmate_type_iv_segment_follow_f_law(const labmate_type_iv_segment_f 
     /* Phi_21 (m) = r/2 */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
+    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     /* k22 (m) = r (L + d)/(2 b) */
     /* k23 (m^2) = r^2/4 */
     /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
     /* k25 (m) = r^2 (L + d)/(4 b^2) */
     /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
     /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    if (!(foot->cosine * foot->cosine > self->k12 * foot->sine * foot->sine)) {
+    if (!(noslip_abs_f(foot->cosine) > self->k19 * noslip_abs_f(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */

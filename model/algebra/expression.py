@@ -3,15 +3,14 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import casadi as ca
 
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True)
-class ScalarOperation:
+class ScalarOperation(NamedTuple):
     """One scalar operation `code` (a casadi.OP_* number) on earlier `values`; `result` is its index in the work vector."""
 
     code: int

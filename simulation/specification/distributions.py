@@ -211,6 +211,8 @@ class Sweep:
     contact: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [contact]")
     sensors: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [sensors]")
     correction: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [correction]")
+    adaptation: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [adaptation]")
+    estimator: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [estimator]")
     simulation: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [simulation]")
 
     def __post_init__(self):
@@ -225,6 +227,6 @@ class Sweep:
         """Return all that varies: dotted name -> distribution."""
         sections = (
             *("parameters", "plant", "gains", "output", "reference", "initial"),
-            *("limits", "contact", "sensors", "correction", "simulation"),
+            *("limits", "contact", "sensors", "correction", "adaptation", "estimator", "simulation"),
         )
         return {f"{where}.{name}": margin for where in sections for name, margin in getattr(self, where).items()}

@@ -1,5 +1,5 @@
 /*
- * law_digest.c - digests of the bits of all results of the LABMATE's laws, dead reckoning, filter and paths, to compare
+ * law_digest.c - digests of the bits of all results of the LABMATE's laws and batch laws, dead reckoning, filter and paths, to compare
  * between targets.
  *
  * It needs only memcpy and memset, which compilers call themselves. With a C library it has its own main: law_digest STATES
@@ -9,20 +9,20 @@
 #include "labmate_ekf_f.h"
 #include "noslip_adaptation.h"
 #include "noslip_balance.h"
-#include "labmate_type_i.h"
-#include "labmate_type_i_f.h"
-#include "labmate_type_ii.h"
-#include "labmate_type_ii_f.h"
-#include "labmate_type_iii.h"
-#include "labmate_type_iii_f.h"
-#include "labmate_type_iv_circle.h"
-#include "labmate_type_iv_circle_f.h"
-#include "labmate_type_iv_ellipse.h"
-#include "labmate_type_iv_ellipse_f.h"
-#include "labmate_type_iv_line.h"
-#include "labmate_type_iv_line_f.h"
-#include "labmate_type_iv_segment.h"
-#include "labmate_type_iv_segment_f.h"
+#include "lanes/labmate_type_i_steps.h"
+#include "lanes/labmate_type_i_steps_f.h"
+#include "lanes/labmate_type_ii_steps.h"
+#include "lanes/labmate_type_ii_steps_f.h"
+#include "lanes/labmate_type_iii_steps.h"
+#include "lanes/labmate_type_iii_steps_f.h"
+#include "lanes/labmate_type_iv_circle_steps.h"
+#include "lanes/labmate_type_iv_circle_steps_f.h"
+#include "lanes/labmate_type_iv_ellipse_steps.h"
+#include "lanes/labmate_type_iv_ellipse_steps_f.h"
+#include "lanes/labmate_type_iv_line_steps.h"
+#include "lanes/labmate_type_iv_line_steps_f.h"
+#include "lanes/labmate_type_iv_segment_steps.h"
+#include "lanes/labmate_type_iv_segment_steps_f.h"
 #include "law_digest_line.h"
 #include "law_names.h"
 #include "noslip_odometry.h"

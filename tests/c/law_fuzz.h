@@ -15,6 +15,8 @@
         exit(1); \
     }
 
+#define LANES 3 /* of a batch law: the last states */
+
 typedef struct {
     uint64_t random;     /* state of the generator, if there are no bytes */
     const uint8_t *next; /* bytes, or NULL */

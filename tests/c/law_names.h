@@ -19,7 +19,17 @@
 #define DRIVER(name) GLUE(name, OF_LAW())
 #define FOOT GLUE(noslip_foot, SUFFIX)
 #define COUNT(array) ((int)(sizeof(array) / sizeof(*(array))))
-#define REALS(object) ((REAL *)(void *)&(object)), (int)(sizeof(object) / sizeof(REAL))
+#define REALS(object) ((REAL *)(void *)&(object)), NUMBER_OF_REALS(object)
+
+/* Number of REALs in an object, and their copy to a lane of an array of n lanes, as batch laws take them. */
+#define NUMBER_OF_REALS(object) ((int)(sizeof(object) / sizeof(REAL)))
+#define TO_LANE(object, array, n, lane) \
+    do { \
+        int entry; \
+        for (entry = 0; entry < NUMBER_OF_REALS(object); entry++) { \
+            (array)[entry * (n) + (lane)] = ((REAL *)(void *)&(object))[entry]; \
+        } \
+    } while (0)
 
 /* The step functions of the law: 0 is step, 1 is follow, if it exists. */
 #define STEPS (1 + FOLLOWS)

@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_ii_steps_f_lane(const labmate_type_ii_f *self, size_t n, size_t lane,
     const float *state, const float *reference, float *tau)
 {
-    labmate_type_ii_f law = *self;
+    labmate_type_ii_f law;
     labmate_state_f state_of_lane;
     labmate_type_ii_reference_f reference_of_lane;
     float made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];

@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iii_steps_lane(const labmate_type_iii *self, size_t n, size_t lane,
     const double *state, const double *reference, double *tau)
 {
-    labmate_type_iii law = *self;
+    labmate_type_iii law;
     labmate_state state_of_lane;
     labmate_type_iii_reference reference_of_lane;
     double made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];

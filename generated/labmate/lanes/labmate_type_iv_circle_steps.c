@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iv_circle_steps_lane(const labmate_type_iv_circle *self, size_t n, size_t lane,
     const double *state, const double *reference, double *tau)
 {
-    labmate_type_iv_circle law = *self;
+    labmate_type_iv_circle law;
     labmate_state state_of_lane;
     labmate_type_iv_circle_reference reference_of_lane;
     double made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];
@@ -72,41 +73,36 @@ int labmate_type_iv_circle_steps(const labmate_type_iv_circle *self, size_t n, c
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok(state_phi);
             const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
-            const double x_l = state_x_c + self->L * cos_state_phi;
-            const double scaled_distance_by_x_l = self->x_f - x_l;
-            const double y_l = state_y_c + self->L * sin_state_phi;
-            const double scaled_distance_by_y_l = self->y_f - y_l;
-            const double scaled_distance_by_yaw_rate = sin_state_phi * scaled_distance_by_x_l - cos_state_phi *
-                scaled_distance_by_y_l;
-            const double scaled_distance_by_forward_speed = cos_state_phi * scaled_distance_by_x_l + sin_state_phi *
-                scaled_distance_by_y_l;
-            fine &= scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 *
-                scaled_distance_by_forward_speed *
-                scaled_distance_by_forward_speed;
+            const double x_l_from_center = self->x_f - state_x_c;
+            const double y_l_from_center = self->y_f - state_y_c;
+            const double scaled_distance_by_yaw_rate = sin_state_phi * x_l_from_center - cos_state_phi *
+                y_l_from_center;
+            const double scaled_distance_by_forward_speed = self->L - cos_state_phi * x_l_from_center - sin_state_phi *
+                y_l_from_center;
+            fine &= noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed);
             const double t1 = state_thetadot_r - state_thetadot_l;
             const double t2 = t1 * t1;
             const double t3 = state_thetadot_r + state_thetadot_l;
             const double forward_speed = self->Phi_21 * t3;
-            const double v_less_drift_1 = reference_speed_rate - self->k20 * t2 + self->kv_speed * (reference_speed -
+            const double v_less_drift_1 = reference_speed_rate - self->k18 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const double t4 = self->k5 * v_less_drift_1 - self->k22 * t2;
-            const double t5 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
-                scaled_distance_by_y_l;
-            const double t6 = scaled_distance_by_yaw_rate * t5;
-            fine &= noslip_abs(t6) > 0;
-            const double scaled_distance_rate = self->k17 * t1 * scaled_distance_by_yaw_rate - forward_speed *
-                scaled_distance_by_forward_speed;
-            const double t7 = noslip_lane_sqrt(t5);
-            const double t8 = reference_distance_acceleration + self->kd_distance * reference_distance_rate +
-                self->kp_distance * (self->R + reference_distance - t7);
-            const double t9 = self->k18 * t3 * t3 + self->k19 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 -
-                t7 *
-                t8 + self->kd_distance * scaled_distance_rate;
-            const double t10 = self->k21 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 *
-                t9) /
-                t6;
-            made[0] = t4 + t10;
-            made[1] = t4 - t10;
+            const double t4 = self->k5 * v_less_drift_1 - self->k20 * t2;
+            const double distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
+                scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
+            const double t5 = scaled_distance_by_yaw_rate * distance_squared;
+            fine &= noslip_abs(t5) > 0;
+            const double t6 = noslip_lane_sqrt(distance_squared);
+            const double t7 = reference_distance_acceleration + self->kp_distance * (self->R + reference_distance -
+                t6) +
+                self->kd_distance * reference_distance_rate;
+            const double t8 = self->k17 * t1 * scaled_distance_by_forward_speed - forward_speed *
+                scaled_distance_by_yaw_rate;
+            const double t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 +
+                self->k26 *
+                t3)) - t8 * t8;
+            const double t10 = t1 * (self->k29 - self->k19 * t3) - self->k6 * t9 / t5;
+            made[0] = t4 - t10;
+            made[1] = t4 + t10;
             fine &= noslip_within(made[0], self->clear[0]);
             fine &= noslip_within(made[1], self->clear[1]);
             fine &= noslip_is_finite(state_theta_r + state_theta_l);

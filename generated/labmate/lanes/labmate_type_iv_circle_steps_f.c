@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iv_circle_steps_f_lane(const labmate_type_iv_circle_f *self, size_t n, size_t lane,
     const float *state, const float *reference, float *tau)
 {
-    labmate_type_iv_circle_f law = *self;
+    labmate_type_iv_circle_f law;
     labmate_state_f state_of_lane;
     labmate_type_iv_circle_reference_f reference_of_lane;
     float made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];
@@ -72,41 +73,35 @@ int labmate_type_iv_circle_steps_f(const labmate_type_iv_circle_f *self, size_t 
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok_f(state_phi);
             const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
-            const float x_l = state_x_c + self->L * cos_state_phi;
-            const float scaled_distance_by_x_l = self->x_f - x_l;
-            const float y_l = state_y_c + self->L * sin_state_phi;
-            const float scaled_distance_by_y_l = self->y_f - y_l;
-            const float scaled_distance_by_yaw_rate = sin_state_phi * scaled_distance_by_x_l - cos_state_phi *
-                scaled_distance_by_y_l;
-            const float scaled_distance_by_forward_speed = cos_state_phi * scaled_distance_by_x_l + sin_state_phi *
-                scaled_distance_by_y_l;
-            fine &= scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 *
-                scaled_distance_by_forward_speed *
-                scaled_distance_by_forward_speed;
+            const float x_l_from_center = self->x_f - state_x_c;
+            const float y_l_from_center = self->y_f - state_y_c;
+            const float scaled_distance_by_yaw_rate = sin_state_phi * x_l_from_center - cos_state_phi * y_l_from_center;
+            const float scaled_distance_by_forward_speed = self->L - cos_state_phi * x_l_from_center - sin_state_phi *
+                y_l_from_center;
+            fine &= noslip_abs_f(scaled_distance_by_yaw_rate) > self->k14 *
+                noslip_abs_f(scaled_distance_by_forward_speed);
             const float t1 = state_thetadot_r - state_thetadot_l;
             const float t2 = t1 * t1;
             const float t3 = state_thetadot_r + state_thetadot_l;
             const float forward_speed = self->Phi_21 * t3;
-            const float v_less_drift_1 = reference_speed_rate - self->k20 * t2 + self->kv_speed * (reference_speed -
+            const float v_less_drift_1 = reference_speed_rate - self->k18 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const float t4 = self->k5 * v_less_drift_1 - self->k22 * t2;
-            const float t5 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
-                scaled_distance_by_y_l;
-            const float t6 = scaled_distance_by_yaw_rate * t5;
-            fine &= noslip_abs_f(t6) > 0;
-            const float scaled_distance_rate = self->k17 * t1 * scaled_distance_by_yaw_rate - forward_speed *
-                scaled_distance_by_forward_speed;
-            const float t7 = noslip_lane_sqrt_f(t5);
-            const float t8 = reference_distance_acceleration + self->kd_distance * reference_distance_rate +
-                self->kp_distance *
-                (self->R + reference_distance - t7);
-            const float t9 = self->k18 * t3 * t3 + self->k19 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 -
-                t7 *
-                t8 + self->kd_distance * scaled_distance_rate;
-            const float t10 = self->k21 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 * t9) /
-                t6;
-            made[0] = t4 + t10;
-            made[1] = t4 - t10;
+            const float t4 = self->k5 * v_less_drift_1 - self->k20 * t2;
+            const float distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
+                scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
+            const float t5 = scaled_distance_by_yaw_rate * distance_squared;
+            fine &= noslip_abs_f(t5) > 0;
+            const float t6 = noslip_lane_sqrt_f(distance_squared);
+            const float t7 = reference_distance_acceleration + self->kp_distance * (self->R + reference_distance - t6) +
+                self->kd_distance * reference_distance_rate;
+            const float t8 = self->k17 * t1 * scaled_distance_by_forward_speed - forward_speed *
+                scaled_distance_by_yaw_rate;
+            const float t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 +
+                self->k26 *
+                t3)) - t8 * t8;
+            const float t10 = t1 * (self->k29 - self->k19 * t3) - self->k6 * t9 / t5;
+            made[0] = t4 - t10;
+            made[1] = t4 + t10;
             fine &= noslip_within_f(made[0], self->clear[0]);
             fine &= noslip_within_f(made[1], self->clear[1]);
             fine &= noslip_is_finite_f(state_theta_r + state_theta_l);

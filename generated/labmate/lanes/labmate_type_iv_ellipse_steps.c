@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iv_ellipse_steps_lane(const labmate_type_iv_ellipse *self, size_t n, size_t lane,
     const double *state, const double *reference, double *tau)
 {
-    labmate_type_iv_ellipse law = *self;
+    labmate_type_iv_ellipse law;
     labmate_state state_of_lane;
     labmate_type_iv_ellipse_reference reference_of_lane;
     double made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];
@@ -85,7 +86,7 @@ int labmate_type_iv_ellipse_steps(const labmate_type_iv_ellipse *self, size_t n,
             const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_state_phi +
                 scaled_distance_by_y_l *
                 sin_state_phi;
-            fine &= t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed;
+            fine &= noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed);
             const double t7 = state_thetadot_r - state_thetadot_l;
             const double t8 = t7 * t7;
             const double t9 = state_thetadot_r + state_thetadot_l;

@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iv_ellipse_steps_f_lane(const labmate_type_iv_ellipse_f *self, size_t n,
     size_t lane, const float *state, const float *reference, float *tau)
 {
-    labmate_type_iv_ellipse_f law = *self;
+    labmate_type_iv_ellipse_f law;
     labmate_state_f state_of_lane;
     labmate_type_iv_ellipse_reference_f reference_of_lane;
     float made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];
@@ -85,7 +86,7 @@ int labmate_type_iv_ellipse_steps_f(const labmate_type_iv_ellipse_f *self, size_
             const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_state_phi +
                 scaled_distance_by_y_l *
                 sin_state_phi;
-            fine &= t6 * t6 > self->k16 * scaled_distance_by_forward_speed * scaled_distance_by_forward_speed;
+            fine &= noslip_abs_f(t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed);
             const float t7 = state_thetadot_r - state_thetadot_l;
             const float t8 = t7 * t7;
             const float t9 = state_thetadot_r + state_thetadot_l;

@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iv_line_steps_lane(const labmate_type_iv_line *self, size_t n, size_t lane,
     const double *state, const double *reference, double *tau)
 {
-    labmate_type_iv_line law = *self;
+    labmate_type_iv_line law;
     labmate_state state_of_lane;
     labmate_type_iv_line_reference reference_of_lane;
     double made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];
@@ -74,8 +75,7 @@ int labmate_type_iv_line_steps(const labmate_type_iv_line *self, size_t n, const
             const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const double distance_by_yaw_rate = self->k3 * sin_state_phi - self->k4 * cos_state_phi;
             const double distance_by_forward_speed = self->k3 * cos_state_phi + self->k4 * sin_state_phi;
-            fine &= distance_by_yaw_rate * distance_by_yaw_rate > self->k9 * distance_by_forward_speed *
-                distance_by_forward_speed;
+            fine &= noslip_abs(distance_by_yaw_rate) > self->k16 * noslip_abs(distance_by_forward_speed);
             const double t1 = state_thetadot_r - state_thetadot_l;
             const double t2 = t1 * t1;
             const double t3 = state_thetadot_r + state_thetadot_l;

@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iv_line_steps_f_lane(const labmate_type_iv_line_f *self, size_t n, size_t lane,
     const float *state, const float *reference, float *tau)
 {
-    labmate_type_iv_line_f law = *self;
+    labmate_type_iv_line_f law;
     labmate_state_f state_of_lane;
     labmate_type_iv_line_reference_f reference_of_lane;
     float made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];
@@ -74,8 +75,7 @@ int labmate_type_iv_line_steps_f(const labmate_type_iv_line_f *self, size_t n, c
             const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const float distance_by_yaw_rate = self->k3 * sin_state_phi - self->k4 * cos_state_phi;
             const float distance_by_forward_speed = self->k3 * cos_state_phi + self->k4 * sin_state_phi;
-            fine &= distance_by_yaw_rate * distance_by_yaw_rate > self->k9 * distance_by_forward_speed *
-                distance_by_forward_speed;
+            fine &= noslip_abs_f(distance_by_yaw_rate) > self->k16 * noslip_abs_f(distance_by_forward_speed);
             const float t1 = state_thetadot_r - state_thetadot_l;
             const float t2 = t1 * t1;
             const float t3 = state_thetadot_r + state_thetadot_l;

@@ -10,11 +10,12 @@
 static NOSLIP_COLD int labmate_type_iv_segment_steps_lane(const labmate_type_iv_segment *self, size_t n, size_t lane,
     const double *state, const double *reference, double *tau)
 {
-    labmate_type_iv_segment law = *self;
+    labmate_type_iv_segment law;
     labmate_state state_of_lane;
     labmate_type_iv_segment_reference reference_of_lane;
     double made[2];
     int status;
+    noslip_copy(&law, self, sizeof law);
     state_of_lane.x_c = state[0 * n + lane];
     state_of_lane.y_c = state[1 * n + lane];
     state_of_lane.phi = state[2 * n + lane];
@@ -85,8 +86,7 @@ int labmate_type_iv_segment_steps(const labmate_type_iv_segment *self, size_t n,
             const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
             const double distance_by_yaw_rate = distance_by_x_l * sin_state_phi + distance_by_y_l * cos_state_phi;
             const double distance_by_forward_speed = distance_by_x_l * cos_state_phi - distance_by_y_l * sin_state_phi;
-            fine &= distance_by_yaw_rate * distance_by_yaw_rate > self->k12 * distance_by_forward_speed *
-                distance_by_forward_speed;
+            fine &= noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed);
             const double t9 = state_thetadot_r - state_thetadot_l;
             const double t10 = t9 * t9;
             const double t11 = state_thetadot_r + state_thetadot_l;
