@@ -49,11 +49,6 @@ class Simulated:
         """Outcomes (N, outcomes) of samples (N, inputs); NaN except status and t_end where a number is rejected."""
         return np.array([self._of_sample(row) for row in np.asarray(table, float)]).reshape(len(table), len(self.outcomes))
 
-    @property
-    def computed(self) -> str:
-        """What vectors compute, as of `Batch`: nothing."""
-        return "scalar"
-
     def status(self, number: float) -> str:
         """Return the name of a status."""
         return STATUS[abs(int(number))]
