@@ -191,7 +191,11 @@ NIGHTLY = {
     "test_names": (r"odd_names_compiles_after_all_headers\[clang\]",),
     "test_odometry": (r"float_keeps_small_steps\[rates[12]\]",),
     "test_outer_design": (r"margins_are_python_controls\[(False|True)-[2-7]\]",),
-    "test_outer_loop": (r"integral_action_removes_the_offset\[None\]", r"integral_action_is_simulates\[0\.0\]"),
+    "test_outer_loop": (
+        r"test_command_hinf",
+        r"integral_action_removes_the_offset\[None\]",
+        r"integral_action_is_simulates\[0\.0\]",
+    ),
     "test_package": (
         r"readme_robot\[(float|.*-all)",
         r"export_builds_as_it_is\[(gcc-selection[03]|clang-selection2)\]",

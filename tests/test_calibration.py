@@ -202,7 +202,7 @@ def bound() -> np.ndarray:
 @pytest.mark.nightly
 def test_values_lie_in_their_intervals_in_most_logs():
     """In 93 to 97 % of 1000 logs, with errors within 1.2 times those of least squares, about windows of which each has a pose of
-    its own at first. Were the whole log one window, which drift does not allow, they could be 5 to 10 times smaller.
+    its own at first. Were the whole log one window, which drift does not allow, they could be 2 to 12 times smaller.
     """
     errors, within = deviations(1000)
     inside, size = np.mean(np.abs(errors) < within, axis=0), np.sqrt(np.mean(errors**2, axis=0))
