@@ -47,7 +47,7 @@ def triangles(mechanism: Mechanism) -> tuple[Triangle, ...]:
 
 
 def bounded_least_squares(A: np.ndarray, b: np.ndarray, G: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the s of the least |A s - b| with G s >= h, and which rows of G hold it back: those with a positive multiplier. A has
+    """Return the s of least |A s - b| with G s >= h, and which rows of G hold it back: those with a positive multiplier. A has
     full rank, rows of G have length 1, or 0 where they say nothing; one that is missed by less than ROUNDING counts as met.
 
     A problem of the least distance, whose dual is one of nonnegative least squares (Lawson and Hanson, Solving Least Squares
