@@ -8,6 +8,7 @@ the beginning the first curvature stays. There the rate jumps if a course with a
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,8 +16,10 @@ from functools import cached_property
 import numpy as np
 
 from ..model.algebra.trigonometry import sine_cosine
+from ..readers.errors import BadInput
 
 NEAR = 0.2  # m: between the places from which the search of the nearest one begins
+MOST = 200_000  # of these places
 STEPS, ENOUGH = 20, 1e-13  # of Newton's method, as in noslip_course.h; relative change at which it ends
 FLATTEST = 0.1  # likewise: how near a point may be to the centre of curvature, in radii
 LEAST = 3  # intervals of the quadrature, 1 on clothoids, and one more for each radian: an error of 2e-14 m (300 random courses)
@@ -156,7 +159,7 @@ class SmoothCurve:
     def nearest(self, point: complex, near: float | None = None) -> float:
         """Return the length along the course at which it is nearest to a point x + i y, m, by Newton's method from the length
         `near`; without one, from the nearest of places that are NEAR apart. NaN if the point is as far as the centre of
-        curvature, or too far ahead, by the rule of noslip_course_nearest.
+        curvature, or too far ahead, by the rule of noslip_course_nearest. Raises BadInput as `_scanned` does.
         """
         length = self._scanned(point) if near is None else near
         for _ in range(STEPS):
@@ -173,13 +176,38 @@ class SmoothCurve:
         return math.nan
 
     def _scanned(self, point: complex) -> float:
-        """Return the length at the nearest of places that are NEAR apart."""
-        count = 1 + int(self.stretches[-1].begin / NEAR)
-        return min((k * NEAR for k in range(count + 1)), key=lambda length: abs(point - self.position(length)))
+        """Return the length at the nearest of places that are NEAR apart. Those are left out that are too near to a far one.
+        Raises BadInput if more than MOST are left.
+        """
+        last, k, at, place, nearest, least = 1 + int(self.stretches[-1].begin / NEAR), 0, 0.0, self.position(0.0), 0, math.inf
+        for _ in range(MOST):
+            off = abs(point - place)
+            if off < least:
+                nearest, least = k, off
+            k += max(1, int((off - least) / NEAR))
+            if k > last:
+                return nearest * NEAR
+            at, place = k * NEAR, self._further(place, at, k * NEAR)
+        raise BadInput(
+            f"the course is {self.stretches[-1].begin:g} m long: its place nearest to the start is not found among {MOST} places "
+            f"that are {NEAR:g} m apart; take a shorter course"
+        )
+
+    def _further(self, place: complex, at: float, length: float) -> complex:
+        """Return the position at a length, given the `place` at a smaller one."""
+        k = self._part(length)
+        stretch = self.stretches[k]
+        same = k == self._part(at)
+        return place + self._moved(stretch, length - stretch.begin, at - stretch.begin) if same else self.position(length)
 
     def _part(self, length: float) -> int:
         """The number of the part at a length; before the beginning the first."""
-        return sum(stretch.begin <= length for stretch in self.stretches[1:])
+        return bisect_right(self._begins, length)
+
+    @cached_property
+    def _begins(self) -> list[float]:
+        """Where the parts after the first begin, m."""
+        return [stretch.begin for stretch in self.stretches[1:]]
 
     @cached_property
     def _places(self) -> list[complex]:
@@ -190,12 +218,12 @@ class SmoothCurve:
         return places
 
     @staticmethod
-    def _moved(stretch: Stretch, length: float) -> complex:
+    def _moved(stretch: Stretch, length: float, start: float = 0.0) -> complex:
         """Return how far the course goes within a part, by the quadrature of Gauss and Legendre over each radian of the turn."""
-        count = (LEAST if len(stretch.coefficients) > 2 else 1) + int(abs(length) * stretch.largest(length))
-        half, total = length / count / 2, 0j
+        count = (LEAST if len(stretch.coefficients) > 2 else 1) + int(abs(length - start) * stretch.largest(length))
+        half, total = (length - start) / count / 2, 0j
         for k in range(count):
-            middle = (2 * k + 1) * half
+            middle = start + (2 * k + 1) * half
             for place, weight in NODES:
                 for at in (middle - place * half, middle + place * half):
                     s, c = sine_cosine(stretch.direction(at))

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 from noslip.controllers.runtime import runtime
+from noslip.planning import course
 from noslip.planning.course import SmoothCurve
+from noslip.readers.errors import BadInput
 
 HEADER = "noslip_course.h"
 CLOTHOID = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 4.0, 5.0), (0.0, 0.0, 0.2, 0.2), 0.2)
@@ -201,3 +203,37 @@ def test_room_and_null():
         assert line.derivatives(length)[0] == status
     arc = CourseInC(SmoothCurve(0.0, 0.0, 0.5, 1.0, (), (1.0,)))
     assert arc.derivatives(2e6)[0] == "range" and arc.derivatives(2.0, math.inf)[0] == "nonfinite"
+
+
+def meander(parts: int) -> SmoothCurve:
+    """A course of parts of 2 m whose curvature goes to and fro."""
+    return SmoothCurve(1.0, 2.0, 0.3, 1.0, (2.0,) * parts, tuple(0.4 * (-1) ** k for k in range(parts + 1)), 0.5)
+
+
+def test_the_search_of_the_nearest_place_is_exhaustive(monkeypatch):
+    """Among all places, over random points and curves; directions asked for grow as the length, and a limit is kept."""
+    random = np.random.default_rng(21)
+    for curve in [meander(12), *(random_curve(random) for _ in range(20))]:
+        places = np.arange(2 + int(curve.stretches[-1].begin / course.NEAR)) * course.NEAR
+        for _ in range(5):
+            point = complex(*random.normal(scale=6.0, size=2))
+            distances = [abs(point - curve.position(place)) for place in places]
+            assert distances[round(curve._scanned(point) / course.NEAR)] == pytest.approx(min(distances), rel=0, abs=1e-12)
+
+    asked, direction = [0], course.Stretch.direction
+
+    def counted(stretch: course.Stretch, at: float) -> float:
+        asked[0] += 1
+        return direction(stretch, at)
+
+    monkeypatch.setattr(course.Stretch, "direction", counted)
+    works = []
+    arcs = [SmoothCurve(0.0, 0.0, 0.0, 1.0, (length,), (1.0, 1.0)) for length in (50.0, 800.0)]
+    for curve in (meander(25), meander(400), *arcs, SmoothCurve(0.0, 0.0, 0.0, 1.0, (1e6,), (0.0, 0.0))):
+        asked[0] = 0
+        curve.nearest(0.1 + 0.05j)
+        works.append(asked[0])
+    assert works[1] < 20 * works[0] and works[3] < 20 * works[2] and works[4] < 5000
+    monkeypatch.setattr(course, "MOST", 1000)
+    with pytest.raises(BadInput, match="800 m long.*1000 places"):
+        arcs[1].nearest(0.1 + 0.05j)

@@ -594,3 +594,13 @@ def test_factors_by_half_angles_are_the_function():
     product = sp.prod(half_angles(Delta.functions, form) ** power for form, power in forms)
     ratio = sp.lambdify(x, product / Delta.functions.expression(polynomial), "math")
     assert np.ptp([ratio(value) for value in np.random.default_rng(2).uniform(-3, 3, 9)]) < 1e-12
+
+
+def test_analyse_leaves_no_progress_behind(monkeypatch):
+    """What is asked of the functions after an analysis is not shown as its progress."""
+    used, told = [distribution(SYSTEMS[next(iter(SYSTEMS))]())], []
+    monkeypatch.setattr("noslip.analysis.distributions.analysis.distribution", lambda _: used[0])
+    analyse(used[0].kinematics, lambda *each: told.append(each))
+    before = len(told)
+    used[0].functions.progress(1, 2, "terms")
+    assert len(told) == before

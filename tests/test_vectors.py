@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from noslip.codegen.dynamics import compile_dynamics
+from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.specification.spec import DriveSection, LimitsSection, read_spec
 from noslip.sweeping import program
 from noslip.sweeping.batch import Batch
@@ -84,6 +86,23 @@ def test_bits_are_those_of_single_runs(kind):
         assert "singular" not in {alone.status(number) for number in expected[:, 0]}
     if kind == "plain":
         assert {"ok", "singular", "range", "bad_parameter"} <= {alone.status(number) for number in expected[:, 0]}
+
+
+@pytest.mark.parametrize(
+    ("name", "drives", "expected"),
+    [
+        *[(law, ("torque",), "robot and law") for law in ("type_i", "type_iv_line", "type_iv_circle", "type_iv_line_damped")],
+        ("type_iv_line", ("velocity", "velocity+torque"), "robot"),
+        ("type_iv_line_kinematic", ("kinematic",), "robot"),
+        *[(f"{law}_extended", ("torque", "velocity"), None) for law in ("type_i", "type_iv_line", "type_iv_circle")],
+    ],
+)
+def test_what_vectors_have(name, drives, expected):
+    """As the table of docs/sweep.md says: the robot with all drives, the law with torques; nothing with a dynamic extension."""
+    law = law_of(find_robot("labmate"), name)
+    for drive in drives:
+        found = program.vectors_of(law, compile_dynamics(law.system), "double", program.LoopParts(drive=drive))
+        assert (found and ("robot and law" if found.steps else "robot")) == expected
 
 
 def test_samples_with_other_times_wait_for_each_other():

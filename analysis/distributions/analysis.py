@@ -137,21 +137,24 @@ def analyse(system: Kinematics | Mechanism | ReducedSystem, progress: Reported =
     functions.progress = progress
     mechanism = system.mechanism if isinstance(system, ReducedSystem) else system
     inputs = actuation(mechanism) if isinstance(mechanism, Mechanism) else None
-    with provable(Delta.kinematics.name):
-        return Analysis(
-            Delta.kinematics.name,
-            functions.n,
-            Delta.m,
-            Delta.growth,
-            holonomic(Delta),
-            certificate(Delta),
-            places(Delta),
-            linearization_steps(Delta),
-            checks(Delta, inputs),
-            Delta.S,
-            tuple(map(written, functions.positive)),
-            inputs,
-        )
+    try:
+        with provable(Delta.kinematics.name):
+            return Analysis(
+                Delta.kinematics.name,
+                functions.n,
+                Delta.m,
+                Delta.growth,
+                holonomic(Delta),
+                certificate(Delta),
+                places(Delta),
+                linearization_steps(Delta),
+                checks(Delta, inputs),
+                Delta.S,
+                tuple(map(written, functions.positive)),
+                inputs,
+            )
+    finally:
+        functions.progress = silent  # the checks keep them, for later questions
 
 
 def certificate(Delta: Distribution) -> DimensionProof:
