@@ -10,6 +10,7 @@ import numpy as np
 
 from ..readers.progress import Reported
 from .batch import Batch
+from .simulated import Simulated
 from .store import Parts
 from .study import Study, outcomes_of
 
@@ -98,7 +99,7 @@ def run_parts(parts: Parts, engine: TableRunner, progress: Reported) -> None:
 @lru_cache(maxsize=1)  # the processes are kept for the next table
 def engine_of(study: Study, jobs: int) -> Threads | Processes:
     """Return what runs a sweep on this machine: threads where the C does, processes where Python does."""
-    return Threads(study.batch, jobs) if isinstance(study.batch, Batch) else Processes(study, jobs)
+    return Processes(study, jobs) if isinstance(study.batch, Simulated) else Threads(study.batch, jobs)
 
 
 atexit.register(engine_of.cache_clear)  # while there are still modules that end processes
@@ -106,7 +107,7 @@ atexit.register(engine_of.cache_clear)  # while there are still modules that end
 
 def run_table(study: Study, table: np.ndarray, jobs: int, finished: Callable[[int], None] | None = None) -> np.ndarray:
     """Return the outcomes of a table; `finished` is told how many of its rows are."""
-    least = LANES if isinstance(study.batch, Batch) else 1
+    least = 1 if isinstance(study.batch, Simulated) else LANES
     pieces, found = np.array_split(table, max(1, min(PIECES * jobs, len(table) // least))), {}
     for number, _, outcomes in engine_of(study, jobs).results(enumerate(pieces)):
         found[number] = outcomes
