@@ -90,7 +90,8 @@ def fastest(backend="c"):
     output, start = replace(made.output, L=0.0, reversing="refuse", path=replace(made.output.path, segments=WAY[:3])), None
     sensors = Sensors(
         noise=NoiseSection(sd=(0.02,)), seed=3, counts=2000 if backend == "c" else 0,
-        pose="reckoned" if backend == "c" else "true", gyro=GyroSection(noise=0.01, bias=0.002), accelerometer=AccelerometerSection(noise=0.1),
+        pose="reckoned" if backend == "c" else "true",
+        gyro=GyroSection(noise=0.01, bias=0.002), accelerometer=AccelerometerSection(noise=0.1),
     )  # fmt: skip
     notice = NoticeSlipSection(deviations=1.0 if backend == "c" else 6.0, geometry=0.0, hold=0.2, pause=0.05, rise=0.3)
     limits, simulation = LimitsSection(mode="grip", notice_slip=notice), replace(made.simulation, backend=backend, duration=6.0)
