@@ -335,6 +335,8 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
 
     Raises ModelError if it is not underactuated, or cannot rest there.
     """
+    if robot.why_carried:
+        raise ModelError(f"{robot.name}: {robot.why_carried}; no state with nu = 0 is at rest")
     partial = partial_linearization(robot)
     system = partial.system
     place = [0.0] * len(robot.coordinates) if q is None else [float(each) for each in q]

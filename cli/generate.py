@@ -188,14 +188,12 @@ def select_follower(args: argparse.Namespace) -> None:
     """Replace the follower in the selection by what it consists of. Raises BadInput if the robot has none."""
     if FOLLOWER not in args.output:
         return
-    from ..codegen.follower.follower import LAW, has_follower
+    from ..codegen.follower.follower import LAW, has_follower, why_no_follower
     from ..readers.robots import find_laws, find_robot, law_of, system_of
 
     system = system_of(find_robot(args.robot))
     if LAW not in find_laws(system) or not has_follower(law_of(system, LAW)):
-        raise BadInput(
-            f"--output {FOLLOWER}: {args.robot} is not a vehicle with two driven wheels or a steered one; choose a law instead"
-        )
+        raise BadInput(f"--output {FOLLOWER}: {why_no_follower(system)}; choose a law instead")
     args.output = list(dict.fromkeys([name for name in args.output if name != FOLLOWER] + [LAW, DYNAMICS]))
 
 

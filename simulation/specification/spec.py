@@ -194,7 +194,7 @@ class OutputSection:
     near_singular: str = entry(
         one_of("refuse", "damped"), "refuse", "what type IV does where the heading is nearly normal to the path"
     )
-    band: float = entry(number("positive"), BAND, "of a damped inverse: cosine of the angle between heading and path, below 1")
+    band: float = entry(number("positive"), BAND, "of a damped inverse: cosine of the angle of heading and path, in 0.01 to 1")
 
     def __post_init__(self):
         if self.near_singular == "damped" and (self.type != "IV" or self.extension):
