@@ -75,7 +75,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     sampled = parser.add_argument_group("on a processor")
     period = "sampling period with zero-order hold, s (default: from SPEC, else continuous)"
     sampled.add_argument("--period", type=quantity("s"), metavar="S", help=period)
-    sampled.add_argument("--delay", action="store_true", help="apply the torque one period after the state was measured")
+    delay = "apply the torque one period after the state was measured (default: from SPEC, else at once)"
+    sampled.add_argument("--delay", action="store_true", help=delay)
     sampled.add_argument(
         "--drive", choices=DRIVES, help="what the drives take: torque (default), or velocities that a loop of their own follows"
     )
@@ -102,6 +103,7 @@ def run(args: argparse.Namespace) -> int:
     law, spec = _law_and_spec(args)
     if args.period is None and args.spec and spec.simulation.period:
         args.period = spec.simulation.period
+    args.delay = args.delay or _is_late(args.spec, spec)
     drive = _drive(args, spec)
     if drive and law.extension:
         raise BadInput(f"{law.name} has a dynamic extension, which does not go with {drive}; leave out --drive")
@@ -138,6 +140,17 @@ def run(args: argparse.Namespace) -> int:
         result += "" if args.json else "\n\n" + "\n".join(str(folder / name) for name in pictures)
     print(result)
     return 0
+
+
+def _is_late(file: str | None, spec: "Spec") -> bool:
+    """Return whether the inputs of the SPEC act one period late. Raises BadInput if they act in between."""
+    delay, period = spec.simulation.delay, spec.simulation.period
+    if 0 < delay < period:
+        raise BadInput(
+            f"{file}: [simulation] delay = {delay:g} is a part of the period, {period:g} s; margins are those of no delay or "
+            "of a whole period: give --delay for the latter, or another delay in the SPEC"
+        )
+    return delay > 0
 
 
 def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
@@ -181,6 +194,8 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")
     if args.drive == "kinematic" and not spec.kinematic:
         spec = as_kinematic(replace(spec, drive=None), args.bandwidth or BANDWIDTH)
+    if args.period is not None and args.period > 0 and not spec.simulation.period:
+        spec = replace(spec, simulation=replace(spec.simulation, period=args.period))
     law = law_of(find_robot(spec.robot), spec.law)
     try:
         make_loop(spec)  # refuses what `noslip simulate` refuses

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from ..simulation.specification.spec import read_text
     from ..sweeping.results.report import SweepReport
     from ..sweeping.results.statistics import check_indices, indices, summarize
-    from ..sweeping.results.verify import verify
+    from ..sweeping.results.verify import check_verify, verify
     from ..sweeping.results.worst import find_worst
     from ..sweeping.store import is_finished
     from ..sweeping.study import study_of
@@ -59,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
     study = study_of(text, args.spec, args.samples)
     if args.indices is not None:
         check_indices(study, args.indices)
+    if args.verify is not None:
+        check_verify(study)
     if args.worst and not study.plan.names:
         raise BadInput("--worst: nothing varies except the noise")
     if is_finished(output, study):
@@ -92,8 +94,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None) -> None:
-    from ..sweeping.batch import Batch
-    from ..sweeping.runner import Processes, TableRunner, Threads, run_parts
+    from ..sweeping.runner import TableRunner, engine_of, run_parts
     from ..sweeping.store import Parts, merge
 
     engine: TableRunner
@@ -101,10 +102,8 @@ def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None)
         from ..sweeping.cluster import Cluster
 
         engine = Cluster(scheduler, study)
-    elif isinstance(study.batch, Batch):
-        engine = Threads(study.batch, jobs)
     else:
-        engine = Processes(study, jobs)
+        engine = engine_of(study, jobs)
     parts = Parts(output, study)
     try:
         with parts.held(), Progress() as progress:

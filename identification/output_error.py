@@ -7,13 +7,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import null_space
 
 from ..model.errors import ModelError
 from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
-from .bounds import Triangle
+from .bounds import Triangle, bounded_least_squares
 
 ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
@@ -319,32 +318,24 @@ class OutputError:
         return max(abs(self.value(name)), abs(float(self._given[self.places[name]])) or 1.0)
 
     def _converge(self) -> None:
-        """Minimize the squared errors; if the inertias are then those of no body, on the bound."""
-        self.held = []
+        """Minimize the squared errors among inertias that bodies can have, from the nearest of them."""
+        directions = np.diag([self._size(name) for name in self.names])
+        nearest, held = bounded_least_squares(np.eye(len(self.names)), np.zeros(len(self.names)), *self._limits(directions))
+        if held.any():
+            for name, change in zip(self.names, directions @ nearest, strict=True):
+                self.values[self.places[name]] += change
+            self.start = self._starts(self.values)
         self._descend()
-        while crossed := [each for each in self._triangles if self._crosses(each)]:
-            self.held.append(crossed[0])
-            self._to_bound(crossed[0])
-            self._descend()
 
-    def _crosses(self, triangle: Triangle) -> bool:
-        """Whether the fitted inertias are beyond a bound that is not held yet."""
-        known = dict(zip(self.quantities, self.values.tolist(), strict=True))
-        return triangle not in self.held and bool(triangle.factors(self.names).any()) and not triangle.holds(known)
+    def _limits(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of the inertias as G s >= h for a change directions s of the fitted parameters, rows of length 1."""
+        G = -self._factors(self.names) @ directions
+        size = np.linalg.norm(G, axis=1)
+        size = np.where(size > 0, size, np.inf)  # of what is not free: no bound
+        return G / size[:, None], self._factors(list(self.quantities)) @ self.values / size
 
-    def _to_bound(self, triangle: Triangle) -> None:
-        """Change the fitted inertias such that the bound is met, each in proportion to its size."""
-        factors, sizes = triangle.factors(self.names), np.array([self._size(name) for name in self.names])
-        beyond = triangle.factors(list(self.quantities)) @ self.values
-        for name, change in zip(self.names, sizes**2 * factors * beyond / np.sum((sizes * factors) ** 2), strict=True):
-            self.values[self.places[name]] -= change
-        self.start = self._starts(self.values)
-
-    def _directions(self, free: np.ndarray) -> np.ndarray:
-        """Return the changes of the fitted parameters, (p, k), that leave alone what is not free and keep the bounds held."""
-        directions = np.diag([self._size(name) for name in self.names])[:, free]
-        held = np.array([each.factors(self.names) for each in self.held]).reshape(-1, len(self.names))
-        return directions @ null_space(held @ directions) if len(held) else directions
+    def _factors(self, names: Sequence[str]) -> np.ndarray:
+        return np.array([each.factors(names) for each in self._triangles]).reshape(-1, len(names))
 
     def _descend(self) -> None:
         damping, used = 1e-3, self.windows.used
@@ -353,14 +344,15 @@ class OutputError:
             self.progress(iteration, ITERATIONS, "iterations, or fewer")
             rows, left = rows.reshape(-1, len(self.names)), left.ravel()
             free = ~self._blocked(left @ rows)
-            directions = self._directions(free)
-            rows, cost = rows @ directions, float(left @ left)
-            best = -np.linalg.lstsq(rows, left, rcond=None)[0]
+            directions = np.diag([self._size(name) for name in self.names])[:, free]
+            rows, cost, limits = rows @ directions, float(left @ left), self._limits(directions)
+            best, held = bounded_least_squares(rows, -left, *limits)
+            self.held = [each for each, holds in zip(self._triangles, held, strict=True) if holds]
             if np.abs(best).max(initial=0.0) < CONVERGED or -left @ rows @ best <= GAIN * cost:
                 return
             while True:
                 damped = np.vstack([rows, math.sqrt(damping) * np.diag(np.linalg.norm(rows, axis=0))])
-                step = -np.linalg.lstsq(damped, np.append(left, np.zeros(rows.shape[1])), rcond=None)[0]
+                step, _ = bounded_least_squares(damped, np.append(-left, np.zeros(rows.shape[1])), *limits)
                 values = self._moved(directions @ step)
                 after = None if values is None else self._tried(values)
                 if values is not None and after is not None and np.sum(after[1] ** 2) <= cost * (1 + 1e-12):

@@ -1,20 +1,21 @@
 """Runs the parts of a sweep in parallel, in threads of this process or on other workers."""
 
+import atexit
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Protocol
 
 import numpy as np
 
 from ..readers.progress import Reported
 from .batch import Batch
-from .simulated import Simulated
 from .store import Parts
 from .study import Study, outcomes_of
 
 AHEAD = 2  # queued parts for each thread or worker
-PIECES = 4  # of a table, for each thread
+PIECES = 4  # of a table, for each thread or process
+LANES = 8  # samples that the longest vectors run together
 
 
 class TableRunner(Protocol):
@@ -46,17 +47,15 @@ class Processes:
     """Processes of this machine, for runs in Python; each prepares the sweep anew."""
 
     def __init__(self, study: Study, jobs: int):
-        self._study, self._jobs = study, jobs
+        self._jobs, self._pool = jobs, ProcessPoolExecutor(jobs)
+        self._run = partial(outcomes_of, study.text, study.identity, instants=study.instants)
 
     def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """See `TableRunner`."""
-        study = self._study
-        with ProcessPoolExecutor(self._jobs) as pool:
-            run = partial(outcomes_of, study.text, study.identity)
-            yield from in_flight(tables, partial(pool.submit, run), first_finished, AHEAD * self._jobs)
+        yield from in_flight(tables, partial(self._pool.submit, self._run), first_finished, AHEAD * self._jobs)
 
     def close(self) -> None:
-        """Nothing to release: processes end with their work."""
+        """Nothing to release: processes end with the last table."""
 
 
 def in_flight(
@@ -96,8 +95,21 @@ def run_parts(parts: Parts, engine: TableRunner, progress: Reported) -> None:
         progress(done, samples, "samples")
 
 
-def run_table(batch: Batch | Simulated, table: np.ndarray, jobs: int) -> np.ndarray:
-    """Return the outcomes of a table, computed by threads."""
-    pieces = np.array_split(table, max(1, min(PIECES * jobs, len(table) // 8)))
-    with ThreadPoolExecutor(jobs) as pool:
-        return np.concatenate(list(pool.map(batch.run, pieces)))
+@lru_cache(maxsize=1)  # the processes are kept for the next table
+def engine_of(study: Study, jobs: int) -> Threads | Processes:
+    """Return what runs a sweep on this machine: threads where the C does, processes where Python does."""
+    return Threads(study.batch, jobs) if isinstance(study.batch, Batch) else Processes(study, jobs)
+
+
+atexit.register(engine_of.cache_clear)  # while there are still modules that end processes
+
+
+def run_table(study: Study, table: np.ndarray, jobs: int, finished: Callable[[int], None] | None = None) -> np.ndarray:
+    """Return the outcomes of a table; `finished` is told how many of its rows are."""
+    least = LANES if isinstance(study.batch, Batch) else 1
+    pieces, found = np.array_split(table, max(1, min(PIECES * jobs, len(table) // least))), {}
+    for number, _, outcomes in engine_of(study, jobs).results(enumerate(pieces)):
+        found[number] = outcomes
+        if finished:
+            finished(sum(map(len, found.values())))
+    return np.concatenate([found[number] for number in range(len(pieces))])

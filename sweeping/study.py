@@ -49,13 +49,16 @@ class Criterion:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The objects defined by the text of a SPEC and a number of samples. `spec` has a control period."""
+    """The objects defined by the text of a SPEC and a number of samples. `spec` has a control period; `instants`: s, when
+    outcomes include errors.
+    """
 
     text: str
     spec: Spec
     batch: Batch | Simulated
     plan: Plan
     criterion: Criterion
+    instants: tuple[float, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -107,24 +110,26 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
         sweep = sweep_of(spec)
         runs = Simulated if spec.adaptation or spec.estimator else Batch
         batch = runs(spec, band=sweep.band, instants=instants)
-        return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch))
+        return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch), instants)
     except BadInput as error:
         raise BadInput(str(error) if str(error).startswith(f"{name}: ") else f"{name}: {error}") from error
 
 
-def outcomes_of(text: str, identity: Mapping[str, str | int | float], table: np.ndarray) -> np.ndarray:
+def outcomes_of(
+    text: str, identity: Mapping[str, str | int | float], table: np.ndarray, instants: tuple[float, ...] = ()
+) -> np.ndarray:
     """Return the outcomes of a table of a sweep, in another process, where the sweep is prepared anew. Raises BadInput if it is
     another one there.
     """
-    study = _study(text, int(identity["samples"]))
+    study = _study(text, int(identity["samples"]), instants)
     if study.identity != identity:
         raise BadInput("a worker has another noslip or another robot; install the same version there")
     return study.batch.run(table)
 
 
 @lru_cache(maxsize=4)
-def _study(text: str, samples: int) -> Study:
-    return study_of(text, "SPEC", samples)
+def _study(text: str, samples: int, instants: tuple[float, ...]) -> Study:
+    return study_of(text, "SPEC", samples, instants)
 
 
 def sample_spec(text: str, row: Mapping[str, float]) -> Spec:

@@ -24,6 +24,7 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import spec_of_table, toml_table
 from noslip.simulation.specification.vary import read_varied
 from noslip.sweeping.batch import Batch
+from noslip.sweeping.runner import Processes, engine_of, run_table
 from noslip.sweeping.simulated import Simulated
 from noslip.sweeping.study import study_of
 
@@ -316,3 +317,18 @@ def test_generate_refuses(tmp_path, capsys, name):
     arguments, message = ASKED[name]
     assert main(["generate", "labmate", *arguments, "-o", str(tmp_path)]) == 2
     assert message in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_tables_of_a_sweep_run_in_processes(tmp_path, capsys):
+    """As in this process, also with instants and a second table; a sweep that simulate runs is not verified by simulate."""
+    text = PAYLOAD.read_text().replace("duration = 20.0", "duration = 0.5")
+    study, finished = study_of(text, "payload.toml", 5, (0.1, 0.4)), []
+    table = study.plan.table(0, 5)
+    assert isinstance(engine_of(study, 2), Processes)
+    for rows in (table, table[3:]):
+        assert np.array_equal(run_table(study, rows, 2, finished.append), study.batch.run(rows), equal_nan=True)
+    assert finished == [1, 2, 3, 4, 5, 1, 2]
+    (tmp_path / "swept.toml").write_text(text)
+    argv = ["sweep", str(tmp_path / "swept.toml"), "--samples", "3", "-o", str(tmp_path / "swept.parquet"), "--verify", "1"]
+    assert main(argv) == 2 and "--verify: noslip simulate runs the samples" in capsys.readouterr().err
+    assert not (tmp_path / "swept.parquet").exists()

@@ -11,17 +11,20 @@ import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.identification.bounds import bounded_least_squares
 from noslip.identification.dynamics import Dynamics, combinations
 from noslip.identification.fit import identify, predicted
 from noslip.identification.log import FEWEST, Log, read_log
 from noslip.identification.result import Estimate
 from noslip.model import Mechanism, ModelError, reduce
+from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.drawing import panels
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import spec_of_table
 from noslip.simulation.specification.vary import read_varied
+from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 PLANT = {"m_c": 47.0, "I_c": 11.0}
@@ -252,6 +255,77 @@ def test_inertias_stay_those_of_a_body():
     assert alone.estimates["I"].value == pytest.approx(0.16, rel=1e-9) and alone.remarks == result.remarks
     result = identify(within, free, ["I", "J"], {}, False)
     assert not result.remarks and all(abs(result.estimates[k].value - v) < 0.002 for k, v in (("I", 0.12), ("J", 0.08)))
+
+
+def rollers() -> Mechanism:
+    """A thin disk that carries a second body: I about the first's axle, J about diameters and of the second, which has K too."""
+    robot = Mechanism("rollers", "")
+    pairs = (("x", "m"), ("y", "m"), ("phi", "rad"), ("theta", "rad"), ("psi", "rad"))
+    x, y, phi, theta, psi = (robot.coordinate(name, unit) for name, unit in pairs)
+    I, J, K = (robot.parameter(name, value, "kg m^2") for name, value in (("I", 0.12), ("J", 0.08), ("K", 0.06)))  # noqa: E741
+    robot.principal_inertias(I, J, J)
+    robot.principal_inertias(J, K, K)
+    x_dot, y_dot, turning, rolling, spinning = (robot.rate(each) for each in (x, y, phi, theta, psi))
+    energy = x_dot**2 + y_dot**2 + (J * turning**2 + I * rolling**2 + K * spinning**2) / 2
+    robot.kinetic_energy(energy)
+    robot.rolls("rolls", ca.cos(phi) * x_dot + ca.sin(phi) * y_dot - 0.3 * rolling)
+    robot.rolls("no side slip", ca.cos(phi) * y_dot - ca.sin(phi) * x_dot)
+    for name, rate in (("thetadot", rolling), ("phidot", turning), ("psidot", spinning)):
+        robot.input(f"tau_{name}", "N m", on=rate)
+        robot.quasi_velocity(name, "rad/s", rate)
+    robot.moves_in_plane(x, y, phi)
+    return robot
+
+
+@pytest.mark.parametrize(
+    ("inertias", "bounds"), [((0.4, 0.1, 0.02), 2), ((0.1, 0.3, 0.02), 1), ((0.3, 0.1, 0.09), 1), ((0.12, 0.08, 0.06), 0)]
+)
+def test_two_bodies_that_share_an_inertia(inertias, bounds):
+    """Torques of three frequencies at inertias of no bodies: the answer is feasible, and the least squares that SLSQP finds."""
+    t, random = np.arange(400) * 0.01, np.random.default_rng(7)
+    added, frequency = np.array([2 * 0.3**2, 0.0, 0.0]), np.array([3.0, 2.0, 4.0])
+    tau = 0.5 * np.cos(np.outer(t, frequency))
+    ideal = 0.5 * np.sin(np.outer(t, frequency)) / frequency  # of an inertia of 1 kg m^2
+    nu = ideal / (np.array(inertias) + added) + 0.001 * random.normal(size=tau.shape)
+    log = Log(t, np.hstack([np.zeros((400, 5)), nu]), tau, (range(400),), ())
+    dynamics = Dynamics.of(reduce(rollers()))
+    fit = predicted(log, dynamics, ["I", "J", "K"], np.array([q.default for q in dynamics.quantities]), False)
+    fit.fit()._converge()  # with the weights that follow from the fit
+    I, J, K = found = np.array([fit.value(name) for name in ("I", "J", "K")])  # noqa: E741
+    assert I <= 2 * J * (1 + 1e-8) and J <= 2 * K * (1 + 1e-8)
+    assert len(fit.held) == bounds
+
+    def cost(inertias: np.ndarray) -> float:
+        values = fit.values.copy()
+        values[[fit.places[name] for name in ("I", "J", "K")]] = inertias
+        return float(np.log(np.sum(fit._tried(values)[1] ** 2)))
+
+    feasible = {"type": "ineq", "fun": lambda v: np.array([2 * v[1] - v[0], 2 * v[2] - v[1]])}
+    other = minimize(
+        cost, [0.12, 0.08, 0.06], method="SLSQP", bounds=[(0.01, 1)] * 3, constraints=feasible, options={"ftol": 1e-9}
+    )
+    assert cost(found) <= other.fun + 1e-6 and np.allclose(found, other.x, rtol=0.01, atol=0)
+
+
+def test_bounded_least_squares():
+    """Over random quadratics with up to six bounds: feasible, and not worse than what SLSQP finds."""
+    random, bounded = np.random.default_rng(11), 0
+    for _ in range(300):
+        n, m = random.integers(2, 6), random.integers(1, 7)
+        A, b, G = random.normal(size=(n + 3, n)), random.normal(size=n + 3), random.normal(size=(m, n))
+        G /= np.linalg.norm(G, axis=1)[:, None]
+        h = G @ random.normal(size=n) - random.uniform(0, 1, m)
+        s, held = bounded_least_squares(A, b, G, h)
+        other = minimize(
+            lambda s, A=A, b=b: float(np.sum((A @ s - b) ** 2)), s, jac=lambda s, A=A, b=b: 2 * A.T @ (A @ s - b), method="SLSQP",
+            constraints={"type": "ineq", "fun": lambda s, G=G, h=h: G @ s - h, "jac": lambda s, G=G: G}, options={"ftol": 1e-14},
+        )  # fmt: skip
+        assert (G @ s >= h - 1e-9).all() and np.allclose(s, other.x, rtol=0, atol=1e-6)
+        assert np.abs((G @ s - h)[held]).max(initial=0.0) < 1e-9
+        bounded += held.sum() > 1
+    assert bounded > 50
+    with pytest.raises(BadInput, match="leave none"):
+        bounded_least_squares(np.eye(1), np.zeros(1), np.array([[1.0], [-1.0]]), np.array([0.5, -0.2]))
 
 
 def test_inertias_of_no_body_are_refused(write, bad_input):

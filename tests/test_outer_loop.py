@@ -705,3 +705,28 @@ def test_the_period_is_the_specs(capsys):
     for more, period in (([], 0.01), (["--period", "0.03"], 0.03)):
         argv = ["labmate", "--spec", str(ROOT / "specs" / "figures" / "sampled.toml"), *more]
         assert answer(capsys, *argv)["period"] == period
+
+
+def test_the_delay_is_the_specs(tmp_path, capsys):
+    """That of a whole period counts as --delay does; that of a part of it is refused, unless --delay says a whole one."""
+    text, file = (ROOT / "specs" / "figures" / "sampled.toml").read_text(), tmp_path / "late.toml"
+    assert "period = 0.01" in text and "delay" not in text
+    asked = answer(capsys, "labmate", "--spec", str(ROOT / "specs" / "figures" / "sampled.toml"), "--delay")
+    file.write_text(text.replace("period = 0.01", "period = 0.01\ndelay = 0.01"))
+    late = answer(capsys, "labmate", "--spec", str(file))
+    assert late["delay"] is True and {**late, "spec": 0} == {**asked, "spec": 0}
+    file.write_text(text.replace("period = 0.01", "period = 0.01\ndelay = 0.004"))
+    assert main(["outer-loop", "labmate", "--spec", str(file)]) == 2
+    assert "delay = 0.004 is a part of the period, 0.01 s" in capsys.readouterr().err
+    assert answer(capsys, "labmate", "--spec", str(file), "--delay")["delay"] is True
+
+
+def test_a_continuous_spec_with_an_observer(tmp_path, capsys):
+    """It is judged at the period of the command line, as the SPEC with that period is."""
+    text, files = (ROOT / "specs" / "line.toml").read_text(), [tmp_path / name for name in ("continuous.toml", "sampled.toml")]
+    assert "period = 0.0 " in text and "kv = 2.0 }" in text
+    text = text.replace("kv = 2.0 }", "kv = 2.0, ko_distance = 2.0 }")
+    for file, period in zip(files, ("0.0", "0.02"), strict=True):
+        file.write_text(text.replace("period = 0.0 ", f"period = {period} "))
+    continuous = answer(capsys, "labmate", "--spec", str(files[0]), "--period", "0.02")
+    assert continuous == answer(capsys, "labmate", "--spec", str(files[1])) and continuous["period"] == 0.02

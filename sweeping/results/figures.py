@@ -36,7 +36,7 @@ def figures_of(report: SweepReport, jobs: int, progress: Reported = silent) -> d
     study, name = report.study, Path(report.spec).name
     summary = report.summary
     summary_text = f"{name}: {summary.samples} samples, {summary.failed} fail ({100 * summary.failed / summary.samples:.3g} %)"
-    made = {"envelope": (lambda: _envelope(report, jobs), f"{summary_text}; error over time")}
+    made = {"envelope": (lambda: _envelope(report, jobs, progress), f"{summary_text}; error over time")}
     if study.plan.names:
         made["cloud"] = (lambda: _cloud(report), f"{summary_text}; by parameter")
     starts = _start_axes(study)
@@ -52,14 +52,19 @@ def figures_of(report: SweepReport, jobs: int, progress: Reported = silent) -> d
     return found
 
 
-def _envelope(report: SweepReport, jobs: int) -> matplotlib.figure.Figure:
+def _envelope(report: SweepReport, jobs: int, progress: Reported) -> matplotlib.figure.Figure:
     """Quantiles of the error of the first output, signed, and of its size on a logarithmic scale."""
     study, row = report.study, report.study.batch.law.output.rows[0]
     t = np.linspace(0.0, study.spec.simulation.duration, INSTANTS)
     watched = study_of(study.text, report.spec, study.samples, tuple(t))
     table = study.plan.table(0, min(DRAWN, study.samples))
     first = watched.batch.outcomes.index(f"error.{row.name}[0]")
-    errors = run_table(watched.batch, np.vstack([_nominal(study), table]), jobs)[:, first : first + INSTANTS]
+    table = np.vstack([_nominal(study), table])
+
+    def finished(rows: int) -> None:
+        progress(rows, len(table), "runs for the envelope")
+
+    errors = run_table(watched, table, jobs, finished)[:, first : first + INSTANTS]
     figure = matplotlib.figure.Figure(figsize=(12.0, 4.8), layout="constrained")
     axes = figure.subplots(1, 2)
     running = np.isfinite(errors[1:]).any(axis=0)
@@ -210,7 +215,7 @@ def _on_grid(
     (one, other), (x, y) = ranges, (np.linspace(*r, n) for r, n in zip(ranges.values(), GRID, strict=True))
     grid = np.meshgrid(x, y)
     table = study.plan.inputs.table({one: grid[0].ravel(), other: grid[1].ravel()}, grid[0].size)
-    found = run_table(study.batch, table, jobs)
+    found = run_table(study, table, jobs)
     return x, y, [found[:, study.batch.outcomes.index(name)].reshape(grid[0].shape) for name in outcomes]
 
 

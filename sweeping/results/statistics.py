@@ -1,6 +1,6 @@
 """Statistics of a finished sweep: probability of failure, quantiles of the outcomes, and rank correlations."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -153,8 +153,11 @@ def indices(study: Study, base: int, jobs: int, progress: Reported = silent) -> 
     tables = [study.plan.rows(rows, seeds) for rows, seeds in _seeded(one, other, mixed)]
     answers: list[np.ndarray] = []
     for table in tables:
-        progress(base * len(answers), base * len(tables), "runs for the indices")
-        answers.append(_answers(study, table, jobs))
+
+        def finished(rows: int, before: int = base * len(answers)) -> None:
+            progress(before + rows, base * len(tables), "runs for the indices")
+
+        answers.append(_answers(study, table, jobs, finished))
     shown = [*study.shown, "failed"]
     made = {}
     for k, outcome in enumerate(shown):
@@ -191,8 +194,8 @@ def _seeded(one: np.ndarray, other: np.ndarray, mixed: list[np.ndarray]):
     return [(one, k), (other, len(one) + k), *((rows, k) for rows in mixed)]
 
 
-def _answers(study: Study, table: np.ndarray, jobs: int) -> np.ndarray:
+def _answers(study: Study, table: np.ndarray, jobs: int, finished: Callable[[int], None]) -> np.ndarray:
     """Size of each outcome shown, and failure, (outcomes, N)."""
-    outcomes = run_table(study.batch, table, jobs)
+    outcomes = run_table(study, table, jobs, finished)
     found = [np.nan_to_num(np.abs(outcomes[:, study.batch.outcomes.index(name)])) for name in study.shown]
     return np.array([*found, study.severity(table, outcomes) > 1], float)

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...readers.errors import BadInput
 from ...readers.progress import Reported, silent
-from ..batch import ACCURACY
+from ..batch import ACCURACY, Batch
 from ..store import open_sweep, sample_of
-from ..study import sample_spec
+from ..study import Study, sample_spec
 
 TOLERANCE = 1e-11  # of the adaptive simulator, well below what is stated
 TIME = 1e-8  # s: when a run stops; `simulate` looks for that instant to 1e-9, and the state changes fast there
@@ -33,6 +34,12 @@ class Verified:
     def holds(self) -> bool:
         """Is the difference within what is stated, and does every run end as and when it did?"""
         return self.largest <= self.stated and not self.otherwise
+
+
+def check_verify(study: Study) -> None:
+    """Raise BadInput for a sweep whose samples `simulate` runs: they would be compared with themselves."""
+    if not isinstance(study.batch, Batch):
+        raise BadInput("--verify: noslip simulate runs the samples of this SPEC itself, nothing else could differ; leave it out")
 
 
 def verify(file: Path | str, count: int, jobs: int, progress: Reported = silent) -> Verified:

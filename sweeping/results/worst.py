@@ -46,9 +46,13 @@ def find_worst(study: Study, known: Sequence[int], jobs: int, progress: Reported
     def good(u: np.ndarray) -> np.ndarray:
         nonlocal runs
         table = table_of(u.T)
-        progress(runs, (1 + GENERATIONS) * len(table), "runs of the search, or fewer,")
+        before, most = runs, (1 + GENERATIONS) * len(table)
+
+        def finished(rows: int) -> None:
+            progress(before + rows, most, "runs of the search, or fewer,")
+
         runs += len(table)
-        return -study.severity(table, run_table(study.batch, table, jobs))
+        return -study.severity(table, run_table(study, table, jobs, finished))
 
     found = differential_evolution(
         good,
