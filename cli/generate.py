@@ -154,6 +154,7 @@ def _generate_balance(args: argparse.Namespace) -> int:
         raise BadInput(f"--limit {args.limit:g}: must be positive and finite; leave it out for no limit")
     effort = 1.0 if args.effort is None else args.effort
     rest = analyse_at_rest(find_robot(args.robot))
+    rest.check_names(args.without)
     gains, _ = rest.lqr(_weights(args.lqr), effort)
     balanced = Balanced(rest, rest.without(gains, *args.without) if args.without else gains, args.limit or float("inf"))
     found = differences(balanced)

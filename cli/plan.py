@@ -252,5 +252,5 @@ def _summary(segments: list["Segment"], way: str) -> str:
     return f"{way}: {', '.join(parts)}"
 
 
-def _counted(count: int, noun: str) -> str:
+def _counted(count: float, noun: str) -> str:
     return f"{count} {noun}{'s' if count > 1 else ''}"

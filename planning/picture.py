@@ -55,10 +55,9 @@ def draw_course(course: SmoothCurve, title: str, points: Sequence[Sequence[float
     plane.plot(*np.transpose(points), "o", color=GIVEN, markersize=6, fillstyle="none", linestyle="", label="waypoint", zorder=4)
     first, last = ((p.real, p.imag, course.direction(float(s))) for p, s in zip(joins[[0, -1]], ends[[0, -1]], strict=True))
     _finish_plane(plane, first, last)
-    for stretch in course.stretches:
-        inside = np.linspace(0.0, stretch.length, PLACES // 4)
-        bend.plot(stretch.begin + inside, [stretch.curvature(float(s)) for s in inside], color=LEFT, linewidth=1.8)
-    bend.plot(ends, course.curvatures, "o", color="black", markersize=4)
+    bends = np.array([course.bend(float(s)) for s in at])
+    bend.plot(at, bends, color=LEFT, linewidth=1.8)
+    bend.plot(ends, np.interp(ends, at, bends), "o", color="black", markersize=4)
     bend.set(xlabel="length along the course (m)", ylabel="curvature, positive to the left (1/m)")
     bend.grid(alpha=0.3)
     figure.suptitle(title, fontsize=11)

@@ -541,7 +541,7 @@ class LimitsSection:
     def __post_init__(self):
         if self.notice_slip and self.mode != "grip":
             raise BadInput(f'[limits] notice_slip requires mode = "grip"; mode is "{self.mode}"')
-        if self.torque is None and self.mode != "grip":
+        if self.torque is None and self.mode != "grip" and not any((*self.integral, *self.disturbance)):
             raise BadInput(f'[limits] torque is missing; mode = "{self.mode}" requires it')
         if self.margin >= 1:
             raise BadInput(f"[limits] margin = {self.margin:g} must be below 1: it is the part of mu kept in reserve")
@@ -696,6 +696,10 @@ class Spec:
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
     def __post_init__(self):
+        if any(rate for name, rate in self.gains.items() if name[:2] == "ko"):
+            from ...controllers.estimation.disturbance import check_backend  # slow to import
+
+            check_backend(self.simulation.backend)
         if self.sensors and not self.simulation.period:
             raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
         if self.drive and self.drive.takes_velocity and not self.simulation.period:
