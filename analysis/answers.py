@@ -214,8 +214,9 @@ def damped_near(form: NormalForm) -> list[str]:
     gains = dict(zip(gain_names(2), default_gains(2), strict=True))
     return [
         "where |x| < 1, x = c/band, c = cosine of the angle between n and the velocity a*omega that turning gives P_l:",
-        f"distance'' = v_distance - (1 - x^2)^2*(e + {ASIDE:g}*kd*c*e'), e and e' are lost where the heading is normal",
-        "e = what turning is asked to do: v_distance + kd*c*a*omega - what curvature and forward acceleration do;",
+        f"distance'' = v_distance - (1 - x^2)^2*(e + {ASIDE:g}*kd*c*e'): the error is largest where the heading is normal",
+        "e = part of distance'' that turning has to provide: v_distance + kd*c*a*omega less that of curvature and",
+        "forward acceleration;",
         "e' = rate of the distance by forward motion; on a line, at a constant speed V, without turning:",
         f"|e| <= kp*|distance| + kd*|V|, with the default gains {gains['kp']:g} and {gains['kd']:g}: "
         f"{gains['kp'] + gains['kd']:g} m/s^2 at 1 m and 1 m/s",

@@ -6,7 +6,7 @@ dynamical systems, 1963). One that grows cannot be stabilized. One at 0 is left 
 the motion, or a place that only manoeuvres reach, because rolling is nonholonomic.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -104,9 +104,8 @@ class AtRest:
         `weights` by the name of a state; those not named have 0. Raises BadInput for an unknown name, a weight that is negative
         or an effort that is not positive, and for weights that leave a mode that grows or rests unseen.
         """
+        self.check_names(weights)
         for name, weight in weights.items():
-            if name not in self.names:
-                raise BadInput(f"lqr: unknown state {name!r}; states are {', '.join(self.names)}")
             if not 0.0 <= weight < np.inf:
                 raise BadInput(f"lqr: the weight of {name} is {weight}; it must be finite and not negative")
         R = np.atleast_1d(np.asarray(effort, float)) * np.ones(self.B.shape[1])
@@ -124,12 +123,16 @@ class AtRest:
             raise BadInput("lqr: no gains: weigh further states, so that every mode is seen")
         return _tidy(K @ T.T), T @ X @ T.T
 
+    def check_names(self, names: Iterable[str]) -> None:
+        """Raise BadInput for a name that is not that of a state."""
+        if unknown := [name for name in names if name not in self.names]:
+            raise BadInput(f"lqr: unknown state {unknown[0]!r}; states are {', '.join(self.names)}")
+
     def without(self, K: np.ndarray, *names: str) -> np.ndarray:
         """Return gains, r x (2n-m), that do the same to what the inputs reach and do not use these states, such as the angles of
         wheels where the position is known. Raises BadInput for an unknown name, and if no others tell as much.
         """
-        if unknown := [name for name in names if name not in self.names]:
-            raise BadInput(f"lqr: unknown state {unknown[0]!r}; states are {', '.join(self.names)}")
+        self.check_names(names)
         kept = [k for k, name in enumerate(self.names) if name not in names]
         own, gains = K @ self.reached, np.zeros_like(K)
         gains[:, kept] = own @ np.linalg.pinv(self.reached[kept])
@@ -335,6 +338,8 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
 
     Raises ModelError if it is not underactuated, or cannot rest there.
     """
+    if robot.why_carried:
+        raise ModelError(f"{robot.name}: {robot.why_carried}; no state with nu = 0 is at rest")
     partial = partial_linearization(robot)
     system = partial.system
     place = [0.0] * len(robot.coordinates) if q is None else [float(each) for each in q]

@@ -154,6 +154,7 @@ def _generate_balance(args: argparse.Namespace) -> int:
         raise BadInput(f"--limit {args.limit:g}: must be positive and finite; leave it out for no limit")
     effort = 1.0 if args.effort is None else args.effort
     rest = analyse_at_rest(find_robot(args.robot))
+    rest.check_names(args.without)
     gains, _ = rest.lqr(_weights(args.lqr), effort)
     balanced = Balanced(rest, rest.without(gains, *args.without) if args.without else gains, args.limit or float("inf"))
     found = differences(balanced)
@@ -188,14 +189,12 @@ def select_follower(args: argparse.Namespace) -> None:
     """Replace the follower in the selection by what it consists of. Raises BadInput if the robot has none."""
     if FOLLOWER not in args.output:
         return
-    from ..codegen.follower.follower import LAW, has_follower
+    from ..codegen.follower.follower import LAW, has_follower, why_no_follower
     from ..readers.robots import find_laws, find_robot, law_of, system_of
 
     system = system_of(find_robot(args.robot))
     if LAW not in find_laws(system) or not has_follower(law_of(system, LAW)):
-        raise BadInput(
-            f"--output {FOLLOWER}: {args.robot} is not a vehicle with two driven wheels or a steered one; choose a law instead"
-        )
+        raise BadInput(f"--output {FOLLOWER}: {why_no_follower(system)}; choose a law instead")
     args.output = list(dict.fromkeys([name for name in args.output if name != FOLLOWER] + [LAW, DYNAMICS]))
 
 

@@ -4,11 +4,13 @@ import argparse
 import csv
 import io
 import itertools
+import json
 import math
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, read_input, write_whole
@@ -16,6 +18,8 @@ from ..readers.quantities import Measured, quantity
 from .commands import show
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..model.segments import Segment
 
 EXAMPLE = """examples:
@@ -43,7 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         way.add_argument("--from", dest="start", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
         way.add_argument("--to", dest="goal", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
         way.add_argument("--radius", type=quantity("m"), metavar="R", required=True, help="smallest turning radius, m")
-        _add_common(way)
+        _add_segments(way)
         way.set_defaults(way=name, plan=_between_poses)
     way = ways.add_parser(
         "waypoints",
@@ -55,7 +59,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
     way.add_argument("--closed", action="store_true", help="return to the first waypoint")
     way.add_argument("--min-radius", type=quantity("m"), metavar="R", help="reject curves with a smaller radius, m")
-    _add_common(way)
+    _add_segments(way)
     way.set_defaults(way="waypoints", plan=_through_waypoints)
     way = ways.add_parser(
         "course",
@@ -73,20 +77,24 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         default=0.0,
         help="of lines, arcs and clothoids, m; default: 0, no clothoids",
     )
-    way.add_argument("--degrees", action="store_true", help="headings are given in degrees; the output is in rad")
-    way.add_argument("-o", "--output", metavar="FILE", default="-", help="output file; default: standard output")
+    _add_common(way)
     way.set_defaults(run=_run_course)
 
 
-def _add_common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--degrees", action="store_true", help="headings are given in degrees; the output is in rad")
+def _add_segments(parser: argparse.ArgumentParser) -> None:
+    """Add what the ways of lines and arcs have in common."""
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--c", action="store_true", help="print a C array of noslip_segment")
     form.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--scalar", choices=("double", "float"), help="type of the C array; default: double")
+    _add_common(parser)
+    parser.set_defaults(run=run, closed=False)
+
+
+def _add_common(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--degrees", action="store_true", help="headings are given in degrees; the output is in rad")
     parser.add_argument("-o", "--output", metavar="FILE", default="-", help="output file; default: standard output")
     parser.add_argument("--plot", metavar="FILE.png", help="also write a plot")
-    parser.set_defaults(run=run, closed=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -98,11 +106,23 @@ def run(arguments: argparse.Namespace) -> int:
     segments, waypoints = arguments.plan(arguments)
     written = _written(segments, arguments)
     about = _summary(segments, arguments.way)
-    if arguments.plot:
-        from ..planning.picture import draw  # slow to import
-        from ..simulation.drawing import encoded
 
-        drawn = encoded(draw(segments, about, waypoints), Path(arguments.plot).suffix[1:])
+    def draw() -> "Figure":
+        from ..planning.picture import draw  # slow to import
+
+        return draw(segments, about, waypoints)
+
+    return _hand_out(arguments, written, draw, about, {"way": arguments.way, **_measures(segments)})
+
+
+def _hand_out(
+    arguments: argparse.Namespace, written: str, draw: Callable[[], "Figure"], about: str, measures: dict[str, Any]
+) -> int:
+    """Write a path and, if desired, its plot, and describe it. Return 0."""
+    if arguments.plot:
+        from ..simulation.drawing import encoded  # slow to import
+
+        drawn = encoded(draw(), Path(arguments.plot).suffix[1:])
     write_whole(arguments.output, written)
     if arguments.plot:
         write_whole(arguments.plot, drawn)
@@ -110,7 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output == "-":  # the path itself is printed, as JSON if desired
         print(about, file=sys.stderr)
     else:
-        show(arguments, lambda: about, lambda: {"way": arguments.way, **_measures(segments), "files": files})
+        show(arguments, lambda: about, lambda: {**measures, "files": files})
     return 0
 
 
@@ -118,7 +138,7 @@ def _run_course(arguments: argparse.Namespace) -> int:
     from ..planning.smooth import fit_course  # slow to import
     from ..readers.printing import toml
 
-    check_targets([arguments.output], [], [arguments.points])
+    check_targets([arguments.output], [arguments.plot] if arguments.plot else [], [arguments.points])
     points, headings = read_waypoints(arguments.points, arguments.degrees)
     try:
         course = fit_course(points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings)
@@ -126,12 +146,21 @@ def _run_course(arguments: argparse.Namespace) -> int:
         raise BadInput(f"{arguments.points}: {error}") from error
     names = ("speed", "heading", "lengths", "curvatures", *(["rounding"] if course.rounding else []))
     table = {name: list(v) if isinstance(v := getattr(course, name), tuple) else v for name in names}
-    position = toml([course.x, course.y])
-    write_whole(arguments.output, f"[reference]\nposition = {position}\ncourse = {toml(table | {'follow': 'path'})}\n")
-    largest = max(map(abs, course.curvatures))
-    about = f"course: {len(course.lengths)} parts, {sum(course.lengths):.6g} m, largest curvature at their ends {largest:.4g} 1/m"
-    print(about, file=sys.stderr if arguments.output == "-" else sys.stdout)
-    return 0
+    reference = {"position": [course.x, course.y], "course": table | {"follow": "path"}}
+    if arguments.json:
+        written = json.dumps({"reference": reference}, indent=2) + "\n"
+    else:
+        written = "[reference]\n" + "".join(f"{name} = {toml(value)}\n" for name, value in reference.items())
+    count, length, largest = len(course.lengths), sum(course.lengths), max(map(abs, course.curvatures))
+    about = f"course: {_counted(count, 'part')}, {length:.6g} m, largest curvature at their ends {largest:.4g} 1/m"
+
+    def draw() -> "Figure":
+        from ..planning.picture import draw_course  # slow to import
+
+        return draw_course(course, about, points)
+
+    measures = {"way": "course", "parts": count, "length": length, "largest_curvature_at_ends": largest}
+    return _hand_out(arguments, written, draw, about, measures)
 
 
 def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
@@ -217,7 +246,11 @@ def _measures(segments: list["Segment"]) -> dict[str, float]:
 
 def _summary(segments: list["Segment"], way: str) -> str:
     count, length, cusps, radius = _measures(segments).values()
-    parts = [f"{count} segment{'s' if count > 1 else ''}", f"{length:.6g} m"]
-    parts += [f"{cusps} cusp{'s' if cusps > 1 else ''}"] if cusps else []
+    parts = [_counted(count, "segment"), f"{length:.6g} m"]
+    parts += [_counted(cusps, "cusp")] if cusps else []
     parts += [f"smallest radius {radius:.4g} m"] if math.isfinite(radius) else []
     return f"{way}: {', '.join(parts)}"
+
+
+def _counted(count: float, noun: str) -> str:
+    return f"{count} {noun}{'s' if count > 1 else ''}"

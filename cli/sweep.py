@@ -89,6 +89,8 @@ def _check(args: argparse.Namespace) -> None:
     if args.output == "-":
         raise BadInput("-o -: a sweep is resumed from its file; give a file name")
     check_targets([args.output], inputs=[args.spec])
+    if Path(args.output).suffix != ".parquet":
+        raise BadInput(f"-o {args.output}: a sweep is written as Parquet; give a name that ends in .parquet")
     if args.figures:
         check_folder(args.figures)
 

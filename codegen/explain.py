@@ -20,8 +20,9 @@ def explain(law: ControlLaw, target: str = "") -> str:
     program = compile_law(law, stages=True, optimize=False)
     rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
     optimized = compile_law(law, target=target)
-    optimizer = Optimizer(program.graph, {}, ORDERS[optimized.entries[STEP].order])
-    rows += list(optimizer.passes(program.entries[STEP].roots))
+    before, after = program.entries[STEP], optimized.entries[STEP]
+    optimizer = Optimizer(program.graph, {}, ORDERS[after.order], before.kept if after.kept else ())
+    rows += list(optimizer.passes(before.roots))
     rows.append(("in the C, where entry points share nodes", optimized.entries[STEP].roots))
     width = max(len(name) for name, _ in rows)
     lines = [f"{law.name}: {law.output.about}", *(f"  {line}" for line in _facts(law)), ""]

@@ -63,12 +63,15 @@ class Term:
 
 class Optimizer:
     """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value. `order`: of
-    the passes; by default that of PASSES."""
+    the passes; by default that of PASSES. `kept`: products that stay together where they have several users."""
 
-    def __init__(self, graph: Graph, labels: dict[Node, str], order: "Sequence[NamedPass] | None" = None):
+    def __init__(
+        self, graph: Graph, labels: dict[Node, str], order: "Sequence[NamedPass] | None" = None, kept: Container[Node] = ()
+    ):
         self.graph = graph
         self.labels = labels
         self.order = PASSES if order is None else order
+        self.kept = kept
 
     def _name(self, old: Node, sign: int, new: Node) -> Signed:
         """Give the name of the old node to the new one, which has the same value."""
@@ -113,7 +116,7 @@ class Optimizer:
             elif is_operation(node, Operation.MUL, Operation.DIV):
                 (sign, a), (other, b) = (done[argument] for argument in node.arguments)
                 made = self.product(sign * other, a, b if node.operation == Operation.MUL else self._inverse(b))
-                done[node] = made if uses[node] == 1 else self._keep(*made)
+                done[node] = made if uses[node] == 1 else self._keep(*made, whole=node in self.kept)
             else:
                 arguments = [self._plain(done[argument]) for argument in node.arguments]
                 done[node] = (1, self.graph.again(node, arguments))
@@ -152,8 +155,10 @@ class Optimizer:
             others += term.others
         return self._signed_product(sign, factor or self.graph.constant(1), tuple(sorted(others, key=lambda node: node.order)))
 
-    def _keep(self, sign: int, node: Node) -> Signed:
-        """Return a product with several users: its changing factors stay together."""
+    def _keep(self, sign: int, node: Node, whole: bool = False) -> Signed:
+        """Return a product with several users: its changing factors stay together, and that of init with them if `whole`."""
+        if whole and isinstance(node, Product):
+            return sign, self.graph.make(KeptProduct, node.arguments)
         term = self._term(sign, node)
         if len(term.others) < 2:
             return sign, node

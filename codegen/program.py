@@ -147,6 +147,7 @@ class EntryBody:
     singular: tuple[Node, ...]
     margin: Node | None = None
     order: int = 0  # index of ORDERS: that of the optimizer's passes
+    kept: frozenset[Node] = frozenset()  # products that these leave together; before they ran, those that they may
     band: tuple[Node, ...] = ()
 
     @property
@@ -223,6 +224,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     nodes = {q.symbol.element_hash(): graph.leaf(group, q.name) for group, members in groups.items() for q in members}
     where = f"{law.system.mechanism.name} {law.name}"
     labels: dict[Node, str] = {}
+    kept: set[Node] = set()
 
     def build(expression: ca.SX) -> Matrix:
         free = free_symbols(ca.SX(expression))
@@ -233,6 +235,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         made = made if step.least is None else graph.inverse(made, step.least)
         for one, node in zip(ca.vertsplit(ca.vec(step.symbol.T)), (node for row in made for node in row), strict=True):
             nodes[one.element_hash()] = node
+            if step.kept:
+                kept.add(node)
             if step.label:
                 labels.setdefault(node, step.label)
     quantities, at_foot, near, near_at_foot = (
@@ -248,7 +252,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         given = given | (near_at_foot if entry.at_foot else near) if entry.near and given else given
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
-        body = EntryBody(chosen, singular)
+        body = EntryBody(chosen, singular, kept=frozenset(kept))
         if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
             entries[entry] = _optimized(graph, body, labels, target) if optimize else body
             if near and entry.inverts and not entry.near:
@@ -334,10 +338,13 @@ def _band(graph: Graph, band: Matrix, labels: dict[Node, str], optimize: bool) -
 
 
 def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: str) -> EntryBody:
-    """The body after the optimizer's passes, in the order of least cost on a target; names follow the nodes of their value."""
-    orders = ORDERS if target else ORDERS[:1]
-    tried = [(named := dict(labels), Optimizer(graph, named, order).run(body.roots)) for order in orders]
-    costs = [cycles(roots, COSTS[target or DEFAULT]) for _, roots in tried] if target else [0.0]
+    """The body after the optimizer's passes, in the order of least cost on a target, with products kept or not, whichever costs
+    less; names follow the nodes of their value."""
+    orders = range(len(ORDERS) if target else 1)
+    keeps = dict.fromkeys((body.kept.intersection(reachable(body.roots)), frozenset[Node]()))
+    ways = [(order, kept) for order in orders for kept in keeps]
+    tried = [(named := dict(labels), Optimizer(graph, named, ORDERS[k], kept).run(body.roots)) for k, kept in ways]
+    costs = [cycles(roots, COSTS[target or DEFAULT]) for _, roots in tried]
     chosen = costs.index(min(costs))
     named, roots = tried[chosen]
     labels.update(named)
@@ -347,7 +354,7 @@ def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: s
     margin = _margin(graph, *singular) if singular else None
     if margin is not None:
         labels.setdefault(margin, MARGIN)
-    return EntryBody(quantities, singular, margin, chosen)
+    return EntryBody(quantities, singular, margin, *ways[chosen])
 
 
 def _margin(graph: Graph, one: Node, other: Node) -> Node | None:

@@ -32,13 +32,17 @@ class _Compiled(InC, Generic[Text]):
 
     def _load(self, system: ReducedSystem, text: Text, written: Mapping[str, str] | None) -> None:
         self.text: Text = text
-        self._lengths: dict[str, int] = {}  # of structs, by kind
         self.ffi = cffi.FFI()
         status = "const char *noslip_status_name(int status);"
         declared = [status, runtime_types(text.scalar), robot_declarations(system, text.scalar), text.declarations()]
         self.ffi.cdef("\n".join(declared))  # at once: each call reads what is known again
         self.files = written or {**shared_files(system, text.scalar), **text_files(text)}
         self.lib = load(self.ffi, self.files)
+
+    @cached_property
+    def _lengths(self) -> dict[str, int]:
+        """Numbers of fields of structs, by kind, as far as they have been asked for."""
+        return {}
 
     def name(self, name: str) -> str:
         """Return the C name of something of this law or dynamics."""

@@ -134,6 +134,8 @@ class _Geometry:
     def of(cls, system: ReducedSystem, angles: Sequence[str]) -> "_Geometry":
         """Raises BadInput if the angles do not determine the quasi-velocities."""
         mechanism, sensors = system.mechanism, sensor_parameters(angles)
+        if mechanism.why_carried:
+            raise BadInput(f"{mechanism.name}: {mechanism.why_carried}")
         symbols = {q.name: q.symbol for q in (*mechanism.coordinates, *sensors)}
         places = [k for k, q in enumerate(mechanism.coordinates) if q.name in angles]
         reported = mechanism.q[places]

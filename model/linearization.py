@@ -139,10 +139,12 @@ class Damping:
         system, output = linearization.system, linearization.output
         W = velocity_map(system)
         where = f"{system.mechanism.name}, output {output.name}"
+        if why := system.mechanism.why_carried:
+            raise ModelError(f"{where}: {why}, as a damped inverse requires; take the law without damping")
         if W is None:
             raise ModelError(
                 f"{where}: a damped inverse requires a vehicle whose forward speed and yaw rate are fixed combinations of the "
-                "quasi-velocities, on a surface at rest; take the law without damping"
+                "quasi-velocities; take the law without damping"
             )
         if linearization.integrators or linearization.kinematic:
             raise ModelError(f"{where}: a damped law has no dynamic extension, and commands inputs, not velocities")

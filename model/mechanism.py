@@ -204,6 +204,8 @@ class Mechanism:
         self.inertias: list[tuple[str, str, str]] = []
         self._constraints: list[ca.SX] = []
         self._surfaces: list[ca.SX] = []
+        self._ground: dict[str, ca.SX] = {}
+        self._known: dict[str, str] = {}
         self._actuation: list[ca.SX] = []
         self._weights: list[ca.SX] = []
         self._preferred: list[ca.SX] = []
@@ -299,24 +301,31 @@ class Mechanism:
 
     @_before_reduction
     def ground_moves(self, /, **rates: ca.SX | float) -> None:
-        """Let the constraints so far hold on ground that moves: a robot at rest on it has these `rates` of coordinates, by their
-        names, in coordinates and parameters; the others' are zero. Adds A rates to the velocities b of their surfaces.
+        """Let all constraints hold on ground that moves: a robot at rest on it has these `rates` of coordinates, by their names,
+        in coordinates and parameters; the others' are zero. Adds A rates to the velocities b of the surfaces.
 
-        A belt along x: ground_moves(x=speed); a turntable: ground_moves(x=-Omega * y, y=Omega * x, phi=Omega).
+        A belt along x: ground_moves(x=speed); a turntable: ground_moves(x=-Omega * y, y=Omega * x, phi=Omega). Constraints may
+        be added before and after. Raises ModelError for a coordinate that is not one of the robot's, is moved already, or is
+        given (`time`, `given`).
         """
         names = [c.name for c in self.coordinates]
         if unknown := [name for name in rates if name not in names]:
             raise ModelError(f"{self.name}: ground_moves: no coordinate {unknown[0]!r}; coordinates are {', '.join(names)}")
+        if given := [name for name in rates if name in self._known]:
+            raise ModelError(f"{self.name}: ground_moves: {given[0]} is given; the ground cannot move it")
+        if twice := [name for name in rates if name in self._ground]:
+            raise ModelError(f"{self.name}: ground_moves: {twice[0]} is moved already; add the rates and call it once")
         where = "ground_moves, rate"
-        moved = [self._smooth(self._at_rest(self._scalar(rates.get(n, 0.0), f"{where} of {n}"), where), where) for n in names]
-        at_rest = ca.substitute(ca.vertcat(*self._constraints), self.qdot, ca.vertcat(*moved))
-        self._surfaces = [surface + b for surface, b in zip(self._surfaces, ca.vertsplit(at_rest), strict=True)]
+        self._ground |= {
+            name: self._smooth(self._at_rest(self._scalar(rate, f"{where} of {name}"), where), where)
+            for name, rate in rates.items()
+        }
         self._forget()
 
     def time(self, name: str = "t") -> ca.SX:
         """Add the time, s, for what moves as a known function of it; return its symbol. It is a coordinate with the rate 1."""
         t = self.coordinate(name, "s", "time")
-        self.rolls(f"{name} is the time", self.rate(t), surface=1.0)
+        self._knows(name, f"{name} is the time", 1.0)
         return t
 
     def given(self, name: str, unit: str, about: str = "") -> ca.SX:
@@ -327,8 +336,8 @@ class Mechanism:
         """
         value = self.coordinate(name, unit, about)
         rate = self.coordinate(f"{name}_rate", per_second(unit), f"rate of {name}")
-        self.rolls(f"{name} is given", self.rate(value), surface=rate)
-        self.rolls(f"{name}_rate is given", self.rate(rate), surface=0.0)
+        self._knows(name, f"{name} is given", rate)
+        self._knows(f"{name}_rate", f"{name}_rate is given", 0.0)
         return value
 
     def holds(self, name: str, position: ca.SX) -> None:
@@ -565,15 +574,33 @@ class Mechanism:
             {f"constraint {name!r}": row for name, row in zip(self.constraint_names, self._constraints, strict=True)}
         )
 
-    @property
+    @cached_property
     def surface_velocity(self) -> ca.SX:
         """The right-hand side b(q) of A qdot = b, m x 1: zero unless a surface moves."""
-        return ca.sparsify(ca.vertcat(ca.SX(0, 1), *self._surfaces))
+        surfaces = ca.vertcat(ca.SX(0, 1), *self._surfaces)
+        if self._ground:
+            moved = ca.vertcat(*[self._ground.get(c.name, ca.SX(0)) for c in self.coordinates])
+            surfaces += ca.substitute(ca.vertcat(ca.SX(0, 1), *self._constraints), self.qdot, moved)
+        return ca.sparsify(surfaces)
 
     @property
     def carried(self) -> bool:
         """Whether a surface moves on which the robot rolls."""
         return self.surface_velocity.nnz() > 0
+
+    @property
+    def why_carried(self) -> str:
+        """Why nu alone does not say how the robot moves, qdot = S nu + s with s other than zero; empty if it does.
+
+        The reason with which all refuse such a robot that take its motion from the velocities of its wheels.
+        """
+        if not self.carried:
+            return ""
+        known = set(self._known.values())
+        surfaces = zip(self.constraint_names, ca.vertsplit(self.surface_velocity), strict=True)
+        moves = any(b.nnz() for name, b in surfaces if name not in known)
+        cause = "its ground moves" if moves else f"{next(iter(self._known))} changes with time"
+        return f"{cause}: the velocities of its wheels do not say how it moves"
 
     @cached_property
     def E(self) -> ca.SX:
@@ -741,6 +768,11 @@ class Mechanism:
         values = [self._at_rest(self._scalar(value, place), place) for place, value in zip(places, entries, strict=True)]
         return Contact(name, *velocities, *values)
 
+    def _knows(self, coordinate: str, constraint: str, rate: ca.SX | float) -> None:
+        """Add a constraint by which a coordinate has a known rate, whatever the robot and its ground do."""
+        self.rolls(constraint, self.rate(self[coordinate]), surface=rate)
+        self._known[coordinate] = constraint
+
     def _new(self, name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
         new = quantity(name, unit, about, default, sign)
         if name in self.names:
@@ -749,7 +781,7 @@ class Mechanism:
 
     def _forget(self) -> None:
         """Discard the cached matrices, after an addition that changes them."""
-        for matrix in ("M", "V", "A", "E", "contact_rows", "quasi_velocity_rows"):
+        for matrix in ("M", "V", "A", "E", "surface_velocity", "contact_rows", "quasi_velocity_rows"):
             self.__dict__.pop(matrix, None)
 
     def _scalar(self, expression: ca.SX | float, where: str) -> ca.SX:
@@ -784,6 +816,8 @@ def _described(value: object) -> str:
     """Return a text that is equal for equal values, expressions and dataclasses included."""
     if isinstance(value, ca.SX):
         return as_text(value)
+    if isinstance(value, dict):
+        return _described(list(value.items()))
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_described, value))}]"
     if is_dataclass(value):

@@ -199,6 +199,7 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
 
 
 BAND = 0.2  # default; within 11.5 degrees of the normal to the path
+LEAST_BAND = 0.01  # far above SINGULAR, where P_l has no acceleration
 
 
 def _damped(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
@@ -206,7 +207,8 @@ def _damped(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
     if output.path is None:
         raise ModelError(f"{system.mechanism.name}, output {name}: only laws of Type IV can be damped")
     band = config("band", BAND, "1", "cosine of the angle of heading and path up to which the inverse is damped", "positive")
-    conditions = (*output.conditions, (1 - band.symbol, "the band is not below 1: it is a cosine"))
+    between = (1 - band.symbol) * (band.symbol - LEAST_BAND)
+    conditions = (*output.conditions, (between, f"the band is not between {LEAST_BAND:g} and 1: it is a cosine"))
     about, parameters = f"{output.about}, damped near the normal", (*output.parameters, band)
     return replace(output, name=name, about=about, parameters=parameters, conditions=conditions, band=band)
 

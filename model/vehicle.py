@@ -81,6 +81,8 @@ def velocity_map(system: ReducedSystem) -> ca.SX | None:
 
 def required_velocity_map(system: ReducedSystem) -> ca.SX:
     """As `velocity_map`. Raises ModelError if there is none."""
+    if why := system.mechanism.why_carried:
+        raise ModelError(f"{system.mechanism.name}: {why}")
     W = velocity_map(system)
     if W is None:
         raise ModelError(

@@ -152,7 +152,8 @@ class Channel:
             return longest_period(self.gains, delay)
         unit = 1 / max(self.gains.rates)
         first = max(FIRST, self.drive.shortest / unit) if self.drive else FIRST
-        return first_unstable(lambda T: replace(self, period=T, delay=delay)._excess(), unit, first)
+        last = LONGEST / unit / np.abs(self.gains.poles).max()  # an observer may be much faster than what ends stability
+        return first_unstable(lambda T: replace(self, period=T, delay=delay)._excess(), unit, first, last)
 
     def fastest(self) -> float:
         """Return the factor by which all poles of the continuous channel may be faster until this sampled one loses stability."""
@@ -244,12 +245,12 @@ def longest_period(gains: Gains, delay: bool = False) -> float:
     return min(positive_roots, default=math.inf) * unit
 
 
-def first_unstable(excess: Callable[[float], float], unit: float, first: float = FIRST) -> float:
+def first_unstable(excess: Callable[[float], float], unit: float, first: float = FIRST, last: float = LONGEST) -> float:
     """Return the first zero of a function of the period that is negative at short ones; 0 if the shortest tried is not, inf if
-    all are. The periods tried, from `first` to LONGEST times `unit`, grow by a tenth; the zero is refined to rounding.
+    all are. The periods tried, from `first` to `last` times `unit`, grow by a tenth; the zero is refined to rounding.
     """
     before, period = 0.0, first * unit
-    while period < LONGEST * unit:
+    while period < last * unit:
         if excess(period) >= 0:
             return float(brentq(excess, before, period, rtol=1e-13)) if before else 0.0
         before, period = period, GROWTH * period

@@ -23,6 +23,7 @@ from ..readers.errors import BadInput
 from .exponential import exponential
 
 SETTLED = 0.02  # an error has settled if it stays within this part of its initial value
+FASTEST = 1e3  # rate of an observer beside the fastest pole; a faster one is lost in the rounding of the poles
 DEGREES = range(1, len(GAINS) + 1)
 SAMPLES = 4000  # instants at which an error is evaluated to find its settling time
 
@@ -78,10 +79,17 @@ class Gains:
             if not math.isfinite(value):
                 raise BadInput(f"{name} = {value} is not finite")
             if value < 0:
-                raise BadInput(f"{name} = {value:.6g} is negative, which the law does not allow; choose other poles")
+                remedy = "a rate of 0 or more" if name.startswith("ko_") else "other poles"
+                raise BadInput(f"{name} = {value:.6g} is negative, which the law does not allow; choose {remedy}")
         worst = max(self.poles, key=lambda pole: pole.real)
         if not worst.real < -1e-12 * max(np.abs(self.poles)):
             raise BadInput(f"{where}: unstable, it has a pole at {show(worst)} 1/s; all must have a negative real part")
+        most = FASTEST * float(np.abs(self.poles).max())
+        if self.observer > most:
+            raise BadInput(
+                f"{where}: the observer is too fast with {self.observer:g} 1/s: choose a rate of at most {most:.4g} 1/s, "
+                f"{FASTEST:g} times that of the fastest pole"
+            )
         return self
 
 

@@ -29,7 +29,8 @@ from ..model.law import ControlLaw, symbols
 from ..model.mechanism import Quantity
 from ..model.outputs import OutputRow
 from ..readers.errors import BadInput
-from .channel import FIRST, delayed, first_unstable
+from .channel import FIRST, LONGEST, delayed, first_unstable
+from .design import FASTEST
 from .drive import DriveLoop, sampled_late
 from .exponential import exponential
 from .margins import Broken
@@ -169,7 +170,8 @@ class SteadyMotion:
 
         unit = 1 / np.abs(np.linalg.eigvals(self.closed())).max()
         drive = self.setting.drive
-        return first_unstable(excess, unit, max(FIRST, drive.shortest / unit) if drive else FIRST)
+        last = LONGEST * (FASTEST if self.setting.observing else 1.0)  # an observer may be faster than what ends stability
+        return first_unstable(excess, unit, max(FIRST, drive.shortest / unit) if drive else FIRST, last)
 
     def _matrices(self, period: float | None, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return A, B and K of the loop in the state [rho, z(, tau)], with tau = K state."""

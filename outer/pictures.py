@@ -130,7 +130,8 @@ def draw_period(report: OuterLoopReport) -> Figure:
     values = [motion.eigenvalues(period) for period in periods]  # behind drives, more for shorter periods
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 400))
     plane.plot(circle.real, circle.imag, color=STOP, linewidth=1, label="limit of stability |z| = 1")
-    every, of = np.concatenate(values), np.repeat(1e3 * periods, [len(z) for z in values])
+    run = [motion.eigenvalues(period, True) for period in periods] if report.loops.delay else values
+    every, of = np.concatenate(run), np.repeat(1e3 * periods, [len(z) for z in run])
     dots = plane.scatter(every.real, every.imag, c=of, s=7, cmap="viridis", zorder=3)
     figure.colorbar(dots, ax=plane, label="period T (ms)", shrink=0.8)
     plane.set(xlabel="Re z", ylabel="Im z", title="eigenvalues of the map over a period")

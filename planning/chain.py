@@ -11,10 +11,10 @@ Pose = tuple[float, float, float]
 CLOSE = 1e-9  # m and rad: largest gap in a planned path, and largest error at its goal
 
 
-def check_length(name: str, value: float) -> None:
-    """Raise BadInput for a length (m) that is not positive and finite."""
+def check_length(name: str, value: float, unit: str = "m") -> None:
+    """Raise BadInput for a length, or another quantity of this unit, that is not positive and finite."""
     if not (math.isfinite(value) and value > 0):
-        raise BadInput(f"{name} = {value:g} m is not positive and finite")
+        raise BadInput(f"{name} = {value:g} {unit} is not positive and finite")
 
 
 def pose(value: Sequence[float], where: str) -> Pose:

@@ -139,6 +139,11 @@ class SmoothCurve:
         stretch = self.stretches[self._part(length)]
         return stretch.direction(length - stretch.begin)
 
+    def bend(self, length: float) -> float:
+        """Return the curvature, 1/m, at `length` m."""
+        stretch = self.stretches[self._part(length)]
+        return stretch.curvature(length - stretch.begin)
+
     def position(self, length: float) -> complex:
         """Return x + i y at a length along the course, m."""
         k = self._part(length)

@@ -9,9 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..model.segments import Segment
+from .chain import Pose
+from .course import SmoothCurve
 
 LINE, LEFT, RIGHT, CUSP, GIVEN, VEHICLE = "#444444", "#0b61a4", "#c2570c", "#c00000", "#2e8b57", "#333333"
 BEND = 0.05  # rad between plotted points of an arc
+PLACES = 600  # plotted points of a course
 SIZE = 0.07  # length of a drawn vehicle, relative to the plot
 
 
@@ -32,21 +35,52 @@ def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[f
         axes.plot(*places.T, "X", color=CUSP, markersize=10, linestyle="", label="cusp", zorder=4)
     if len(waypoints):
         axes.plot(*np.transpose(waypoints), "o", color=GIVEN, markersize=5, fillstyle="none", linestyle="", label="waypoint")
+    first, last = segments[0], segments[-1]
+    _finish_plane(axes, (first.x, first.y, first.heading), last.end, (first.backward, last.backward))
+    axes.set_title(title, fontsize=11)
+    _legend(figure, axes)
+    return figure
+
+
+def draw_course(course: SmoothCurve, title: str, points: Sequence[Sequence[float]]) -> Figure:
+    """Return a plot of a course beside the `points` (x, y) in m that it was fitted to, and its curvature over the length."""
+    figure = Figure(figsize=(13, 6.5), layout="constrained")
+    plane, bend = figure.subplots(1, 2)
+    ends = np.concatenate([[0.0], np.cumsum(course.lengths)])
+    at = np.linspace(0.0, ends[-1], PLACES)
+    places = np.array([course.position(float(s)) for s in at])
+    joins = np.array([course.position(float(s)) for s in ends])
+    plane.plot(places.real, places.imag, color=LEFT, linewidth=2.2, label="course")
+    plane.plot(joins.real, joins.imag, "o", color="black", markersize=4, linestyle="", label="end of a part", zorder=3)
+    plane.plot(*np.transpose(points), "o", color=GIVEN, markersize=6, fillstyle="none", linestyle="", label="waypoint", zorder=4)
+    first, last = ((p.real, p.imag, course.direction(float(s))) for p, s in zip(joins[[0, -1]], ends[[0, -1]], strict=True))
+    _finish_plane(plane, first, last)
+    bends = np.array([course.bend(float(s)) for s in at])
+    bend.plot(at, bends, color=LEFT, linewidth=1.8)
+    bend.plot(ends, np.interp(ends, at, bends), "o", color="black", markersize=4)
+    bend.set(xlabel="length along the course (m)", ylabel="curvature, positive to the left (1/m)")
+    bend.grid(alpha=0.3)
+    figure.suptitle(title, fontsize=11)
+    _legend(figure, plane)
+    return figure
+
+
+def _finish_plane(axes: Axes, begin: Pose, end: Pose, backward: tuple[bool, bool] = (False, False)) -> None:
+    """Set up the plane, and draw the vehicle at the first and last directions of travel."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.1)
-    first, last = segments[0], segments[-1]
     size = SIZE * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
-    begin, end = (first.x, first.y, first.heading), last.end
     comes_home = math.dist(begin[:2], end[:2]) < size
-    _draw_vehicle(axes, begin, first.backward, size, "start, goal" if comes_home else "start", 0.5)
-    _draw_vehicle(axes, end, last.backward, size, "" if comes_home else "goal", 0.15)
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-    axes.set_title(title, fontsize=11)
+    _draw_vehicle(axes, begin, backward[0], size, "start, goal" if comes_home else "start", 0.5)
+    _draw_vehicle(axes, end, backward[1], size, "" if comes_home else "goal", 0.15)
+    axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.grid(alpha=0.3)
-    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each kind once
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Add a legend below all panels, with each kind once."""
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
-    return figure
 
 
 def _look(segment: Segment) -> tuple[str, str]:

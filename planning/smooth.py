@@ -1,5 +1,6 @@
 """Fits a course, a curve of continuous curvature, to sampled points, splines and other curves within a tolerance."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -30,9 +31,12 @@ def fit_course(
     `curve`: points (x, y) in m, through which a smooth curve is laid, with `headings` (rad) where they are given; or a function
     t -> (x, y), such as a spline of SciPy, on `domain`. The course has parts of equal length, of which it tries more and more;
     its curvature is as SmoothCurve says, with a `rounding` (m) that of lines, arcs and clothoids. Raises BadInput for curves with
-    corners, or if more than MOST parts were needed.
+    corners, if more than MOST parts were needed, and for numbers that are not finite, or not positive (`rounding`: negative).
     """
     check_length("tolerance", tolerance)
+    check_length("speed", speed, "m/s")
+    if not 0 <= rounding < math.inf:
+        raise BadInput(f"rounding = {rounding:g} m is negative or not finite; 0: no clothoids")
     if not callable(curve):
         shape = through(curve, headings, False)
     else:

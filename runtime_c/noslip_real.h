@@ -56,8 +56,8 @@ typedef char noslip_double_constants_are_double[sizeof(1.0) == sizeof(double) ? 
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-/* Files that define NOSLIP_QUICK contain the steps of laws. GCC's code of a step takes up to 1.5 times the cycles where it is asked for
- * small code, -Os, and saves a quarter of the bytes: there it compiles these files for speed, except what is NOSLIP_SMALL. */
+/* Files that define NOSLIP_QUICK contain the steps of laws. Where GCC is asked for small code, -Os, it compiles these files for speed,
+ * except what is NOSLIP_SMALL. */
 #if !defined(NOSLIP_SMALL)
 #define NOSLIP_SMALL
 #endif
@@ -165,7 +165,7 @@ static inline float noslip_abs_f(float x)
     return NOSLIP_BUILTIN(fabsf)(x);
 }
 
-/* Returns 1 if |x| <= limit, else 0; 0 for NaN. A limit of -0 is not allowed. */
+/* Returns 1 if |x| <= limit, else 0; 0 for NaN. The limit is not -0: each init refuses it, or stores what it means instead. */
 static inline int noslip_within(double x, double limit)
 {
 #if defined(__FRAMAC__) /* equivalent, in a form that its intervals can follow */

@@ -18,10 +18,11 @@ from ..controllers.tracking import Tracker, TrackerOptions, make_tracker
 from ..controllers.velocity import VehicleLimits
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.contacts import GRAVITY
+from ..model.errors import ModelError
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
-from ..model.names import TYPES
+from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import axle
 from ..model.vehicle import steered_axle
 from ..planning.course import SmoothCurve
@@ -545,6 +546,15 @@ def _check_start(loop: Loop) -> None:
     raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
 
 
+def _can_extend(loop: Loop) -> bool:
+    """Return whether the law has a dynamic extension."""
+    try:
+        law_of(loop.law.system, without_damping(loop.law.name) + EXTENDED)
+    except (BadInput, ModelError):
+        return False
+    return True
+
+
 def _why_singular(loop: Loop) -> str:
     """Return what to change: the output, if it is singular at other states too, else the start."""
     start = np.append(loop.start, loop.extension)
@@ -553,10 +563,8 @@ def _why_singular(loop: Loop) -> str:
     random = np.random.default_rng(1992)
     others = start + random.uniform(-1.0, 1.0, (8, len(start)))
     if max(loop.guidance.leg.side.relative(x) for x in others) <= SINGULAR:
-        return (
-            "it is singular at every state, because P_l is on the axle (L = -d): change [output] L, or set [output] "
-            "extension = true, which puts an integrator on an input"
-        )
+        extended = ", or set [output] extension = true, which puts an integrator on an input" if _can_extend(loop) else ""
+        return f"it is singular at every state, because P_l is on the axle (L = -d): change L ([output] L, or --L){extended}"
     if loop.law.extension:
         return "with a dynamic extension it is where the point that is tracked stands still: start with a speed, [initial] speed"
     if loop.law.output.path:

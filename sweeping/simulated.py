@@ -25,7 +25,7 @@ class Simulated:
     `integration_error` is the tolerance of the integrator.
     """
 
-    computed = "scalar"  # as `Batch` says where samples run one after the other
+    computed = "none, each sample is run by noslip simulate"  # where `Batch` names the vectors
 
     def __init__(self, spec: Spec, band: float, instants: tuple[float, ...] = ()):
         """`band` of all outputs, in their units; `instants`: s, ascending. Raises BadInput and ModelError as `simulate` does."""

@@ -12,7 +12,7 @@ import cffi
 import numpy as np
 
 from ..codegen.files import robot_files
-from ..codegen.follower.follower import LAW, NAME, has_follower
+from ..codegen.follower.follower import LAW, NAME, has_follower, why_no_follower
 from ..codegen.printing.scalar import SCALARS
 from ..controllers.runtime import InC, declarations, load
 from ..model.law import ControlLaw
@@ -36,7 +36,7 @@ class FollowerInC(InC):
     def __init__(self, robot: str, scalar: str):
         system = system_of(find_robot(robot))
         if LAW not in find_laws(system) or not has_follower(law_of(system, LAW)):
-            raise BadInput(f"{robot} is not a vehicle with two driven wheels or a steered one: it has no follower")
+            raise BadInput(f"{why_no_follower(system)}; it has no follower")
         self.law: ControlLaw = law_of(system, LAW)
         self.scalar = scalar
         self._own = system.mechanism.name

@@ -224,6 +224,71 @@ def test_magnitudes_are_compared_alike_as_integers(tmp_path):
     assert answers[0] == answers[1] and {"0", "1"} == set(answers[0])
 
 
+NO_LIMIT = """
+#include <stdio.h>
+#include "labmate_type_i@.h"
+#include "noslip_adaptation.h"
+#include "noslip_disturbance.h"
+#include "noslip_integral.h"
+#include "noslip_motor.h"
+static labmate_state@ state; /* zero */
+static labmate_type_i_reference@ reference;
+int main(void)
+{
+    const REAL zero = ZERO, start = (REAL)0.5, limits[2] = {ZERO, ZERO}, two[2] = {2, 2};
+    labmate_params@ params;
+    noslip_adaptation_options@ options = {(REAL)0.5, 1, ZERO, 0, 1, 1};
+    noslip_motor_settings@ good = {NOSLIP_MOTOR_DUTY, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1}, bad[2];
+    labmate_type_i_config@ config = {1};
+    labmate_type_i_gains@ gains = {1, 1, 1, 1};
+    labmate_options@ of_law = {0};
+    labmate_type_i@ law;
+    noslip_adaptation@ adaptation;
+    noslip_disturbance@ disturbance;
+    noslip_integral@ integral;
+    noslip_motor@ motor;
+    REAL tau[2];
+    bad[0] = bad[1] = good;
+    bad[0].current = bad[1].supply = zero;
+    reference.x_l = 1000;
+    of_law.limit[0] = of_law.limit[1] = zero;
+    printf("%d ", labmate_default_params@(&params));
+    printf("%d ", noslip_disturbance_init@(&disturbance, 1, zero));
+    printf("%d ", noslip_disturbance_reset@(&disturbance, 5));
+    printf("%d ", noslip_integral_init@(&integral, 2, zero));
+    printf("%d ", noslip_integral_reset@(&integral, 5));
+    printf("%d ", noslip_integral_update@(&integral, 3, zero, 1));
+    printf("%d ", noslip_integral_reset@(&integral, 7));
+    printf("%d ", labmate_type_i_init@(&law, &params, &config, &gains, &of_law));
+    printf("%d ", labmate_type_i_step@(&law, &state, &reference, tau));
+    printf("%d ", labmate_type_i_set_limits@(&law, two));
+    printf("%d ", labmate_type_i_step@(&law, &state, &reference, tau) == NOSLIP_SATURATED);
+    printf("%d ", labmate_type_i_set_limits@(&law, limits));
+    printf("%d ", labmate_type_i_step@(&law, &state, &reference, tau));
+    printf("%d ", noslip_adaptation_init@(&adaptation, &options, &start, 1, 1));
+    printf("%d%d ", noslip_within@(0, adaptation.options.dead_zone), noslip_within@(1, adaptation.options.dead_zone));
+    printf("%d ", noslip_motor_init@(&motor, &bad[0]) == NOSLIP_BAD_PARAMETER);
+    printf("%d ", noslip_motor_init@(&motor, &bad[1]) == NOSLIP_BAD_PARAMETER);
+    printf("%d ", noslip_motor_init@(&motor, &good));
+    printf("%d", noslip_motor_set_supply@(&motor, zero) == NOSLIP_BAD_PARAMETER);
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("suffix", ["", "_f"])
+@pytest.mark.parametrize("zero", ["0.0", "-0.0"])
+def test_a_limit_of_minus_zero_is_one_of_zero(zero, suffix, tmp_path):
+    """Where a public limit of 0 means none, -0 does; where it is refused, -0 is. With integers it would be above all numbers."""
+    real = "float" if suffix else "double"
+    text = NO_LIMIT.replace("@", suffix).replace("REAL", real).replace("ZERO", f"({real}){zero}")
+    (tmp_path / "no_limit.c").write_text(text)
+    used = [*sorted(RUNTIME.glob("*.c")), GENERATED / f"labmate{suffix}.c", GENERATED / f"labmate_type_i{suffix}.c"]
+    for flags in ([], ["-DNOSLIP_SOFT"]):
+        run(["gcc", *STANDARD, *flags, *INCLUDE, "no_limit.c", *map(str, used), "-o", "no_limit"], tmp_path)
+        assert run(["./no_limit"], tmp_path).split() == "0 0 0 0 0 0 0 0 0 0 1 0 0 0 10 1 1 0 1".split()
+
+
 def test_digest_notices_fused_operations(reference, laws, tmp_path):
     """In one law, and in sine, cosine and root; in a copy without the pragma that forbids them."""
     build = Build(HOST.name, "gcc", "-O2 -mfma -std=gnu11 -ffp-contract=fast", TESTED)

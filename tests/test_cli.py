@@ -161,10 +161,11 @@ sys.exit(main())
 @pytest.mark.parametrize(
     "event, k", [*(("import", k) for k in (1, 2, 9, 40, 150, 600)), ("open", 400), ("os.mkdir", 2), ("os.rename", 1)]
 )
-def test_a_signal_ends_at_once_and_leaves_nothing(number, event, k, tmp_path):
-    """Whenever it comes, from the first module that is imported until the files are in their place."""
+def test_a_signal_ends_at_once_and_leaves_nothing(number, event, k, tmp_path, tmp_path_factory):
+    """Whenever it comes, from the first module that is imported until the files are in their place; nothing is cached."""
     command = [sys.executable, "-c", STOPPED, str(int(number)), event, str(k), "generate", "labmate", "--output", "type_ii"]
-    process = subprocess.run([*command, "-o", str(tmp_path / "new/made")], capture_output=True, text=True)
+    alone = {**os.environ, "NOSLIP_CACHE": str(tmp_path_factory.mktemp("cache"))}
+    process = subprocess.run([*command, "-o", str(tmp_path / "new/made")], capture_output=True, text=True, env=alone)
     expected = [(130, "noslip: interrupted\n")] if number == signal.SIGINT else [(143, "noslip: terminated\n")]
     if number == signal.SIGTERM and k <= 2:
         expected += [(-number, "")]  # nothing is there yet that could answer, or have to be removed

@@ -186,6 +186,46 @@ def test_a_quotient_in_a_quotient_is_one_division():
         assert abs(evaluate([made], values.__getitem__)[0] - evaluate([root], values.__getitem__)[0]) <= EXACT
 
 
+def test_a_kept_product_is_not_split():
+    """p = k y in p p + w, p z + w and p + w: one product for each p if p is kept, else one more for k^2 y y."""
+    graph = Graph()
+    k, (y, z, w) = graph.leaf("params", "k"), (graph.leaf("state", name) for name in "yzw")
+    add, mul = (functools.partial(graph.apply, operation) for operation in (Operation.ADD, Operation.MUL))
+    p = mul(k, y)
+    roots = [add(mul(p, p), w), add(mul(p, z), w), add(p, w)]
+    leaf = {k: mpmath.mpf(2) / 7, y: mpmath.mpf(3) / 7, z: mpmath.mpf(5) / 7, w: mpmath.mpf(-4) / 7}.__getitem__
+    products = {}
+    for kept in (frozenset(), frozenset([p])):
+        made = Optimizer(graph, {}, kept=kept).run(roots)
+        products[kept] = count(executed(made))[Operation.MUL]
+        assert relative_error(evaluate(made, leaf), evaluate(roots, leaf)) <= EXACT
+    assert list(products.values()) == [4, 3]
+
+
+CONICS = {
+    "circle": lambda x, y: x**2 + y**2 - 9,
+    "ellipse": lambda x, y: x**2 / 16 + y**2 / 4 - 1,
+    "turned": lambda x, y: (x**2 + x * y + 3 * y**2 - 4) / 2,
+    "hyperbola": lambda x, y: 4 - x**2 + 3 * y**2,
+    "lines": lambda x, y: 2 * y**2 - 1,
+    "elsewhere": lambda x, y: ((x - 1) ** 2 + 4 * (y - 2) ** 2 - 9) / 2,
+    "parabola": lambda x, y: y - x**2,
+}
+
+
+@pytest.mark.parametrize("name", CONICS)
+def test_conics(name):
+    """Laws of implicit conics, about the origin and elsewhere, are those that the model writes."""
+    system = system_of(find_robot("labmate"))
+    law = control_law(system, type_iv(system, implicit(name, name, (), CONICS[name])))
+    short, plain = compile_law(law), compile_law(law, optimize=False)
+    for entry, body in short.entries.items():
+        for quantity, matrix in body.quantities.items():
+            values, expected = ([n for row in m for n in row] for m in (matrix, plain.entries[entry].quantities[quantity]))
+            for seed in range(2):
+                assert relative_error(evaluate(values, random_leaves(seed)), evaluate(expected, random_leaves(seed))) <= EXACT
+
+
 @each_law
 def test_passes_keep_the_value_of_laws(name, monkeypatch):
     monkeypatch.setattr(program_module, "Optimizer", Checked)

@@ -240,7 +240,9 @@ def test_what_cannot_be_damped_is_refused_with_the_reason(capsys):
     for output, says in (
         ({"type": "I", "path": None}, "is for type IV without extension"),
         ({"near_singular": "refuse", "band": 0.1}, "band requires near_singular"),
-        ({"band": 1.5}, "the band is not below 1"),
+        ({"band": 1.5}, "the band is not between 0.01 and 1"),
+        ({"band": 0.0099}, "the band is not between 0.01 and 1"),
+        ({"band": 1e-5}, "the band is not between 0.01 and 1"),
     ):
         table = {key: value for key, value in (SPEC["output"] | output).items() if value is not None}
         with pytest.raises(BadInput, match=says):

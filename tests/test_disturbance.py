@@ -202,9 +202,34 @@ def test_specs_refused(changes, reason):
         simulate(spec_of(CIRCLE, **changes))
 
 
-def test_processors_refuse_it():
-    with pytest.raises(BadInput, match="run on the backends c, cf and casadi, not on m4f"):
-        make_observer("m4f", 1.0)
+def test_a_limit_of_the_estimate_requires_no_torques():
+    free, none = (LimitsSection(torque=torque, disturbance=(0.5,)) for torque in (None, (0.0,)))
+    runs = [simulate(spec_of(CIRCLE, duration=0.5, limits=limits)) for limits in (free, none)]
+    assert np.array_equal(runs[0].x, runs[1].x) and set(runs[0].status) == {"ok"}
+
+
+@pytest.mark.parametrize("target", ["m4f", "rv32"])
+def test_processors_refuse_it(target):
+    """When the SPEC is read, before a law is derived or anything is built."""
+    refused = f"run on the backends c, cf and casadi, not on {target}"
+    with pytest.raises(BadInput, match=refused):
+        make_observer(target, 1.0)
+    swayed = spec_of(CIRCLE)
+    with pytest.raises(BadInput, match=refused):
+        replace(swayed, simulation=replace(swayed.simulation, backend=target))
+    none = replace(swayed, gains={"ko": 0.0})
+    assert replace(none, simulation=replace(none.simulation, backend=target)).gains == {"ko": 0.0}
+
+
+def test_the_longest_period_does_not_depend_on_a_fast_observer():
+    """The eigenvalues are 1 - k T, of magnitude 1 at T = 2 / k, and 1 / (1 + ko T) of the observer, of magnitude below 1."""
+    gains = from_poles(1, [-2.0])
+    for rate in (2.0, 200.0, 2000.0):
+        assert Channel("x", "m", replace(gains, observer=rate)).longest_period(False) == pytest.approx(1.0, rel=1e-9)
+    with pytest.raises(BadInput, match="too fast with 2001 1/s: choose a rate of at most 2000 1/s"):
+        replace(gains, observer=2001.0).check("x")
+    with pytest.raises(BadInput, match="choose a rate of 0 or more"):
+        replace(gains, observer=-1.0).check("x")
 
 
 # -- the linear loop -------------------------------------------------------------------------------------------------

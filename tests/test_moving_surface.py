@@ -6,10 +6,14 @@ import casadi as ca
 import numpy as np
 import pytest
 from casadi import cos, sin
+from noslip.analysis.underactuated import analyse_at_rest
 from noslip.cli.main import main
+from noslip.codegen.ekf.filter import why_no_filter
+from noslip.identification.geometry import _Geometry
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.robots.labmate import labmate
 from noslip.model.robots.turntable_ball import turntable_ball
+from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.plant import Plant
@@ -148,6 +152,53 @@ def test_what_cannot_be_judged_is_refused(tmp_path, bad_input):
         reduce(robot)
     with pytest.raises(ModelError, match="ground_moves: no coordinate 'z'; coordinates are x, y, heading"):
         belt().ground_moves(z=1.0)
+
+
+def test_the_ground_moves_what_is_added_before_and_after():
+    """The same robot, whatever the order; a coordinate that is given or moved already is refused, before and after."""
+    found = []
+    for late in (False, True):
+        robot = Mechanism("cart", "on a belt")
+        x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
+        speed = robot.given("speed", "m/s")
+        if late:
+            robot.ground_moves(x=speed, heading=0.3)
+        robot.rolls("no side slip", cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x))
+        if not late:
+            robot.ground_moves(x=speed, heading=0.3)
+        at = ca.Function("b", [robot.q], [robot.surface_velocity])
+        found.append(at([0.1, 0.2, 0.7, 0.4, 0.05]).full().ravel())
+        for name, says in (("speed", "speed is given"), ("speed_rate", "speed_rate is given"), ("x", "x is moved already")):
+            with pytest.raises(ModelError, match=f"ground_moves: {says}"):
+                robot.ground_moves(**{name: 0.1})
+    for b in found:  # of the speed, of its rate, of the wheel
+        np.testing.assert_allclose(np.sort(b), np.sort([0.05, 0.0, -np.sin(0.7) * 0.4]), rtol=0, atol=1e-15)
+    robot = labmate()
+    robot.time()
+    with pytest.raises(ModelError, match="t is given; the ground cannot move it"):
+        robot.ground_moves(x_c=0.2, t=2.0)
+
+
+def test_what_takes_the_motion_from_the_wheels_says_that_the_ground_moves(tmp_path, bad_input):
+    """The filter, the follower, dead reckoning, a damped law, calibration; what is written by default is without the filter."""
+    file = tmp_path / "conveyor.py"
+    file.write_text(CONVEYOR)
+    robot, reason = f"{file}:conveyor", "its ground moves: the velocities of its wheels do not say how it moves"
+    for output in ("ekf", "follower", "type_iv_line_damped"):
+        assert reason in bad_input(["generate", robot, "--output", output, "-o", str(tmp_path / "c")])
+    sensors = "sensors = {{ pose = 'reckoned' }}\n"
+    spec = ALONG.replace("output_step = 0.5", "output_step = 0.5, period = 0.01") + sensors
+    with pytest.raises(BadInput, match=reason):
+        simulate(spec_of(spec.format(file=file, backend="casadi"), ""))
+    system = reduce(find_robot(robot))
+    with pytest.raises(BadInput, match=reason):
+        _Geometry.of(system, ["theta_r", "theta_l"])
+    assert reason in why_no_filter(system) and not why_no_filter(reduce(labmate()))
+    with pytest.raises(ModelError, match=reason):
+        analyse_at_rest(find_robot(robot))
+    clock = labmate()
+    clock.time()
+    assert "t changes with time" in why_no_filter(reduce(clock))
     robot = belt()
     with pytest.raises(ModelError, match="surface"):
         robot.rolls("a rate", robot.rate(robot["x"]), surface=robot.rate(robot["y"]))

@@ -1,6 +1,8 @@
 """Courses fitted to points and splines: within the tolerance, and followed by Type IV through `follow` and by an extended law."""
 
+import json
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +60,25 @@ def test_what_cannot_be_fitted_is_refused():
         fit_course(lambda t: (t, abs(t)), 0.01, domain=(-1.0, 1.3))
     with pytest.raises(BadInput, match="or rounding smaller"):
         fit_course(SPLINE, 1e-4, rounding=2.0)
+    for name, values in {"rounding": (math.nan, math.inf, -1.0), "speed": (math.nan, math.inf, 0.0, -0.5)}.items():
+        for value in values:
+            with pytest.raises(BadInput, match=f"^{name} = {value:g} m"):
+                fit_course(POINTS, 0.01, **{name: value})
+
+
+def test_a_course_is_printed_as_json_as_in_a_spec_and_drawn(tmp_path, capsys):
+    points, picture = tmp_path / "points.csv", tmp_path / "course.png"
+    points.write_text("".join(f"{x},{y}\n" for x, y in POINTS))
+    command = ["plan", "course", str(points), "--tolerance", "0.5"]
+    assert main(command) == 0
+    spec = capsys.readouterr()
+    assert spec.err.startswith("course: 1 part, ")
+    assert main([*command, "--json", "--plot", str(picture)]) == 0
+    assert json.loads(capsys.readouterr().out) == tomllib.loads(spec.out)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main([*command, "--json", "-o", str(tmp_path / "course.json")]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["parts"] == 1 and said["files"] == [str(tmp_path / "course.json")]
 
 
 @pytest.mark.parametrize(("L", "speed"), [(0.0, 1.0), (-0.6, -1.0)])

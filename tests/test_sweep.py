@@ -152,6 +152,19 @@ def test_the_documents_example_is_a_sweep():
     assert np.all(study.batch.run(study.plan.table(0, 8))[:, 0] >= 0)
 
 
+def test_the_headline_has_the_range_of_varied_periods_and_durations(spec, tmp_path, capsys):
+    """And of fewer than 20 runs there are no rank correlations, whose errors would be as large as themselves."""
+    varied = "\n[sweep.simulation]\nperiod = { uniform = [0.005, 0.02] }\nduration = { uniform = [0.5, 1.0] }\n"
+    sweep(spec(SWEPT + varied, period="0.01"), 19, tmp_path / "a.parquet", "--json")
+    found, said = pq.read_table(tmp_path / "a.parquet"), json.loads(capsys.readouterr().out)
+    periods, durations = (found[f"simulation.{name}"].to_numpy() for name in ("period", "duration"))
+    assert said["period"] == [periods.min(), periods.max()] and said["rank_correlations"] == {}
+    sweep(spec(SWEPT + varied, period="0.01"), 19, tmp_path / "a.parquet")
+    head = capsys.readouterr().out.splitlines()[0]
+    assert f"called every {periods.min():.3g} to {periods.max():.3g} s" in head
+    assert head.endswith(f", {durations.min():.3g} to {durations.max():.3g} s")
+
+
 # -- the file --------------------------------------------------------------------------------------------------------------
 
 
@@ -302,6 +315,7 @@ def test_a_bad_command_is_refused_in_one_line(spec, tmp_path, bad_input):
     assert "--jobs 0" in bad_input([*command, "9", "--jobs", "0"])
     assert "power of 2" in bad_input([*command, "9", "--indices", "100"])
     assert "at most" in bad_input([*command, str(2**33)])
+    assert "ends in .parquet" in bad_input(["sweep", spec(), "-o", str(tmp_path / "a.csv"), "--samples", "9"])
     assert "does not exist" in bad_input(["sweep", spec(), "-o", str(tmp_path / "no/a.parquet"), "--samples", "9"])
     sampled = spec(SWEPT.replace("seed = 7", "period = 0.02"), "p.toml", period="0.01")
     assert "period applies to a continuous SPEC" in bad_input(["sweep", sampled, *command[2:], "9"])

@@ -29,13 +29,13 @@ def in_shares(work: Callable[[int], object], count: int, progress: Reported) -> 
     """Call work(0) to work(count - 1) in processes of which each takes every n-th, if there are n > 1 processors; otherwise do
     nothing.
 
-    What fails is silent here: it is missing in the cache, so that the caller meets it again.
+    What fails is silent here, also that a process is killed: it is missing in the cache, so that the caller meets it again.
     """
     shared_by = min(processors(), count)
     if shared_by < 2:
         return
     shares = [range(first, count, shared_by) for first in range(shared_by)]
-    done = get_context("fork").Value("i", 0)
+    done = get_context("fork").RawArray("i", shared_by)  # each process counts for itself: a killed one leaves no lock behind
 
     def process(share: Sequence[int]) -> None:
         nothing = os.open(os.devnull, os.O_WRONLY)
@@ -43,12 +43,11 @@ def in_shares(work: Callable[[int], object], count: int, progress: Reported) -> 
             os.dup2(nothing, stream)
         for k in share:
             work(k)
-            with done.get_lock():
-                done.value += 1
+            done[share[0]] += 1
 
     running = [get_context("fork").Process(target=process, args=(share,), daemon=True) for share in shares]
     for each in running:
         each.start()
     while any(each.is_alive() for each in running):
-        progress(done.value, count, "laws derived and compared")
+        progress(sum(done), count, "laws derived and compared")
         next(each for each in running if each.is_alive() or each is running[-1]).join(WAIT)

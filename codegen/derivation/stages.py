@@ -75,13 +75,15 @@ class Result(StrEnum):
 class Step:
     """A symbol for an expression in earlier symbols; `label` is its name in C, empty if init computes it.
 
-    With `least`, the symbols are the inverse of a matrix, valid if its reciprocal condition number exceeds `least`.
+    With `least`, the symbols are the inverse of a matrix, valid if its reciprocal condition number exceeds `least`. The optimizer
+    may leave a product that is `kept` together.
     """
 
     symbol: ca.SX
     expression: ca.SX
     label: str = ""
     least: float | None = None
+    kept: bool = False
 
 
 @dataclass
@@ -119,13 +121,13 @@ class Stages:
             rest = symbol
         return factor, rest
 
-    def variable(self, name: str, expression: ca.SX) -> ca.SX:
-        """Return a symbol for the whole expression, by which others can be differentiated."""
+    def variable(self, name: str, expression: ca.SX, kept: bool = False) -> ca.SX:
+        """Return a symbol for the whole expression, by which others can be differentiated; `kept`: as in Step."""
         value = self.step(name, expression)
         if value.is_symbolic():
             return value
         symbol = ca.SX.sym(STEP + name)
-        self.steps.append(Step(symbol, value, name))
+        self.steps.append(Step(symbol, value, name, kept=kept))
         return symbol
 
     def row(self, names: list[str], expressions: ca.SX) -> ca.SX:
@@ -501,6 +503,8 @@ def _scaled(
 
     With R = sqrt(S), Q = dS/dt / 2 and zdot constant, H = R^3 dh/dt = S dF/dt - F Q, and
     R^3 d2h/dt2 = S d2F/dt2 - F dQ/dt + Q (F Q - 2 H) / S. For F = S: R dh/dt = Q, R d2h/dt2 = dQ/dt - Q^2 / S.
+
+    With S = p p', where p = dF/dz is linear, Q = p dp/dt, d2F/dt2 = dp/dt dz/dt, dQ/dt = dp/dt (dp/dt)' and F = p z / 2 + F(0).
     """
     rest = ca.SX(0)
     while not outer.is_leaf() and outer.op() == ca.OP_SUB and not ca.depends_on(outer.dep(1), z):
@@ -522,20 +526,32 @@ def _scaled(
         row = stages.row([f"scaled_{name}_by_{place}" for place in places], gradient)
         return stages.row([f"scaled_{name}_by_{q.name}" for q in inner.quasi_velocities], stages.exact(row @ point))
 
-    if outer.op() == ca.OP_DIV:
-        F, S = stages.exact(F), stages.exact(S)
-    half, half_hessian = stages.exact(ca.jacobian(S, z) / 2), ca.hessian(S, z)[0] / 2
-    rigid = point.shape == (2, 2) and not ca.depends_on(canonical(point.T @ point), inner.mechanism.q)
-    if outer.op() == ca.OP_SQRT and rigid and canonical(half_hessian - ca.SX.eye(2)).is_zero():
-        return _from_point(stages, name, half, z, place, point, inner, rest)
     if outer.op() == ca.OP_SQRT:
+        half, half_hessian = stages.exact(ca.jacobian(S, z) / 2), ca.hessian(S, z)[0] / 2
+        rigid = point.shape == (2, 2) and not ca.depends_on(canonical(point.T @ point), inner.mechanism.q)
+        if rigid and canonical(half_hessian - ca.SX.eye(2)).is_zero():
+            return _from_point(stages, name, half, z, place, point, inner, rest)
         Phi = row_of_Phi(half)
         rate = stages.step(f"scaled_{name}_rate", Phi @ inner.nu)
         return _Scaled(root, Phi, rate, turned(half_hessian) - rate**2 / S, ca.SX(0), h)
-    Phi = row_of_Phi(S * stages.exact(ca.jacobian(F, z)) - F * half)
+    p, at_zero = ca.jacobian(F, z), ca.SX.zeros(z.numel())
+    if canonical(ca.substitute(p, z, at_zero)).is_zero() and canonical(S - ca.sumsqr(p)).is_zero():
+        hessian, twice_at_zero = stages.exact(ca.hessian(F, z)[0]), stages.exact(ca.substitute(2 * F, z, at_zero))
+        p, p_rate = (
+            ca.horzcat(*[stages.variable(f"{name}_{what}_{k}", each, kept=True) for k, each in zip(places, row, strict=True)])
+            for what, row in (("normal", ca.horzsplit(z.T @ hessian)), ("normal_rate", ca.horzsplit(zdot.T @ hessian)))
+        )
+        F, S = stages.variable(f"{name}_level", (p @ z + twice_at_zero) / 2, kept=True), ca.sumsqr(p)
+        half, bent, half_bent = p @ hessian, shorten(p_rate @ zdot), shorten(ca.sumsqr(p_rate))
+        Q = stages.step(f"{name}_turning", p @ p_rate.T)
+    else:
+        F, S = stages.exact(F), stages.exact(S)
+        p, half = stages.exact(ca.jacobian(F, z)), stages.exact(ca.jacobian(S, z) / 2)
+        bent, half_bent = turned(ca.hessian(F, z)[0]), turned(ca.hessian(S, z)[0] / 2)
+        Q = stages.step(f"{name}_turning", half @ zdot)
+    Phi = row_of_Phi(S * p - F * half)
     rate = stages.step(f"scaled_{name}_rate", Phi @ inner.nu)
-    Q = stages.step(f"{name}_turning", half @ zdot)
-    curvature = S * turned(ca.hessian(F, z)[0]) - F * turned(half_hessian) + Q * (F * Q - 2 * rate) / S
+    curvature = S * bent - F * half_bent + Q * (F * Q - 2 * rate) / S
     return _Scaled(S * ca.sqrt(S), Phi, rate, curvature, S * F, rest)
 
 

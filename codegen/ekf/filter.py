@@ -84,6 +84,8 @@ def _motion(system: ReducedSystem, scaled: tuple[str, ...]) -> TickMotion:
     """Return the motion of a tick. Raises ModelError if the robot has none, or for names that cannot be scaled."""
     mechanism, vehicle = system.mechanism, estimated_pose(system)
     name = mechanism.name
+    if mechanism.why_carried:
+        raise ModelError(f"{name}: {mechanism.why_carried}")
     if mechanism.vehicle is None:
         raise ModelError(f"{name}: a filter needs a vehicle: use moves_in_plane(x, y, heading)")
     if vehicle is None:

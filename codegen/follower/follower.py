@@ -35,6 +35,12 @@ def has_follower(law: ControlLaw) -> bool:
     return law.name == LAW and not law.extension and _has_wheels(law.system)
 
 
+def why_no_follower(system: ReducedSystem) -> str:
+    """Return why there is no follower for any law of a robot that has none."""
+    why = system.mechanism.why_carried or "it is not a vehicle with two driven wheels or a steered one"
+    return f"{system.mechanism.name}: {why}"
+
+
 def _has_wheels(system: ReducedSystem) -> bool:
     mechanism = system.mechanism
     if len(mechanism.inputs) != 2 or {q.unit for q in system.quasi_velocities} != {"rad/s"}:

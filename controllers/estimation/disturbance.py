@@ -11,6 +11,7 @@ import numpy as np
 
 from ...model.law import gain_names
 from ...readers.errors import BadInput
+from .. import BACKENDS, SCALAR
 from ..controller import Controller
 
 if TYPE_CHECKING:
@@ -79,14 +80,17 @@ class CompiledObserver:
         self._runtime.call("disturbance observer", f"noslip_disturbance_{name}", self._scalar, self._self, *arguments)
 
 
+def check_backend(backend: str) -> None:
+    """Raise BadInput for a backend that has no disturbance observers."""
+    if backend not in BACKENDS:
+        raise BadInput(f"gains: ko: disturbance observers run on the backends c, cf and casadi, not on {backend}")
+
+
 def make_observer(backend: str, rate: float, limit: float = 0.0) -> OutputObserver:
     """Return an observer for a backend: casadi in Python, c and cf by the C. Raises BadInput for another backend."""
     if backend == "casadi":
         return Observer(rate, limit)
-    from ..backends import SCALAR  # slow to import
-
-    if backend not in SCALAR:
-        raise BadInput(f"gains: ko: disturbance observers run on the backends c, cf and casadi, not on {backend}")
+    check_backend(backend)
     return CompiledObserver(rate, limit, SCALAR[backend])
 
 

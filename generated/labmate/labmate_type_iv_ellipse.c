@@ -85,44 +85,42 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     }
     self->k9 = self->k4 / t6;
     self->k10 = t5 / t3;
-    self->k11 = self->k6 * 0.5;
     const double t7 = params->d + config->L; /* m: L + d */
     if (!(noslip_abs(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = 1.0 / t7;
+    self->k11 = 1.0 / t7;
     const double t8 = params->r * params->r; /* m^2: r^2 */
     if (!(noslip_abs(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
     /* kg m^2: 2 I_w + m_c r^2 + 2 m_w r^2 */
     const double t9 = params->I_w * 2.0 + t8 * params->m_c + t8 * params->m_w * 2.0;
-    self->k13 = self->Phi_21 * (t9 / t8);
-    self->k14 = gains->kp_distance * 0.5;
+    self->k12 = self->Phi_21 * (t9 / t8);
     const double t10 = params->b * params->b; /* m^2: b^2 */
     const double t11 = t10 * params->I_w; /* kg m^4: I_w b^2 */
     const double t12 = t10 * params->m_w; /* kg m^2: b^2 m_w */
     const double t13 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
     const double t14 = t8 * params->I_c + t8 * params->I_m * 2.0 + t11 * 2.0 + t8 * t12 * 2.0 + t8 * t13;
-    self->k15 = self->k12 * (self->k1 * (t14 / t8));
+    self->k13 = self->k11 * (self->k1 * (t14 / t8));
     const double t15 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
-    self->k16 = 0.5 * t15;
+    self->k14 = 0.5 * t15;
     const double t16 = 2.0 * t9; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
     if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k17 = params->r * t15 / t16;
+    self->k15 = params->r * t15 / t16;
     const double t17 = 2.0 * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = params->r * (params->I_c + params->I_m * 2.0 + t12 * 2.0 + t13) / t17;
-    self->k19 = params->b * params->d * params->m_c * params->r / t17;
-    self->k20 = self->k17 + self->k18;
-    self->k21 = self->k17 - self->k18;
+    self->k16 = params->r * (params->I_c + params->I_m * 2.0 + t12 * 2.0 + t13) / t17;
+    self->k17 = params->b * params->d * params->m_c * params->r / t17;
+    self->k18 = self->k15 + self->k16;
+    self->k19 = self->k15 - self->k16;
     const double t18 = params->d * params->m_c; /* kg m: d m_c */
-    self->k22 = t18 * params->r / t17;
+    self->k20 = t18 * params->r / t17;
     const double t19 = t7 * t7; /* m^2: (L + d)^2 */
     const double t20 = t8 * t8; /* m^4: r^4 */
     const double t21 = t8 * 0.5; /* m^2: r^2/2 */
@@ -135,19 +133,19 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     if (!(noslip_abs(t24) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k23 = noslip_sqrt(t21 * (t23 * (t10 * t10)) * 4e-10 / t24);
-    self->k24 = -self->k22;
-    self->k25 = -self->k19;
-    self->k26 = self->k1 * t7;
+    self->k21 = noslip_sqrt(t21 * (t23 * (t10 * t10)) * 4e-10 / t24);
+    self->k22 = -self->k20;
+    self->k23 = -self->k17;
+    self->k24 = self->k1 * t7;
     const double t25 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k27 = t25 * t7;
-    const double t26 = self->k1 * t18 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k28 = self->k1 * (self->Phi_21 * t26);
-    self->k29 = t25 * (self->Phi_21 * t18 - self->k13 * t7);
-    self->k30 = 1.0 / t1 * 2.0;
+    self->k25 = t25 * t7;
+    const double t26 = self->k1 * t18 - self->k13; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    self->k26 = self->k1 * (self->Phi_21 * t26);
+    self->k27 = t25 * (self->Phi_21 * t18 - self->k12 * t7);
+    self->k28 = 1.0 / t1 * 2.0;
     const double t27 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k31 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0 * t27;
-    self->k32 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
+    self->k29 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0 * t27;
+    self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
     const double t28 = t14 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t28) > 0)) {
         return NOSLIP_SINGULAR;
@@ -158,10 +156,10 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
     const double t30 = t29 + t8 * (params->m_w * params->I_m) * 4.0 + t11 * params->m_c * 2.0 + t11 * params->m_w *
         4.0 + t8 * (t10 * params->m_c * params->m_w) * 2.0;
-    self->k33 = (t30 + t8 * (t10 * (params->m_w * params->m_w)) * 4.0 + t8 * (t13 * params->m_w) * 2.0) / t28 * 2.0 *
+    self->k31 = (t30 + t8 * (t10 * (params->m_w * params->m_w)) * 4.0 + t8 * (t13 * params->m_w) * 2.0) / t28 * 2.0 *
         t27;
-    self->k34 = t27 * t26;
-    self->k35 = self->k12 * t27;
+    self->k32 = t27 * t26;
+    self->k33 = self->k11 * t27;
     if (!(noslip_abs(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -171,8 +169,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34 +
-        self->k35)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -260,41 +257,35 @@ static int labmate_type_iv_ellipse_admit_both(const labmate_type_iv_ellipse *sel
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 17 mul, 7 add, 5 sub, 1 div, 2 abs, 1 sincos.
+ * Operations: 16 mul, 7 add, 4 sub, 1 div, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_ellipse_slope_law(const labmate_type_iv_ellipse *self, const labmate_state *state,
     double slope[2])
 {
     /* k4 (m^2) = a^2 */
     /* k5 = a^2/b^2 */
-    /* k6 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
     const double t1 = x_l * x_l; /* x_l^2 */
     const double y_l = state->y_c + self->L * sin_phi;
-    const double t2 = y_l * y_l; /* y_l^2 */
-    const double t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const double t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const double scaled_distance_by_x_l = x_l * (t3 + 0.5 * t4);
-    const double t5 = scaled_distance_by_x_l * sin_phi; /* scaled_distance_by_x_l sin(phi) */
-    const double scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
-    const double t6 = scaled_distance_by_y_l * cos_phi; /* scaled_distance_by_y_l cos(phi) */
+    const double distance_normal_y_l = self->k5 * y_l;
+    const double t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const double t3 = 0.5 * (self->k4 - t1 - distance_normal_y_l * y_l); /* -distance_level/2 */
+    const double scaled_distance_by_x_l = x_l * (t2 + t3);
+    const double scaled_distance_by_y_l = distance_normal_y_l * (t2 + self->k5 * t3);
+    /* scaled_distance_by_yaw_rate */
+    const double t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t5 - t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t4) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t7 = t6 - t5; /* -scaled_distance_by_yaw_rate */
-    if (!(noslip_abs(t7) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    const double t8 = self->k15 * scaled_distance_by_forward_speed / t7; /* part of slope[0], slope[1] */
-    slope[0] = self->k13 - t8;
-    slope[1] = self->k13 + t8;
+    const double t5 = self->k13 * scaled_distance_by_forward_speed / t4; /* part of slope[0], slope[1] */
+    slope[0] = self->k12 + t5;
+    slope[1] = self->k12 - t5;
     return NOSLIP_OK;
 }
 
@@ -353,7 +344,7 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k26 (m) = r (L + d)/(2 b) */
+    /* k24 (m) = r (L + d)/(2 b) */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
@@ -371,7 +362,7 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     const double distance_by_x_l = t4 * x_l * (1.0 + t5 * 0.5);
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     /* -distance_by_yaw_rate yaw_rate (L + d) */
-    const double t6 = self->k26 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+    const double t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
     ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
@@ -410,7 +401,7 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k26 (m) = r (L + d)/(2 b) */
+    /* k24 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -428,7 +419,7 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const double t6 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const double t7 = self->k26 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    const double t7 = self->k24 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
     Phi[0][0] = t6 + t7;
     Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
@@ -475,7 +466,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     /* k8 = 2 a^4/b^4 */
     /* k9 = a^2/(2 b^2) */
     /* k10 = a^4/b^4 */
-    /* k26 (m) = r (L + d)/(2 b) */
+    /* k24 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -492,7 +483,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     const double t6 = 1.0 + t5 * 0.5;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t8 = self->k26 * t7; /* yaw_rate (L + d) */
+    const double t8 = self->k24 * t7; /* yaw_rate (L + d) */
     const double t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
     const double t10 = t4 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     const double y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
@@ -510,14 +501,16 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     const double yaw_rate = self->k1 * t7;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
     const double t17 = t4 * t6 * (t9 - t10 * 0.5 * t12) - t10 * t16 + distance_by_y_l * yaw_rate;
+    const double distance_normal_rate_y_l = self->k5 * y_l_rate;
     const double t18 = t13 * t12; /* 2 distance_turning y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)^2 */
-    /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
-    const double t19 = distance_by_x_l * yaw_rate - (t4 * (self->k5 * y_l_rate - self->k9 * t18 + t15 * (t11 -
-        self->k10 * t18)) - self->k10 * t13 * t16);
-    const double t20 = self->Phi_21 * (cos_phi * t17 - sin_phi * t19); /* part of Phidot[0][0], Phidot[0][1] */
-    const double t21 = self->k26 * (cos_phi * t19 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
-    Phidot[0][0] = t20 - t21;
-    Phidot[0][1] = t20 + t21;
+    /* distance_by_y_l_rate */
+    const double t19 = t4 * (distance_normal_rate_y_l - self->k9 * t18 + t15 * (t11 - self->k10 * t18)) - self->k10 *
+        t13 * t16;
+    const double t20 = distance_by_x_l * yaw_rate - t19; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
+    const double t21 = self->Phi_21 * (cos_phi * t17 - sin_phi * t20); /* part of Phidot[0][0], Phidot[0][1] */
+    const double t22 = self->k24 * (cos_phi * t20 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
+    Phidot[0][0] = t21 - t22;
+    Phidot[0][1] = t21 + t22;
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -556,57 +549,56 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     /* Phi_21 (m) = r/2 */
     /* k4 (m^2) = a^2 */
     /* k5 = a^2/b^2 */
-    /* k6 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k26 (m) = r (L + d)/(2 b) */
-    /* k27 (m) = r^2 (L + d)/(4 b^2) */
-    /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
     const double t1 = x_l * x_l; /* x_l^2 */
     const double y_l = state->y_c + self->L * sin_phi;
-    const double t2 = y_l * y_l; /* y_l^2 */
-    const double t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const double t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const double t5 = 0.5 * t4; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/(2 b^2) */
-    const double scaled_distance_by_x_l = x_l * (t3 + t5);
-    const double scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const double distance_normal_y_l = self->k5 * y_l;
+    const double t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const double t3 = 0.5 * (self->k4 - t1 - distance_normal_y_l * y_l); /* -distance_level/2 */
+    const double scaled_distance_by_x_l = x_l * (t2 + t3);
+    const double scaled_distance_by_y_l = distance_normal_y_l * (t2 + self->k5 * t3);
     /* scaled_distance_by_yaw_rate */
-    const double t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
+    const double t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t4) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const double t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t9 = t3 * t6; /* scaled_distance_by_yaw_rate (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    if (!(noslip_abs(t9) > 0)) {
+    const double t5 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const double t6 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t7 = t2 * t4; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
+    if (!(noslip_abs(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double forward_speed = self->Phi_21 * t7;
-    const double t10 = self->k26 * t8; /* yaw_rate (L + d) */
-    const double t11 = forward_speed * cos_phi - t10 * sin_phi; /* x_l_rate */
-    const double y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
-    const double t12 = x_l * t11 + self->k6 * y_l * y_l_rate; /* distance_turning */
-    const double t13 = t11 * t11; /* x_l_rate^2 */
-    const double t14 = y_l_rate * y_l_rate; /* y_l_rate^2 */
-    const double t15 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
-    const double v_less_drift_1 = v[1] - self->k27 * t15;
+    const double forward_speed = self->Phi_21 * t5;
+    const double t8 = self->k24 * t6; /* yaw_rate (L + d) */
+    const double t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
+    const double y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
+    const double distance_normal_rate_y_l = self->k5 * y_l_rate;
+    const double distance_turning = x_l * t9 + distance_normal_y_l * distance_normal_rate_y_l;
+    /* distance_turning (4 scaled_distance_rate - distance_level distance_turning)/2 */
+    const double t10 = distance_turning * (t3 * distance_turning - 2.0 * (t8 * t4 - forward_speed *
+        scaled_distance_by_forward_speed));
+    const double t11 = t9 * t9; /* x_l_rate^2 */
     /* part of tau[0], tau[1] */
-    const double t16 = t3 * (v[0] * noslip_sqrt(t3) - (t13 + self->k5 * t14)) - t5 * (t13 + self->k6 * t14) -
-        v_less_drift_1 * scaled_distance_by_forward_speed;
+    const double t12 = t3 * (t11 + distance_normal_rate_y_l * distance_normal_rate_y_l) - t2 * (v[0] * noslip_sqrt(t2) -
+        (t11 + distance_normal_rate_y_l * y_l_rate));
+    const double t13 = t6 * t6; /* 4 b^2 yaw_rate^2/r^2 */
+    const double v_less_drift_1 = v[1] - self->k25 * t13;
     /* part of tau[0], tau[1] */
-    const double t17 = self->k15 * (t12 * (t5 * t12 - 2.0 * (t10 * t6 - forward_speed *
-        scaled_distance_by_forward_speed)) + t3 * t16);
-    const double t18 = self->k28 * t7 * t8 - t17 / t9; /* part of tau[0], tau[1] */
-    const double t19 = self->k13 * v_less_drift_1 - self->k29 * t15; /* part of tau[0], tau[1] */
-    tau[0] = t18 + t19;
-    tau[1] = t19 - t18;
+    const double t14 = self->k26 * t5 * t6 - self->k13 * (t10 - t2 * (t12 + v_less_drift_1 *
+        scaled_distance_by_forward_speed)) / t7;
+    const double t15 = self->k12 * v_less_drift_1 - self->k27 * t13; /* part of tau[0], tau[1] */
+    tau[0] = t14 + t15;
+    tau[1] = t15 - t14;
     return NOSLIP_OK;
 }
 
@@ -641,30 +633,30 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse 
 NOSLIP_HOT int labmate_type_iv_ellipse_ground_law(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const double tau[2], double ground[8])
 {
-    /* k16 (kg) = (m_c + 2 m_w)/2 */
-    /* k17 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k30 (1/m) = 1/b */
+    /* k14 (kg) = (m_c + 2 m_w)/2 */
+    /* k15 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k17 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k28 (1/m) = 1/b */
+    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k32 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k33 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k18 * effort_1 + self->k31 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k16 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k17 * effort_0 - self->k32 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k15 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k19 * effort_1 + self->k33 * t2;
+    const double force_across_0 = self->k17 * effort_1 + self->k31 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k30 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k28 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k16;
+    ground[3] = self->k14;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k16;
+    ground[7] = self->k14;
     return NOSLIP_OK;
 }
 
@@ -700,24 +692,24 @@ static int labmate_type_iv_ellipse_ground_by_inputs_law(const labmate_type_iv_el
     double ground_by_inputs[6][2])
 {
     (void)state;
-    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k20 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k21 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k22 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k24 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k25 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k20;
-    ground_by_inputs[0][1] = self->k21;
-    ground_by_inputs[1][0] = self->k19;
-    ground_by_inputs[1][1] = self->k25;
-    ground_by_inputs[2][0] = self->k22;
-    ground_by_inputs[2][1] = self->k24;
-    ground_by_inputs[3][0] = self->k21;
-    ground_by_inputs[3][1] = self->k20;
-    ground_by_inputs[4][0] = self->k19;
-    ground_by_inputs[4][1] = self->k25;
-    ground_by_inputs[5][0] = self->k24;
-    ground_by_inputs[5][1] = self->k22;
+    /* k17 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k20 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k22 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k23 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k18;
+    ground_by_inputs[0][1] = self->k19;
+    ground_by_inputs[1][0] = self->k17;
+    ground_by_inputs[1][1] = self->k23;
+    ground_by_inputs[2][0] = self->k20;
+    ground_by_inputs[2][1] = self->k22;
+    ground_by_inputs[3][0] = self->k19;
+    ground_by_inputs[3][1] = self->k18;
+    ground_by_inputs[4][0] = self->k17;
+    ground_by_inputs[4][1] = self->k23;
+    ground_by_inputs[5][0] = self->k22;
+    ground_by_inputs[5][1] = self->k20;
     return NOSLIP_OK;
 }
 
@@ -772,112 +764,114 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     /* k8 = 2 a^4/b^4 */
     /* k9 = a^2/(2 b^2) */
     /* k10 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k12 (1/m) = 1/(L + d) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k14 (1/s^2) = kp_distance/2 */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k26 (m) = r (L + d)/(2 b) */
-    /* k27 (m) = r^2 (L + d)/(4 b^2) */
-    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k34 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k35 = r^2/(4 b (L + d)) */
+    /* k11 (1/m) = 1/(L + d) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k32 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k33 = r^2/(4 b (L + d)) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
     const double t1 = x_l * x_l; /* x_l^2 */
     const double y_l = state->y_c + self->L * sin_phi;
-    const double t2 = y_l * y_l; /* y_l^2 */
-    const double t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const double t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const double t5 = 0.5 * t4; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/(2 b^2) */
-    const double scaled_distance_by_x_l = x_l * (t3 + t5);
-    const double scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const double distance_normal_y_l = self->k5 * y_l;
+    const double t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const double t3 = self->k4 - t1; /* a^2 - x_l^2 */
+    const double t4 = 0.5 * (distance_normal_y_l * y_l - t3); /* distance_level/2 */
+    const double scaled_distance_by_x_l = x_l * (t2 - t4);
+    const double scaled_distance_by_y_l = distance_normal_y_l * (t2 - self->k5 * t4);
     /* scaled_distance_by_yaw_rate */
-    const double t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
+    const double t5 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t5) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t7 = noslip_sqrt(t3); /* sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const double t6 = y_l * y_l; /* y_l^2 */
+    const double t7 = noslip_sqrt(t1 + self->k6 * t6); /* sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     if (!(t7 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t8 = 1.0 / t7; /* 1/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const double t9 = t8 * t4; /* -2 distance */
-    all->h[0] = -(t9 * 0.5);
+    const double t9 = t8 * (self->k5 * t6 - t3); /* 2 distance */
+    all->h[0] = t9 * 0.5;
     const double t10 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t10;
     all->h[1] = forward_speed;
-    const double t11 = t8 * y_l; /* y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const double t12 = t8 * t9; /* -2 distance/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const double distance_by_y_l = t11 * (self->k5 + self->k7 * t12);
-    const double t13 = t8 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const double t11 = t8 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const double t12 = t8 * t9; /* 2 distance/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     /* (sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) - distance)/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const double t14 = 1.0 + t12 * 0.5;
-    const double distance_by_x_l = t13 * t14;
-    const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    const double t15 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t16 = self->k26 * t15; /* yaw_rate (L + d) */
-    const double t17 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi; /* distance_by_yaw_rate */
-    const double t18 = forward_speed * distance_by_forward_speed - t16 * t17; /* distance_rate */
-    all->ydot[0] = t18;
-    const double t19 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
-    const double t20 = self->k26 * t17; /* distance_by_yaw_rate r (L + d)/(2 b) */
-    all->Phi[0][0] = t19 - t20;
-    all->Phi[0][1] = t19 + t20;
+    const double t13 = 1.0 - t12 * 0.5;
+    const double distance_by_x_l = t11 * t13;
+    const double t14 = t8 * y_l; /* y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const double distance_by_y_l = t14 * (self->k5 - self->k7 * t12);
+    const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
+    const double t15 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
+    const double t16 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t17 = self->k24 * t16; /* yaw_rate (L + d) */
+    const double t18 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi; /* distance_by_yaw_rate */
+    const double t19 = t17 * t18; /* distance_by_yaw_rate yaw_rate (L + d) */
+    all->ydot[0] = t15 - t19;
+    const double t20 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
+    const double t21 = self->k24 * t18; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    all->Phi[0][0] = t20 - t21;
+    all->Phi[0][1] = t20 + t21;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t21 = forward_speed * cos_phi - t16 * sin_phi; /* x_l_rate */
-    const double t22 = x_l * t21; /* x_l x_l_rate */
-    const double y_l_rate = forward_speed * sin_phi + t16 * cos_phi;
-    const double t23 = y_l * y_l_rate; /* y_l y_l_rate */
-    const double t24 = t8 * (t22 * 2.0 + self->k8 * t23); /* 2 distance_turning/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const double t25 = t12 * 0.25; /* -distance/(2 sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)) */
-    const double t26 = t8 * (t18 + t25 * t24); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const double yaw_rate = self->k1 * t15;
+    const double t22 = forward_speed * cos_phi - t17 * sin_phi; /* x_l_rate */
+    const double y_l_rate = forward_speed * sin_phi + t17 * cos_phi;
+    const double t23 = self->k8 * y_l_rate; /* 2 a^4 y_l_rate/b^4 */
+    const double t24 = x_l * t22; /* x_l x_l_rate */
+    const double t25 = t8 * (t23 * y_l + t24 * 2.0); /* 2 distance_turning/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const double t26 = t12 * 0.25; /* distance/(2 sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)) */
+    const double t27 = t8 * (t19 - t15 + t26 * t25); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const double yaw_rate = self->k1 * t16;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
-    const double t27 = t8 * t14 * (t21 - t13 * 0.5 * t24) - t13 * t26 + distance_by_y_l * yaw_rate;
-    const double t28 = t11 * t24; /* 2 distance_turning y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)^2 */
+    const double t28 = t8 * t13 * (t22 - t11 * 0.5 * t25) + t11 * t27 + yaw_rate * distance_by_y_l;
+    const double distance_normal_rate_y_l = self->k5 * y_l_rate;
+    const double t29 = t14 * t25; /* 2 distance_turning y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)^2 */
     /* distance_by_y_l_rate */
-    const double t29 = t8 * (self->k5 * y_l_rate - self->k9 * t28 + t25 * (self->k8 * y_l_rate - self->k10 * t28)) -
-        self->k10 * t11 * t26;
-    const double t30 = t29 - distance_by_x_l * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
+    const double t30 = t8 * (distance_normal_rate_y_l - self->k9 * t29 - t26 * (t23 - self->k10 * t29)) + self->k10 *
+        t14 * t27;
+    const double t31 = yaw_rate * distance_by_x_l - t30; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
     /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const double t31 = self->Phi_21 * (cos_phi * t27 + sin_phi * t30);
-    const double t32 = self->k26 * (cos_phi * t30 - sin_phi * t27); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    all->Phidot[0][0] = t31 + t32;
-    all->Phidot[0][1] = t31 - t32;
+    const double t32 = self->Phi_21 * (cos_phi * t28 - sin_phi * t31);
+    const double t33 = self->k24 * (cos_phi * t31 + sin_phi * t28); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    all->Phidot[0][0] = t32 - t33;
+    all->Phidot[0][1] = t32 + t33;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t33 = t15 * t15; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t34 = self->k27 * t33; /* yaw_rate^2 (L + d) */
-    const double v_less_drift_1 = reference->speed_rate - t34 + self->kv_speed * (reference->speed - forward_speed);
-    const double t35 = self->k2 * (v_less_drift_1 + t34); /* v_speed/r */
-    const double t36 = t10 * t15; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t37 = t3 * t6; /* scaled_distance_by_yaw_rate (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    if (!(noslip_abs(t37) > 0)) {
+    const double t34 = t16 * t16; /* 4 b^2 yaw_rate^2/r^2 */
+    const double t35 = self->k25 * t34; /* yaw_rate^2 (L + d) */
+    const double v_less_drift_1 = reference->speed_rate - t35 + self->kv_speed * (reference->speed - forward_speed);
+    const double t36 = self->k2 * (v_less_drift_1 + t35); /* v_speed/r */
+    const double t37 = t10 * t16; /* 4 b forward_speed yaw_rate/r^2 */
+    const double t38 = t2 * t5; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
+    if (!(noslip_abs(t38) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t38 = t22 + self->k6 * t23; /* distance_turning */
-    const double t39 = t16 * t6 - forward_speed * scaled_distance_by_forward_speed; /* -scaled_distance_rate */
-    const double t40 = t21 * t21; /* x_l_rate^2 */
-    const double t41 = y_l_rate * y_l_rate; /* y_l_rate^2 */
+    const double distance_turning = t24 + distance_normal_y_l * distance_normal_rate_y_l;
+    const double t39 = forward_speed * scaled_distance_by_forward_speed - t17 * t5; /* scaled_distance_rate */
+    const double t40 = t22 * t22; /* x_l_rate^2 */
     /* distance kp_distance + distance_acceleration + distance_rate kd_distance */
-    const double t42 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
+    const double t41 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
         reference->distance_rate;
     /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
-    const double t43 = t5 * (t40 + self->k6 * t41) + t3 * (t40 + self->k5 * t41 - t7 * t42 - self->k14 * t4) +
-        scaled_distance_by_forward_speed * v_less_drift_1;
-    /* u_yaw_rate (L + d) */
-    const double t44 = (t38 * (2.0 * t39 - t5 * t38) + t3 * (t43 - self->kd_distance * t39)) / t37;
+    const double t42 = t4 * (t40 + distance_normal_rate_y_l * distance_normal_rate_y_l) - t2 * (t40 +
+        distance_normal_rate_y_l * y_l_rate - noslip_sqrt(t2) * t41 + t4 * self->kp_distance);
+    /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
+    const double t43 = distance_turning * (t4 * distance_turning - 2.0 * t39) - t2 * (t42 - v_less_drift_1 *
+        scaled_distance_by_forward_speed - self->kd_distance * t39);
+    const double t44 = t43 / t38; /* u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const double t45 = self->k3 * (t36 * self->k35 - self->k12 * t44);
-    all->u[0] = t35 - t45;
-    all->u[1] = t35 + t45;
-    const double t46 = t36 * self->k34 + self->k15 * t44; /* part of all->tau[0], all->tau[1] */
-    const double t47 = self->k13 * v_less_drift_1 - self->k29 * t33; /* part of all->tau[0], all->tau[1] */
+    const double t45 = self->k3 * (t37 * self->k33 - self->k11 * t44);
+    all->u[0] = t36 - t45;
+    all->u[1] = t36 + t45;
+    const double t46 = t37 * self->k32 + self->k13 * t44; /* part of all->tau[0], all->tau[1] */
+    const double t47 = self->k12 * v_less_drift_1 - self->k27 * t34; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t46 + t47;
     all->tau[1] = t47 - t46;
     return NOSLIP_OK;
@@ -922,62 +916,59 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     /* Phi_21 (m) = r/2 */
     /* k4 (m^2) = a^2 */
     /* k5 = a^2/b^2 */
-    /* k6 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k14 (1/s^2) = kp_distance/2 */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k26 (m) = r (L + d)/(2 b) */
-    /* k27 (m) = r^2 (L + d)/(4 b^2) */
-    /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
     const double t1 = x_l * x_l; /* x_l^2 */
     const double y_l = state->y_c + self->L * sin_phi;
-    const double t2 = y_l * y_l; /* y_l^2 */
-    const double t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const double t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const double t5 = 0.5 * t4; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/(2 b^2) */
-    const double scaled_distance_by_x_l = x_l * (t3 + t5);
-    const double scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const double distance_normal_y_l = self->k5 * y_l;
+    const double t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const double t3 = 0.5 * (self->k4 - t1 - distance_normal_y_l * y_l); /* -distance_level/2 */
+    const double scaled_distance_by_x_l = x_l * (t2 + t3);
+    const double scaled_distance_by_y_l = distance_normal_y_l * (t2 + self->k5 * t3);
     /* scaled_distance_by_yaw_rate */
-    const double t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
+    const double t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t4) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t8 = t7 * t7; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t9 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const double forward_speed = self->Phi_21 * t9;
-    const double v_less_drift_1 = reference->speed_rate - self->k27 * t8 + self->kv_speed * (reference->speed -
+    const double t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t6 = t5 * t5; /* 4 b^2 yaw_rate^2/r^2 */
+    const double t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const double forward_speed = self->Phi_21 * t7;
+    const double v_less_drift_1 = reference->speed_rate - self->k25 * t6 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t10 = self->k13 * v_less_drift_1 - self->k29 * t8; /* part of tau[0], tau[1] */
-    const double t11 = t3 * t6; /* scaled_distance_by_yaw_rate (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    if (!(noslip_abs(t11) > 0)) {
+    const double t8 = self->k12 * v_less_drift_1 - self->k27 * t6; /* part of tau[0], tau[1] */
+    const double t9 = t2 * t4; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
+    if (!(noslip_abs(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t12 = self->k26 * t7; /* yaw_rate (L + d) */
-    const double t13 = forward_speed * cos_phi - t12 * sin_phi; /* x_l_rate */
-    const double y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
-    const double t14 = x_l * t13 + self->k6 * y_l * y_l_rate; /* distance_turning */
-    const double t15 = t12 * t6 - forward_speed * scaled_distance_by_forward_speed; /* -scaled_distance_rate */
-    const double t16 = t13 * t13; /* x_l_rate^2 */
-    const double t17 = y_l_rate * y_l_rate; /* y_l_rate^2 */
+    const double t10 = self->k24 * t5; /* yaw_rate (L + d) */
+    const double t11 = forward_speed * cos_phi - t10 * sin_phi; /* x_l_rate */
+    const double y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
+    const double distance_normal_rate_y_l = self->k5 * y_l_rate;
+    const double distance_turning = x_l * t11 + distance_normal_y_l * distance_normal_rate_y_l;
+    const double t12 = t10 * t4 - forward_speed * scaled_distance_by_forward_speed; /* -scaled_distance_rate */
+    const double t13 = t11 * t11; /* x_l_rate^2 */
     /* distance kp_distance + distance_acceleration + distance_rate kd_distance */
-    const double t18 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
+    const double t14 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
         reference->distance_rate;
     /* part of tau[0], tau[1] */
-    const double t19 = t5 * (t16 + self->k6 * t17) + t3 * (t16 + self->k5 * t17 - noslip_sqrt(t3) * t18 - self->k14 *
-        t4) + scaled_distance_by_forward_speed * v_less_drift_1;
+    const double t15 = t3 * (t13 + distance_normal_rate_y_l * distance_normal_rate_y_l) + t2 * (t13 +
+        distance_normal_rate_y_l * y_l_rate - noslip_sqrt(t2) * t14 - t3 * self->kp_distance);
     /* part of tau[0], tau[1] */
-    const double t20 = self->k28 * t9 * t7 - self->k15 * (t14 * (t5 * t14 - 2.0 * t15) - t3 * (t19 - self->kd_distance *
-        t15)) / t11;
-    tau[0] = t10 + t20;
-    tau[1] = t10 - t20;
+    const double t16 = distance_turning * (t3 * distance_turning - 2.0 * t12) - t2 * (t15 +
+        scaled_distance_by_forward_speed * v_less_drift_1 - self->kd_distance * t12);
+    const double t17 = self->k26 * t7 * t5 - self->k13 * t16 / t9; /* part of tau[0], tau[1] */
+    tau[0] = t8 + t17;
+    tau[1] = t8 - t17;
     return NOSLIP_OK;
 }
 

@@ -73,32 +73,30 @@ typedef struct labmate_type_iv_ellipse {
     double k8;                /* 2 a^4/b^4 */
     double k9;                /* a^2/(2 b^2) */
     double k10;               /* a^4/b^4 */
-    double k11;               /* a^4/(2 b^4) */
-    double k12;               /* 1/m: 1/(L + d) */
-    double k13;               /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    double k14;               /* 1/s^2: kp_distance/2 */
+    double k11;               /* 1/m: 1/(L + d) */
+    double k12;               /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* kg m: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    double k15;
-    double k16;               /* kg: (m_c + 2 m_w)/2 */
-    double k17;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k13;
+    double k14;               /* kg: (m_c + 2 m_w)/2 */
+    double k15;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k16;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k17;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k18;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k19;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k20;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k21;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k22;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k23;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    double k24;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k25;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k26;               /* m: r (L + d)/(2 b) */
-    double k27;               /* m: r^2 (L + d)/(4 b^2) */
-    double k28;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k29;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    double k30;               /* 1/m: 1/b */
+    double k19;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k20;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k21;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    double k22;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k23;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k24;               /* m: r (L + d)/(2 b) */
+    double k25;               /* m: r^2 (L + d)/(4 b^2) */
+    double k26;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k27;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double k28;               /* 1/m: 1/b */
+    double k29;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k30;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     double k31;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k32;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k33;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k34;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k35;               /* r^2/(4 b (L + d)) */
+    double k32;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k33;               /* r^2/(4 b (L + d)) */
 } labmate_type_iv_ellipse;
 
 /*
@@ -162,7 +160,7 @@ int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self,
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 47 mul, 13 add, 14 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
+ * Operations: 45 mul, 13 add, 14 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const labmate_state *state, const double v[2],
     double tau[2]);
@@ -185,7 +183,7 @@ int labmate_type_iv_ellipse_ground_by_inputs(const labmate_type_iv_ellipse *self
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 102 mul, 31 add, 27 sub, 1 neg, 2 div, 1 sqrt, 2 abs, 1 sincos.
+ * Operations: 102 mul, 27 add, 34 sub, 2 div, 2 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, labmate_type_iv_ellipse_evaluation *all);
@@ -193,7 +191,7 @@ int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const 
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 52 mul, 17 add, 16 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
+ * Operations: 50 mul, 17 add, 16 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_step(labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, double tau[2]);

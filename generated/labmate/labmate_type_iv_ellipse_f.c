@@ -85,44 +85,42 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     }
     self->k9 = self->k4 / t6;
     self->k10 = t5 / t3;
-    self->k11 = self->k6 * 0.5f;
     const float t7 = params->d + config->L; /* m: L + d */
     if (!(noslip_abs_f(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = 1.0f / t7;
+    self->k11 = 1.0f / t7;
     const float t8 = params->r * params->r; /* m^2: r^2 */
     if (!(noslip_abs_f(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
     /* kg m^2: 2 I_w + m_c r^2 + 2 m_w r^2 */
     const float t9 = params->I_w * 2.0f + t8 * params->m_c + t8 * params->m_w * 2.0f;
-    self->k13 = self->Phi_21 * (t9 / t8);
-    self->k14 = gains->kp_distance * 0.5f;
+    self->k12 = self->Phi_21 * (t9 / t8);
     const float t10 = params->b * params->b; /* m^2: b^2 */
     const float t11 = t10 * params->I_w; /* kg m^4: I_w b^2 */
     const float t12 = t10 * params->m_w; /* kg m^2: b^2 m_w */
     const float t13 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
     const float t14 = t8 * params->I_c + t8 * params->I_m * 2.0f + t11 * 2.0f + t8 * t12 * 2.0f + t8 * t13;
-    self->k15 = self->k12 * (self->k1 * (t14 / t8));
+    self->k13 = self->k11 * (self->k1 * (t14 / t8));
     const float t15 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
-    self->k16 = 0.5f * t15;
+    self->k14 = 0.5f * t15;
     const float t16 = 2.0f * t9; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
     if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k17 = params->r * t15 / t16;
+    self->k15 = params->r * t15 / t16;
     const float t17 = 2.0f * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = params->r * (params->I_c + params->I_m * 2.0f + t12 * 2.0f + t13) / t17;
-    self->k19 = params->b * params->d * params->m_c * params->r / t17;
-    self->k20 = self->k17 + self->k18;
-    self->k21 = self->k17 - self->k18;
+    self->k16 = params->r * (params->I_c + params->I_m * 2.0f + t12 * 2.0f + t13) / t17;
+    self->k17 = params->b * params->d * params->m_c * params->r / t17;
+    self->k18 = self->k15 + self->k16;
+    self->k19 = self->k15 - self->k16;
     const float t18 = params->d * params->m_c; /* kg m: d m_c */
-    self->k22 = t18 * params->r / t17;
+    self->k20 = t18 * params->r / t17;
     const float t19 = t7 * t7; /* m^2: (L + d)^2 */
     const float t20 = t8 * t8; /* m^4: r^4 */
     const float t21 = t8 * 0.5f; /* m^2: r^2/2 */
@@ -135,19 +133,19 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     if (!(noslip_abs_f(t24) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k23 = noslip_sqrt_f(t21 * (t23 * (t10 * t10)) * 4e-10f / t24);
-    self->k24 = -self->k22;
-    self->k25 = -self->k19;
-    self->k26 = self->k1 * t7;
+    self->k21 = noslip_sqrt_f(t21 * (t23 * (t10 * t10)) * 4e-10f / t24);
+    self->k22 = -self->k20;
+    self->k23 = -self->k17;
+    self->k24 = self->k1 * t7;
     const float t25 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k27 = t25 * t7;
-    const float t26 = self->k1 * t18 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k28 = self->k1 * (self->Phi_21 * t26);
-    self->k29 = t25 * (self->Phi_21 * t18 - self->k13 * t7);
-    self->k30 = 1.0f / t1 * 2.0f;
+    self->k25 = t25 * t7;
+    const float t26 = self->k1 * t18 - self->k13; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    self->k26 = self->k1 * (self->Phi_21 * t26);
+    self->k27 = t25 * (self->Phi_21 * t18 - self->k12 * t7);
+    self->k28 = 1.0f / t1 * 2.0f;
     const float t27 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k31 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0f * t27;
-    self->k32 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
+    self->k29 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0f * t27;
+    self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
     const float t28 = t14 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t28) > 0)) {
         return NOSLIP_SINGULAR;
@@ -161,9 +159,9 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float t31 = (t30 + t8 * (t10 * (params->m_w * params->m_w)) * 4.0f + t8 * (t13 * params->m_w) * 2.0f) / t28 *
         2.0f;
-    self->k33 = t31 * t27;
-    self->k34 = t27 * t26;
-    self->k35 = self->k12 * t27;
+    self->k31 = t31 * t27;
+    self->k32 = t27 * t26;
+    self->k33 = self->k11 * t27;
     if (!(noslip_abs_f(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -173,8 +171,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34 +
-        self->k35)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -263,41 +260,35 @@ static int labmate_type_iv_ellipse_admit_both_f(const labmate_type_iv_ellipse_f 
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 17 mul, 7 add, 5 sub, 1 div, 2 abs, 1 sincos.
+ * Operations: 16 mul, 7 add, 4 sub, 1 div, 2 abs, 1 sincos.
  */
 static int labmate_type_iv_ellipse_slope_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     float slope[2])
 {
     /* k4 (m^2) = a^2 */
     /* k5 = a^2/b^2 */
-    /* k6 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
     const float t1 = x_l * x_l; /* x_l^2 */
     const float y_l = state->y_c + self->L * sin_phi;
-    const float t2 = y_l * y_l; /* y_l^2 */
-    const float t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const float t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const float scaled_distance_by_x_l = x_l * (t3 + 0.5f * t4);
-    const float t5 = scaled_distance_by_x_l * sin_phi; /* scaled_distance_by_x_l sin(phi) */
-    const float scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
-    const float t6 = scaled_distance_by_y_l * cos_phi; /* scaled_distance_by_y_l cos(phi) */
+    const float distance_normal_y_l = self->k5 * y_l;
+    const float t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const float t3 = 0.5f * (self->k4 - t1 - distance_normal_y_l * y_l); /* -distance_level/2 */
+    const float scaled_distance_by_x_l = x_l * (t2 + t3);
+    const float scaled_distance_by_y_l = distance_normal_y_l * (t2 + self->k5 * t3);
+    /* scaled_distance_by_yaw_rate */
+    const float t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t5 - t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t4) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t7 = t6 - t5; /* -scaled_distance_by_yaw_rate */
-    if (!(noslip_abs_f(t7) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    const float t8 = self->k15 * scaled_distance_by_forward_speed / t7; /* part of slope[0], slope[1] */
-    slope[0] = self->k13 - t8;
-    slope[1] = self->k13 + t8;
+    const float t5 = self->k13 * scaled_distance_by_forward_speed / t4; /* part of slope[0], slope[1] */
+    slope[0] = self->k12 + t5;
+    slope[1] = self->k12 - t5;
     return NOSLIP_OK;
 }
 
@@ -356,7 +347,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k26 (m) = r (L + d)/(2 b) */
+    /* k24 (m) = r (L + d)/(2 b) */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
@@ -374,7 +365,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_x_l = t4 * x_l * (1.0f + t5 * 0.5f);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     /* -distance_by_yaw_rate yaw_rate (L + d) */
-    const float t6 = self->k26 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+    const float t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
     ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
@@ -413,7 +404,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k26 (m) = r (L + d)/(2 b) */
+    /* k24 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -431,7 +422,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const float t7 = self->k26 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    const float t7 = self->k24 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
     Phi[0][0] = t6 + t7;
     Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
@@ -478,7 +469,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     /* k8 = 2 a^4/b^4 */
     /* k9 = a^2/(2 b^2) */
     /* k10 = a^4/b^4 */
-    /* k26 (m) = r (L + d)/(2 b) */
+    /* k24 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -495,7 +486,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t6 = 1.0f + t5 * 0.5f;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t8 = self->k26 * t7; /* yaw_rate (L + d) */
+    const float t8 = self->k24 * t7; /* yaw_rate (L + d) */
     const float t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
     const float t10 = t4 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     const float y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
@@ -513,14 +504,16 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float yaw_rate = self->k1 * t7;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
     const float t17 = t4 * t6 * (t9 - t10 * 0.5f * t12) - t10 * t16 + distance_by_y_l * yaw_rate;
+    const float distance_normal_rate_y_l = self->k5 * y_l_rate;
     const float t18 = t13 * t12; /* 2 distance_turning y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)^2 */
-    /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
-    const float t19 = distance_by_x_l * yaw_rate - (t4 * (self->k5 * y_l_rate - self->k9 * t18 + t15 * (t11 -
-        self->k10 * t18)) - self->k10 * t13 * t16);
-    const float t20 = self->Phi_21 * (cos_phi * t17 - sin_phi * t19); /* part of Phidot[0][0], Phidot[0][1] */
-    const float t21 = self->k26 * (cos_phi * t19 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
-    Phidot[0][0] = t20 - t21;
-    Phidot[0][1] = t20 + t21;
+    /* distance_by_y_l_rate */
+    const float t19 = t4 * (distance_normal_rate_y_l - self->k9 * t18 + t15 * (t11 - self->k10 * t18)) - self->k10 *
+        t13 * t16;
+    const float t20 = distance_by_x_l * yaw_rate - t19; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
+    const float t21 = self->Phi_21 * (cos_phi * t17 - sin_phi * t20); /* part of Phidot[0][0], Phidot[0][1] */
+    const float t22 = self->k24 * (cos_phi * t20 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
+    Phidot[0][0] = t21 - t22;
+    Phidot[0][1] = t21 + t22;
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -559,57 +552,56 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     /* Phi_21 (m) = r/2 */
     /* k4 (m^2) = a^2 */
     /* k5 = a^2/b^2 */
-    /* k6 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k26 (m) = r (L + d)/(2 b) */
-    /* k27 (m) = r^2 (L + d)/(4 b^2) */
-    /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
     const float t1 = x_l * x_l; /* x_l^2 */
     const float y_l = state->y_c + self->L * sin_phi;
-    const float t2 = y_l * y_l; /* y_l^2 */
-    const float t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const float t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const float t5 = 0.5f * t4; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/(2 b^2) */
-    const float scaled_distance_by_x_l = x_l * (t3 + t5);
-    const float scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const float distance_normal_y_l = self->k5 * y_l;
+    const float t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const float t3 = 0.5f * (self->k4 - t1 - distance_normal_y_l * y_l); /* -distance_level/2 */
+    const float scaled_distance_by_x_l = x_l * (t2 + t3);
+    const float scaled_distance_by_y_l = distance_normal_y_l * (t2 + self->k5 * t3);
     /* scaled_distance_by_yaw_rate */
-    const float t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
+    const float t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t4) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const float t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t9 = t3 * t6; /* scaled_distance_by_yaw_rate (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    if (!(noslip_abs_f(t9) > 0)) {
+    const float t5 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const float t6 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const float t7 = t2 * t4; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
+    if (!(noslip_abs_f(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float forward_speed = self->Phi_21 * t7;
-    const float t10 = self->k26 * t8; /* yaw_rate (L + d) */
-    const float t11 = forward_speed * cos_phi - t10 * sin_phi; /* x_l_rate */
-    const float y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
-    const float t12 = x_l * t11 + self->k6 * y_l * y_l_rate; /* distance_turning */
-    const float t13 = t11 * t11; /* x_l_rate^2 */
-    const float t14 = y_l_rate * y_l_rate; /* y_l_rate^2 */
-    const float t15 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
-    const float v_less_drift_1 = v[1] - self->k27 * t15;
+    const float forward_speed = self->Phi_21 * t5;
+    const float t8 = self->k24 * t6; /* yaw_rate (L + d) */
+    const float t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
+    const float y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
+    const float distance_normal_rate_y_l = self->k5 * y_l_rate;
+    const float distance_turning = x_l * t9 + distance_normal_y_l * distance_normal_rate_y_l;
+    /* distance_turning (4 scaled_distance_rate - distance_level distance_turning)/2 */
+    const float t10 = distance_turning * (t3 * distance_turning - 2.0f * (t8 * t4 - forward_speed *
+        scaled_distance_by_forward_speed));
+    const float t11 = t9 * t9; /* x_l_rate^2 */
     /* part of tau[0], tau[1] */
-    const float t16 = t3 * (v[0] * noslip_sqrt_f(t3) - (t13 + self->k5 * t14)) - t5 * (t13 + self->k6 * t14) -
-        v_less_drift_1 * scaled_distance_by_forward_speed;
+    const float t12 = t3 * (t11 + distance_normal_rate_y_l * distance_normal_rate_y_l) - t2 * (v[0] *
+        noslip_sqrt_f(t2) - (t11 + distance_normal_rate_y_l * y_l_rate));
+    const float t13 = t6 * t6; /* 4 b^2 yaw_rate^2/r^2 */
+    const float v_less_drift_1 = v[1] - self->k25 * t13;
     /* part of tau[0], tau[1] */
-    const float t17 = self->k15 * (t12 * (t5 * t12 - 2.0f * (t10 * t6 - forward_speed *
-        scaled_distance_by_forward_speed)) + t3 * t16);
-    const float t18 = self->k28 * t7 * t8 - t17 / t9; /* part of tau[0], tau[1] */
-    const float t19 = self->k13 * v_less_drift_1 - self->k29 * t15; /* part of tau[0], tau[1] */
-    tau[0] = t18 + t19;
-    tau[1] = t19 - t18;
+    const float t14 = self->k26 * t5 * t6 - self->k13 * (t10 - t2 * (t12 + v_less_drift_1 *
+        scaled_distance_by_forward_speed)) / t7;
+    const float t15 = self->k12 * v_less_drift_1 - self->k27 * t13; /* part of tau[0], tau[1] */
+    tau[0] = t14 + t15;
+    tau[1] = t15 - t14;
     return NOSLIP_OK;
 }
 
@@ -644,30 +636,30 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellips
 NOSLIP_HOT int labmate_type_iv_ellipse_ground_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const float tau[2], float ground[8])
 {
-    /* k16 (kg) = (m_c + 2 m_w)/2 */
-    /* k17 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k30 (1/m) = 1/b */
+    /* k14 (kg) = (m_c + 2 m_w)/2 */
+    /* k15 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k17 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k28 (1/m) = 1/b */
+    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k32 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k33 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k18 * effort_1 + self->k31 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k16 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k17 * effort_0 - self->k32 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k15 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k19 * effort_1 + self->k33 * t2;
+    const float force_across_0 = self->k17 * effort_1 + self->k31 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k30 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k28 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
-    ground[3] = self->k16;
+    ground[3] = self->k14;
     ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
-    ground[7] = self->k16;
+    ground[7] = self->k14;
     return NOSLIP_OK;
 }
 
@@ -703,24 +695,24 @@ static int labmate_type_iv_ellipse_ground_by_inputs_f_law(const labmate_type_iv_
     const labmate_state_f *state, float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k19 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k20 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k21 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k22 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k24 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k25 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k20;
-    ground_by_inputs[0][1] = self->k21;
-    ground_by_inputs[1][0] = self->k19;
-    ground_by_inputs[1][1] = self->k25;
-    ground_by_inputs[2][0] = self->k22;
-    ground_by_inputs[2][1] = self->k24;
-    ground_by_inputs[3][0] = self->k21;
-    ground_by_inputs[3][1] = self->k20;
-    ground_by_inputs[4][0] = self->k19;
-    ground_by_inputs[4][1] = self->k25;
-    ground_by_inputs[5][0] = self->k24;
-    ground_by_inputs[5][1] = self->k22;
+    /* k17 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k20 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k22 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k23 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k18;
+    ground_by_inputs[0][1] = self->k19;
+    ground_by_inputs[1][0] = self->k17;
+    ground_by_inputs[1][1] = self->k23;
+    ground_by_inputs[2][0] = self->k20;
+    ground_by_inputs[2][1] = self->k22;
+    ground_by_inputs[3][0] = self->k19;
+    ground_by_inputs[3][1] = self->k18;
+    ground_by_inputs[4][0] = self->k17;
+    ground_by_inputs[4][1] = self->k23;
+    ground_by_inputs[5][0] = self->k22;
+    ground_by_inputs[5][1] = self->k20;
     return NOSLIP_OK;
 }
 
@@ -775,111 +767,113 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     /* k8 = 2 a^4/b^4 */
     /* k9 = a^2/(2 b^2) */
     /* k10 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k12 (1/m) = 1/(L + d) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k14 (1/s^2) = kp_distance/2 */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k26 (m) = r (L + d)/(2 b) */
-    /* k27 (m) = r^2 (L + d)/(4 b^2) */
-    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k34 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k35 = r^2/(4 b (L + d)) */
+    /* k11 (1/m) = 1/(L + d) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k32 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k33 = r^2/(4 b (L + d)) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
     const float t1 = x_l * x_l; /* x_l^2 */
     const float y_l = state->y_c + self->L * sin_phi;
-    const float t2 = y_l * y_l; /* y_l^2 */
-    const float t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const float t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const float t5 = 0.5f * t4; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/(2 b^2) */
-    const float scaled_distance_by_x_l = x_l * (t3 + t5);
-    const float scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const float distance_normal_y_l = self->k5 * y_l;
+    const float t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const float t3 = self->k4 - t1; /* a^2 - x_l^2 */
+    const float t4 = 0.5f * (distance_normal_y_l * y_l - t3); /* distance_level/2 */
+    const float scaled_distance_by_x_l = x_l * (t2 - t4);
+    const float scaled_distance_by_y_l = distance_normal_y_l * (t2 - self->k5 * t4);
     /* scaled_distance_by_yaw_rate */
-    const float t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
+    const float t5 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t5) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t7 = noslip_sqrt_f(t3); /* sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const float t6 = y_l * y_l; /* y_l^2 */
+    const float t7 = noslip_sqrt_f(t1 + self->k6 * t6); /* sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     if (!(t7 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t8 = 1.0f / t7; /* 1/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const float t9 = t8 * t4; /* -2 distance */
-    all->h[0] = -(t9 * 0.5f);
+    const float t9 = t8 * (self->k5 * t6 - t3); /* 2 distance */
+    all->h[0] = t9 * 0.5f;
     const float t10 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t10;
     all->h[1] = forward_speed;
-    const float t11 = t8 * y_l; /* y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const float t12 = t8 * t9; /* -2 distance/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const float distance_by_y_l = t11 * (self->k5 + self->k7 * t12);
-    const float t13 = t8 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const float t11 = t8 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const float t12 = t8 * t9; /* 2 distance/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     /* (sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) - distance)/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const float t14 = 1.0f + t12 * 0.5f;
-    const float distance_by_x_l = t13 * t14;
-    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    const float t15 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t16 = self->k26 * t15; /* yaw_rate (L + d) */
-    const float t17 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi; /* distance_by_yaw_rate */
-    const float t18 = forward_speed * distance_by_forward_speed - t16 * t17; /* distance_rate */
-    all->ydot[0] = t18;
-    const float t19 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
-    const float t20 = self->k26 * t17; /* distance_by_yaw_rate r (L + d)/(2 b) */
-    all->Phi[0][0] = t19 - t20;
-    all->Phi[0][1] = t19 + t20;
+    const float t13 = 1.0f - t12 * 0.5f;
+    const float distance_by_x_l = t11 * t13;
+    const float t14 = t8 * y_l; /* y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const float distance_by_y_l = t14 * (self->k5 - self->k7 * t12);
+    const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
+    const float t15 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
+    const float t16 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const float t17 = self->k24 * t16; /* yaw_rate (L + d) */
+    const float t18 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi; /* distance_by_yaw_rate */
+    const float t19 = t17 * t18; /* distance_by_yaw_rate yaw_rate (L + d) */
+    all->ydot[0] = t15 - t19;
+    const float t20 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
+    const float t21 = self->k24 * t18; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    all->Phi[0][0] = t20 - t21;
+    all->Phi[0][1] = t20 + t21;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t21 = forward_speed * cos_phi - t16 * sin_phi; /* x_l_rate */
-    const float t22 = x_l * t21; /* x_l x_l_rate */
-    const float y_l_rate = forward_speed * sin_phi + t16 * cos_phi;
-    const float t23 = y_l * y_l_rate; /* y_l y_l_rate */
-    const float t24 = t8 * (t22 * 2.0f + self->k8 * t23); /* 2 distance_turning/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
-    const float t25 = t12 * 0.25f; /* -distance/(2 sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)) */
-    const float t26 = t8 * (t18 + t25 * t24); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const float yaw_rate = self->k1 * t15;
+    const float t22 = forward_speed * cos_phi - t17 * sin_phi; /* x_l_rate */
+    const float y_l_rate = forward_speed * sin_phi + t17 * cos_phi;
+    const float t23 = self->k8 * y_l_rate; /* 2 a^4 y_l_rate/b^4 */
+    const float t24 = x_l * t22; /* x_l x_l_rate */
+    const float t25 = t8 * (t23 * y_l + t24 * 2.0f); /* 2 distance_turning/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
+    const float t26 = t12 * 0.25f; /* distance/(2 sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)) */
+    const float t27 = t8 * (t19 - t15 + t26 * t25); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const float yaw_rate = self->k1 * t16;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
-    const float t27 = t8 * t14 * (t21 - t13 * 0.5f * t24) - t13 * t26 + distance_by_y_l * yaw_rate;
-    const float t28 = t11 * t24; /* 2 distance_turning y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)^2 */
+    const float t28 = t8 * t13 * (t22 - t11 * 0.5f * t25) + t11 * t27 + yaw_rate * distance_by_y_l;
+    const float distance_normal_rate_y_l = self->k5 * y_l_rate;
+    const float t29 = t14 * t25; /* 2 distance_turning y_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4)^2 */
     /* distance_by_y_l_rate */
-    const float t29 = t8 * (self->k5 * y_l_rate - self->k9 * t28 + t25 * (self->k8 * y_l_rate - self->k10 * t28)) -
-        self->k10 * t11 * t26;
-    const float t30 = t29 - distance_by_x_l * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
-    const float t31 = self->Phi_21 * (cos_phi * t27 + sin_phi * t30); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const float t32 = self->k26 * (cos_phi * t30 - sin_phi * t27); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    all->Phidot[0][0] = t31 + t32;
-    all->Phidot[0][1] = t31 - t32;
+    const float t30 = t8 * (distance_normal_rate_y_l - self->k9 * t29 - t26 * (t23 - self->k10 * t29)) + self->k10 *
+        t14 * t27;
+    const float t31 = yaw_rate * distance_by_x_l - t30; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
+    const float t32 = self->Phi_21 * (cos_phi * t28 - sin_phi * t31); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const float t33 = self->k24 * (cos_phi * t31 + sin_phi * t28); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    all->Phidot[0][0] = t32 - t33;
+    all->Phidot[0][1] = t32 + t33;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t33 = t15 * t15; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t34 = self->k27 * t33; /* yaw_rate^2 (L + d) */
-    const float v_less_drift_1 = reference->speed_rate - t34 + self->kv_speed * (reference->speed - forward_speed);
-    const float t35 = self->k2 * (v_less_drift_1 + t34); /* v_speed/r */
-    const float t36 = t10 * t15; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t37 = t3 * t6; /* scaled_distance_by_yaw_rate (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    if (!(noslip_abs_f(t37) > 0)) {
+    const float t34 = t16 * t16; /* 4 b^2 yaw_rate^2/r^2 */
+    const float t35 = self->k25 * t34; /* yaw_rate^2 (L + d) */
+    const float v_less_drift_1 = reference->speed_rate - t35 + self->kv_speed * (reference->speed - forward_speed);
+    const float t36 = self->k2 * (v_less_drift_1 + t35); /* v_speed/r */
+    const float t37 = t10 * t16; /* 4 b forward_speed yaw_rate/r^2 */
+    const float t38 = t2 * t5; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
+    if (!(noslip_abs_f(t38) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t38 = t22 + self->k6 * t23; /* distance_turning */
-    const float t39 = t16 * t6 - forward_speed * scaled_distance_by_forward_speed; /* -scaled_distance_rate */
-    const float t40 = t21 * t21; /* x_l_rate^2 */
-    const float t41 = y_l_rate * y_l_rate; /* y_l_rate^2 */
+    const float distance_turning = t24 + distance_normal_y_l * distance_normal_rate_y_l;
+    const float t39 = forward_speed * scaled_distance_by_forward_speed - t17 * t5; /* scaled_distance_rate */
+    const float t40 = t22 * t22; /* x_l_rate^2 */
     /* distance kp_distance + distance_acceleration + distance_rate kd_distance */
-    const float t42 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
+    const float t41 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
         reference->distance_rate;
     /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
-    const float t43 = t5 * (t40 + self->k6 * t41) + t3 * (t40 + self->k5 * t41 - t7 * t42 - self->k14 * t4) +
-        scaled_distance_by_forward_speed * v_less_drift_1;
-    /* u_yaw_rate (L + d) */
-    const float t44 = (t38 * (2.0f * t39 - t5 * t38) + t3 * (t43 - self->kd_distance * t39)) / t37;
+    const float t42 = t4 * (t40 + distance_normal_rate_y_l * distance_normal_rate_y_l) - t2 * (t40 +
+        distance_normal_rate_y_l * y_l_rate - noslip_sqrt_f(t2) * t41 + t4 * self->kp_distance);
+    /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
+    const float t43 = distance_turning * (t4 * distance_turning - 2.0f * t39) - t2 * (t42 - v_less_drift_1 *
+        scaled_distance_by_forward_speed - self->kd_distance * t39);
+    const float t44 = t43 / t38; /* u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const float t45 = self->k3 * (t36 * self->k35 - self->k12 * t44);
-    all->u[0] = t35 - t45;
-    all->u[1] = t35 + t45;
-    const float t46 = t36 * self->k34 + self->k15 * t44; /* part of all->tau[0], all->tau[1] */
-    const float t47 = self->k13 * v_less_drift_1 - self->k29 * t33; /* part of all->tau[0], all->tau[1] */
+    const float t45 = self->k3 * (t37 * self->k33 - self->k11 * t44);
+    all->u[0] = t36 - t45;
+    all->u[1] = t36 + t45;
+    const float t46 = t37 * self->k32 + self->k13 * t44; /* part of all->tau[0], all->tau[1] */
+    const float t47 = self->k12 * v_less_drift_1 - self->k27 * t34; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t46 + t47;
     all->tau[1] = t47 - t46;
     return NOSLIP_OK;
@@ -924,62 +918,59 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* Phi_21 (m) = r/2 */
     /* k4 (m^2) = a^2 */
     /* k5 = a^2/b^2 */
-    /* k6 = a^4/b^4 */
-    /* k11 = a^4/(2 b^4) */
-    /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    /* k14 (1/s^2) = kp_distance/2 */
-    /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k23 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k26 (m) = r (L + d)/(2 b) */
-    /* k27 (m) = r^2 (L + d)/(4 b^2) */
-    /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
+    /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
+    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
     const float t1 = x_l * x_l; /* x_l^2 */
     const float y_l = state->y_c + self->L * sin_phi;
-    const float t2 = y_l * y_l; /* y_l^2 */
-    const float t3 = t1 + self->k6 * t2; /* (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    const float t4 = self->k4 - t1 - self->k5 * t2; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/b^2 */
-    const float t5 = 0.5f * t4; /* (a^2 b^2 - a^2 y_l^2 - b^2 x_l^2)/(2 b^2) */
-    const float scaled_distance_by_x_l = x_l * (t3 + t5);
-    const float scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
+    const float distance_normal_y_l = self->k5 * y_l;
+    const float t2 = t1 + distance_normal_y_l * distance_normal_y_l; /* distance_normal_y_l^2 + x_l^2 */
+    const float t3 = 0.5f * (self->k4 - t1 - distance_normal_y_l * y_l); /* -distance_level/2 */
+    const float scaled_distance_by_x_l = x_l * (t2 + t3);
+    const float scaled_distance_by_y_l = distance_normal_y_l * (t2 + self->k5 * t3);
     /* scaled_distance_by_yaw_rate */
-    const float t6 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
+    const float t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t6) > self->k23 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t4) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t8 = t7 * t7; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t9 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const float forward_speed = self->Phi_21 * t9;
-    const float v_less_drift_1 = reference->speed_rate - self->k27 * t8 + self->kv_speed * (reference->speed -
+    const float t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const float t6 = t5 * t5; /* 4 b^2 yaw_rate^2/r^2 */
+    const float t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const float forward_speed = self->Phi_21 * t7;
+    const float v_less_drift_1 = reference->speed_rate - self->k25 * t6 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t10 = self->k13 * v_less_drift_1 - self->k29 * t8; /* part of tau[0], tau[1] */
-    const float t11 = t3 * t6; /* scaled_distance_by_yaw_rate (a^4 y_l^2 + b^4 x_l^2)/b^4 */
-    if (!(noslip_abs_f(t11) > 0)) {
+    const float t8 = self->k12 * v_less_drift_1 - self->k27 * t6; /* part of tau[0], tau[1] */
+    const float t9 = t2 * t4; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
+    if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t12 = self->k26 * t7; /* yaw_rate (L + d) */
-    const float t13 = forward_speed * cos_phi - t12 * sin_phi; /* x_l_rate */
-    const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
-    const float t14 = x_l * t13 + self->k6 * y_l * y_l_rate; /* distance_turning */
-    const float t15 = t12 * t6 - forward_speed * scaled_distance_by_forward_speed; /* -scaled_distance_rate */
-    const float t16 = t13 * t13; /* x_l_rate^2 */
-    const float t17 = y_l_rate * y_l_rate; /* y_l_rate^2 */
+    const float t10 = self->k24 * t5; /* yaw_rate (L + d) */
+    const float t11 = forward_speed * cos_phi - t10 * sin_phi; /* x_l_rate */
+    const float y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
+    const float distance_normal_rate_y_l = self->k5 * y_l_rate;
+    const float distance_turning = x_l * t11 + distance_normal_y_l * distance_normal_rate_y_l;
+    const float t12 = t10 * t4 - forward_speed * scaled_distance_by_forward_speed; /* -scaled_distance_rate */
+    const float t13 = t11 * t11; /* x_l_rate^2 */
     /* distance kp_distance + distance_acceleration + distance_rate kd_distance */
-    const float t18 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
+    const float t14 = reference->distance_acceleration + self->kp_distance * reference->distance + self->kd_distance *
         reference->distance_rate;
     /* part of tau[0], tau[1] */
-    const float t19 = t5 * (t16 + self->k6 * t17) + t3 * (t16 + self->k5 * t17 - noslip_sqrt_f(t3) * t18 - self->k14 *
-        t4) + scaled_distance_by_forward_speed * v_less_drift_1;
+    const float t15 = t3 * (t13 + distance_normal_rate_y_l * distance_normal_rate_y_l) + t2 * (t13 +
+        distance_normal_rate_y_l * y_l_rate - noslip_sqrt_f(t2) * t14 - t3 * self->kp_distance);
     /* part of tau[0], tau[1] */
-    const float t20 = self->k28 * t9 * t7 - self->k15 * (t14 * (t5 * t14 - 2.0f * t15) - t3 * (t19 - self->kd_distance *
-        t15)) / t11;
-    tau[0] = t10 + t20;
-    tau[1] = t10 - t20;
+    const float t16 = distance_turning * (t3 * distance_turning - 2.0f * t12) - t2 * (t15 +
+        scaled_distance_by_forward_speed * v_less_drift_1 - self->kd_distance * t12);
+    const float t17 = self->k26 * t7 * t5 - self->k13 * t16 / t9; /* part of tau[0], tau[1] */
+    tau[0] = t8 + t17;
+    tau[1] = t8 - t17;
     return NOSLIP_OK;
 }
 

@@ -73,32 +73,30 @@ typedef struct labmate_type_iv_ellipse_f {
     float k8;                 /* 2 a^4/b^4 */
     float k9;                 /* a^2/(2 b^2) */
     float k10;                /* a^4/b^4 */
-    float k11;                /* a^4/(2 b^4) */
-    float k12;                /* 1/m: 1/(L + d) */
-    float k13;                /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
-    float k14;                /* 1/s^2: kp_distance/2 */
+    float k11;                /* 1/m: 1/(L + d) */
+    float k12;                /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* kg m: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    float k15;
-    float k16;                /* kg: (m_c + 2 m_w)/2 */
-    float k17;                /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k13;
+    float k14;                /* kg: (m_c + 2 m_w)/2 */
+    float k15;                /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k16;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k17;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k18;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k19;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k20;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k21;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k22;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k23;                /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    float k24;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k25;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k26;                /* m: r (L + d)/(2 b) */
-    float k27;                /* m: r^2 (L + d)/(4 b^2) */
-    float k28;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k29;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    float k30;                /* 1/m: 1/b */
+    float k19;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k20;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k21;                /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    float k22;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k23;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k24;                /* m: r (L + d)/(2 b) */
+    float k25;                /* m: r^2 (L + d)/(4 b^2) */
+    float k26;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k27;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k28;                /* 1/m: 1/b */
+    float k29;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k30;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     float k31;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k32;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k33;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k34;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k35;                /* r^2/(4 b (L + d)) */
+    float k32;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k33;                /* r^2/(4 b (L + d)) */
 } labmate_type_iv_ellipse_f;
 
 /*
@@ -162,7 +160,7 @@ int labmate_type_iv_ellipse_decoupling_rate_f(const labmate_type_iv_ellipse_f *s
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 47 mul, 13 add, 14 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
+ * Operations: 45 mul, 13 add, 14 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const float v[2], float tau[2]);
@@ -185,7 +183,7 @@ int labmate_type_iv_ellipse_ground_by_inputs_f(const labmate_type_iv_ellipse_f *
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 102 mul, 31 add, 27 sub, 1 neg, 2 div, 1 sqrt, 2 abs, 1 sincos.
+ * Operations: 102 mul, 27 add, 34 sub, 2 div, 2 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, labmate_type_iv_ellipse_evaluation_f *all);
@@ -193,7 +191,7 @@ int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, co
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 52 mul, 17 add, 16 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
+ * Operations: 50 mul, 17 add, 16 sub, 1 div, 1 sqrt, 2 abs, 1 sincos.
  */
 int labmate_type_iv_ellipse_step_f(labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, float tau[2]);

@@ -194,7 +194,7 @@ class OutputSection:
     near_singular: str = entry(
         one_of("refuse", "damped"), "refuse", "what type IV does where the heading is nearly normal to the path"
     )
-    band: float = entry(number("positive"), BAND, "of a damped inverse: cosine of the angle between heading and path, below 1")
+    band: float = entry(number("positive"), BAND, "of a damped inverse: cosine of the angle of heading and path, in 0.01 to 1")
 
     def __post_init__(self):
         if self.near_singular == "damped" and (self.type != "IV" or self.extension):
@@ -541,7 +541,7 @@ class LimitsSection:
     def __post_init__(self):
         if self.notice_slip and self.mode != "grip":
             raise BadInput(f'[limits] notice_slip requires mode = "grip"; mode is "{self.mode}"')
-        if self.torque is None and self.mode != "grip":
+        if self.torque is None and self.mode != "grip" and not any((*self.integral, *self.disturbance)):
             raise BadInput(f'[limits] torque is missing; mode = "{self.mode}" requires it')
         if self.margin >= 1:
             raise BadInput(f"[limits] margin = {self.margin:g} must be below 1: it is the part of mu kept in reserve")
@@ -696,6 +696,10 @@ class Spec:
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
     def __post_init__(self):
+        if any(rate for name, rate in self.gains.items() if name[:2] == "ko"):
+            from ...controllers.estimation.disturbance import check_backend  # slow to import
+
+            check_backend(self.simulation.backend)
         if self.sensors and not self.simulation.period:
             raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
         if self.drive and self.drive.takes_velocity and not self.simulation.period:

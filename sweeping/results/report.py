@@ -6,7 +6,7 @@ from typing import Any
 
 from ...readers.printing import columns, plain
 from ..study import STOPPED, Study
-from .statistics import CONFIDENCE, ENDED, LEVELS, Indices, SweepSummary
+from .statistics import CONFIDENCE, ENDED, LEVELS, TIMES, Indices, SweepSummary
 from .verify import TIME, Verified
 from .worst import Worst
 
@@ -42,7 +42,7 @@ class SweepReport:
             "samples": summary.samples,
             "design": study.plan.sweep.design,
             "seed": study.plan.sweep.seed,
-            "period": study.spec.simulation.period,
+            "period": summary.ranges.get("simulation.period", study.spec.simulation.period),
             "vectors": study.batch.computed,
             "fails_when": str(study.criterion),
             "statuses": dict(summary.statuses),
@@ -79,12 +79,13 @@ class SweepReport:
     def _head(self) -> str:
         study, summary = self.study, self.summary
         simulation, sweep = study.spec.simulation, study.plan.sweep
-        held = f"called every {simulation.period:g} s" + (" ([sweep] period; the SPEC is continuous)" if study.continuous else "")
+        period, duration = (_seconds(summary.ranges.get(name), getattr(simulation, name.split(".")[1])) for name in TIMES)
+        held = f"called every {period}" + (" ([sweep] period; the SPEC is continuous)" if study.continuous else "")
         low, high = summary.interval
         statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items(), key=lambda item: -item[1]))
         design = {"random": "random", "sobol": "Sobol", "latin": "Latin hypercube"}[sweep.design]
         lines = [
-            f"{study.spec.robot}, {study.batch.law.name}, backend {simulation.backend}, {held}, {simulation.duration:g} s",
+            f"{study.spec.robot}, {study.batch.law.name}, backend {simulation.backend}, {held}, {duration}",
             f"{summary.samples} samples, {design}, seed {sweep.seed}, varying {len(study.plan.names)}: {statuses}",
             f"  fails when {study.criterion}: {summary.failed} of {summary.samples}, {_part(summary.failed / summary.samples)}; "
             f"{CONFIDENCE:.0%} interval {_part(low)} to {_part(high)} (Clopper-Pearson{self._caution()})",
@@ -145,3 +146,7 @@ class SweepReport:
 
 def _part(value: float) -> str:
     return f"{100 * value:.3g} %"
+
+
+def _seconds(varied: tuple[float, float] | None, nominal: float) -> str:
+    return f"{nominal:g} s" if varied is None else f"{varied[0]:.3g} to {varied[1]:.3g} s"

@@ -21,6 +21,8 @@ MOST = 2**22  # samples that quantiles are taken of
 RANKED = 2**17  # and rank correlations: of the first ones, so that memory stays constant
 WORST = 3
 RESAMPLES = 100
+FEWEST = 20  # runs to the end of which rank correlations are taken: of fewer, chance alone gives 0.5 and more
+TIMES = ("simulation.period", "simulation.duration")
 ENDED = ("ok", "saturated", "arrived")  # statuses of runs that went to their end
 INDICES_SEED = 2**21  # the indices' samples are no part of any sweep
 
@@ -30,7 +32,7 @@ class SweepSummary:
     """`statuses`: how often each; `failed` of `samples`; `sizes`: quantiles at LEVELS and largest of |outcome| of the runs that
     went to their end; `ranks`: Spearman's correlation of |outcome| with what varies; `worst`: samples, the worst first;
     `integration_error`: the largest of the runs that went to their end. Where one stops singular the acceleration has no bound,
-    and neither has its error.
+    and neither has its error; `ranges`: least and largest of those of TIMES that vary, s.
     """
 
     samples: int
@@ -40,6 +42,7 @@ class SweepSummary:
     ranks: Mapping[str, Mapping[str, float]]
     worst: tuple[int, ...]
     integration_error: float
+    ranges: Mapping[str, tuple[float, float]]
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -93,6 +96,7 @@ def summarize(file: Path | str, study: Study) -> SweepSummary:
         _ranks(found, study, ended[:RANKED]),
         tuple(k for _, k in worst),
         float(largest_error),
+        {name: _range(found, name) for name in TIMES if name in study.plan.names},
     )
 
 
@@ -105,6 +109,11 @@ def _column(found, name: str, most: int) -> np.ndarray:
     return found.read_row_groups(groups, columns=[name])[name].to_numpy()[:most]
 
 
+def _range(found, name: str) -> tuple[float, float]:
+    values = _column(found, name, MOST)
+    return float(values.min()), float(values.max())
+
+
 def _sizes(values: np.ndarray) -> tuple[float, ...]:
     if not len(values):
         return (float("nan"),) * (len(LEVELS) + 1)
@@ -112,7 +121,7 @@ def _sizes(values: np.ndarray) -> tuple[float, ...]:
 
 
 def _ranks(found, study: Study, ended: np.ndarray) -> dict[str, dict[str, float]]:
-    if ended.sum() < 3:
+    if ended.sum() < FEWEST:
         return {}
     inputs = {name: rankdata(_column(found, name, RANKED)[ended]) for name in study.plan.names}
     made: dict[str, dict[str, float]] = {}

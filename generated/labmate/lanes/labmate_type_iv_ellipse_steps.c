@@ -76,44 +76,44 @@ int labmate_type_iv_ellipse_steps(const labmate_type_iv_ellipse *self, size_t n,
             const double x_l = state_x_c + self->L * cos_state_phi;
             const double t1 = x_l * x_l;
             const double y_l = state_y_c + self->L * sin_state_phi;
-            const double t2 = y_l * y_l;
-            const double t3 = t1 + self->k6 * t2;
-            const double t4 = self->k4 - t1 - self->k5 * t2;
-            const double t5 = 0.5 * t4;
-            const double scaled_distance_by_x_l = x_l * (t3 + t5);
-            const double scaled_distance_by_y_l = y_l * (self->k5 * t3 + self->k11 * t4);
-            const double t6 = scaled_distance_by_x_l * sin_state_phi - scaled_distance_by_y_l * cos_state_phi;
+            const double distance_normal_y_l = self->k5 * y_l;
+            const double t2 = t1 + distance_normal_y_l * distance_normal_y_l;
+            const double t3 = 0.5 * (self->k4 - t1 - distance_normal_y_l * y_l);
+            const double scaled_distance_by_x_l = x_l * (t2 + t3);
+            const double scaled_distance_by_y_l = distance_normal_y_l * (t2 + self->k5 * t3);
+            const double t4 = scaled_distance_by_x_l * sin_state_phi - scaled_distance_by_y_l * cos_state_phi;
             const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_state_phi +
                 scaled_distance_by_y_l *
                 sin_state_phi;
-            fine &= noslip_abs(t6) > self->k23 * noslip_abs(scaled_distance_by_forward_speed);
-            const double t7 = state_thetadot_r - state_thetadot_l;
-            const double t8 = t7 * t7;
-            const double t9 = state_thetadot_r + state_thetadot_l;
-            const double forward_speed = self->Phi_21 * t9;
-            const double v_less_drift_1 = reference_speed_rate - self->k27 * t8 + self->kv_speed * (reference_speed -
+            fine &= noslip_abs(t4) > self->k21 * noslip_abs(scaled_distance_by_forward_speed);
+            const double t5 = state_thetadot_r - state_thetadot_l;
+            const double t6 = t5 * t5;
+            const double t7 = state_thetadot_r + state_thetadot_l;
+            const double forward_speed = self->Phi_21 * t7;
+            const double v_less_drift_1 = reference_speed_rate - self->k25 * t6 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const double t10 = self->k13 * v_less_drift_1 - self->k29 * t8;
-            const double t11 = t3 * t6;
-            fine &= noslip_abs(t11) > 0;
-            const double t12 = self->k26 * t7;
-            const double t13 = forward_speed * cos_state_phi - t12 * sin_state_phi;
-            const double y_l_rate = forward_speed * sin_state_phi + t12 * cos_state_phi;
-            const double t14 = x_l * t13 + self->k6 * y_l * y_l_rate;
-            const double t15 = t12 * t6 - forward_speed * scaled_distance_by_forward_speed;
-            const double t16 = t13 * t13;
-            const double t17 = y_l_rate * y_l_rate;
-            const double t18 = reference_distance_acceleration + self->kp_distance * reference_distance +
+            const double t8 = self->k12 * v_less_drift_1 - self->k27 * t6;
+            const double t9 = t2 * t4;
+            fine &= noslip_abs(t9) > 0;
+            const double t10 = self->k24 * t5;
+            const double t11 = forward_speed * cos_state_phi - t10 * sin_state_phi;
+            const double y_l_rate = forward_speed * sin_state_phi + t10 * cos_state_phi;
+            const double distance_normal_rate_y_l = self->k5 * y_l_rate;
+            const double distance_turning = x_l * t11 + distance_normal_y_l * distance_normal_rate_y_l;
+            const double t12 = t10 * t4 - forward_speed * scaled_distance_by_forward_speed;
+            const double t13 = t11 * t11;
+            const double t14 = reference_distance_acceleration + self->kp_distance * reference_distance +
                 self->kd_distance *
                 reference_distance_rate;
-            const double t19 = t5 * (t16 + self->k6 * t17) + t3 * (t16 + self->k5 * t17 - noslip_lane_sqrt(t3) * t18 -
-                self->k14 * t4);
-            const double t20 = t14 * (t5 * t14 - 2.0 * t15) - t3 * (t19 + scaled_distance_by_forward_speed *
-                v_less_drift_1 -
-                self->kd_distance * t15);
-            const double t21 = self->k28 * t9 * t7 - self->k15 * t20 / t11;
-            made[0] = t10 + t21;
-            made[1] = t10 - t21;
+            const double t15 = t2 * (t13 + distance_normal_rate_y_l * y_l_rate - noslip_lane_sqrt(t2) * t14 - t3 *
+                self->kp_distance);
+            const double t16 = t3 * (t13 + distance_normal_rate_y_l * distance_normal_rate_y_l) + t15 +
+                scaled_distance_by_forward_speed * v_less_drift_1;
+            const double t17 = self->k13 * (distance_turning * (t3 * distance_turning - 2.0 * t12) - t2 * (t16 -
+                self->kd_distance * t12));
+            const double t18 = self->k26 * t7 * t5 - t17 / t9;
+            made[0] = t8 + t18;
+            made[1] = t8 - t18;
             fine &= noslip_within(made[0], self->clear[0]);
             fine &= noslip_within(made[1], self->clear[1]);
             fine &= noslip_is_finite(state_theta_r + state_theta_l);
