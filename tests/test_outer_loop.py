@@ -572,6 +572,7 @@ def test_command_observer(capsys):
     assert len(data["whole"]["discrete_eigenvalues"]) == 6
 
 
+@pytest.mark.nightly
 def test_command_hinf(capsys, tmp_path):
     """The norms that are stated are those of the gains that are printed, and of the channel that is called at the period."""
     options = ["--hinf", "distance=0.1,0.2,0.5,0.3", "--poles", "speed=-2", "--period", "0.05", "--delay"]
