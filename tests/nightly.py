@@ -192,7 +192,6 @@ NIGHTLY = {
     "test_odometry": (r"float_keeps_small_steps\[rates[12]\]",),
     "test_outer_design": (r"margins_are_python_controls\[(False|True)-[2-7]\]",),
     "test_outer_loop": (
-        r"test_command_hinf",
         r"integral_action_removes_the_offset\[None\]",
         r"integral_action_is_simulates\[0\.0\]",
     ),
