@@ -116,12 +116,19 @@ def as_json(run: Run) -> dict[str, Any]:
         },
         "inputs": {i.name: {"unit": i.unit, "peak": peak} for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True)},
         **(_rolls(run) if run.floor is None else {"floor": run.floor.as_json(run.t, run.law.system.mechanism)}),
+        **({"learned": learned} if (learned := _learned(run)) else {}),
         "warnings": run.warnings,
     }
 
 
+def _learned(run: Run) -> dict[str, dict[str, Any]]:
+    return {p.name: {"unit": p.unit, "final": used[-1], "true": true} for p, used, true in run.learned_parameters}
+
+
 def summary(run: Run) -> str:
-    """Return a few lines about a run: duration, errors of the outputs, largest inputs, residual of the constraints."""
+    """Return a few lines about a run: duration, errors of the outputs, learned parameters, largest inputs, residual of the
+    constraints.
+    """
     simulation, values = run.spec.simulation, as_json(run)
     held = f"called every {simulation.period:g} s" if simulation.period else "continuous"
     held += f", delay {simulation.delay:g} s" if simulation.delay else ""
@@ -132,6 +139,8 @@ def summary(run: Run) -> str:
     for name, error in values["errors"].items():
         unit = error["unit"]
         lines.append(f"  error of {name}: final {error['final']:.2e} {unit}, peak {error['peak']:.3g} {unit}")
+    for name, each in values.get("learned", {}).items():
+        lines.append(f"  learned {name}: {each['final']:.4g} {each['unit']}, true {each['true']:.4g} {each['unit']}")
     peaks = ", ".join(f"{name} {found['peak']:.3g} {found['unit']}" for name, found in values["inputs"].items())
     if run.floor:
         ground = run.floor.summary(run.t, run.law.system.mechanism)

@@ -1,7 +1,7 @@
 """Plots of runs: path, errors, speed and inputs."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -30,12 +30,12 @@ TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after
 
 def draw(run: Run) -> Figure:
     """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over time on the right.
-    SI units. A run in a physics engine has the slip of each contact as well.
+    SI units. A run in a physics engine has the slip of each contact as well, one that learns parameters these.
 
     For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
     """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
-    grid = figure.add_gridspec(4 if run.floor else 3, 2, width_ratios=(1.25, 1))
+    grid = figure.add_gridspec(3 + bool(run.floor) + bool(run.spec.adaptation), 2, width_ratios=(1.25, 1))
     figure.suptitle(_title(run), fontsize=11)
     plane = figure.add_subplot(grid[:, 0])
     errors = figure.add_subplot(grid[0, 1])
@@ -51,6 +51,9 @@ def draw(run: Run) -> Figure:
     if run.floor:
         below.append(figure.add_subplot(grid[3, 1], sharex=errors))
         _draw_slip(below[-1], run, run.floor)
+    if run.spec.adaptation:
+        below.append(figure.add_subplot(grid[-1, 1], sharex=errors))
+        _draw_learned(below[-1], run, run.spec.adaptation.bounds)
     below[-1].set_xlabel("time t (s)")
     for axes in (errors, speed, *below[:-1]):
         axes.tick_params(labelbottom=False)
@@ -294,6 +297,17 @@ def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("slip (m/s)")
     axes.legend(loc="best", fontsize=9)
+
+
+def _draw_learned(axes: Axes, run: Run, bounds: Mapping[str, tuple[float, float]]) -> None:
+    """Draw the parameters in use between their bounds, which are 0 and 1, and the true ones dashed."""
+    for (p, used, true), colour in zip(run.learned_parameters, COLOURS, strict=False):
+        low, high = bounds[p.name]
+        label = f"{p.name} in {low:g} to {high:g} {p.unit}: {used[-1]:.4g} at the end, true {true:.4g}"
+        axes.plot(run.t, (used - low) / (high - low), color=colour, label=label)
+        axes.axhline((true - low) / (high - low), color=colour, linestyle="--", linewidth=1.0)
+    axes.set_ylabel("learned, 0 to 1:\nfrom bound to bound")
+    axes.legend(loc="best", fontsize=9, title="in use; dashed: true", title_fontsize=9)
 
 
 def _ahead_of_axle(run: Run) -> float:

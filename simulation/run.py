@@ -9,7 +9,7 @@ import numpy as np
 
 from ..controllers.controller import RUNNING
 from ..model.law import ControlLaw
-from ..model.mechanism import Mechanism
+from ..model.mechanism import Mechanism, Quantity
 from .engine.measured import FloorMeasurements
 from .plant import Plant
 from .specification.spec import Spec
@@ -79,6 +79,13 @@ class Run(Outputs):
     floor: FloorMeasurements | None = None
     disturbance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     disturbance_rows: tuple[str, ...] = ()
+
+    @property
+    def learned_parameters(self) -> list[tuple[Quantity, np.ndarray, float]]:
+        """Return each parameter that [adaptation] learns, its values in use (N) and its true value, SI."""
+        names = list(self.spec.adaptation.bounds if self.spec.adaptation else ())
+        truth = {p.name: (p, value) for p, value in zip(self.law.parameters, self.plant.parameters, strict=True)}
+        return [(truth[name][0], used, float(truth[name][1])) for name, used in zip(names, self.learned.T, strict=True)]
 
     @property
     def columns(self) -> list[str]:

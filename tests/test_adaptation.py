@@ -20,7 +20,8 @@ from noslip.controllers.runtime import runtime
 from noslip.readers.errors import BadInput
 from noslip.readers.printing import toml
 from noslip.readers.robots import find_robot, system_of
-from noslip.simulation.closed_loop import simulate
+from noslip.simulation.closed_loop import as_json, simulate, summary
+from noslip.simulation.plot import draw
 from noslip.simulation.specification.spec import spec_of_table, toml_table
 from noslip.simulation.specification.vary import read_varied
 from noslip.sweeping.batch import Batch
@@ -132,6 +133,15 @@ def test_a_mass_that_is_twice_as_large_is_learned():
     used = learning.learned
     assert used[-1] == pytest.approx([80.0, 13.0], rel=0.02) and learning.columns[-2:] == ["learned_m_c", "learned_I_c"]
     assert (np.abs(np.diff(used, axis=0)) <= np.array([70.0, 15.0]) * 0.1 * 0.01 * (1 + 1e-9)).all()
+    final = {"m_c": ("kg", 80.0), "I_c": ("kg m^2", 13.0)}
+    assert as_json(learning)["learned"] == {
+        name: {"unit": unit, "final": value, "true": true}
+        for (name, (unit, true)), value in zip(final.items(), used[-1], strict=True)
+    }
+    assert f"  learned m_c: {used[-1, 0]:.4g} kg, true 80 kg\n" in summary(learning) and "learned" not in summary(without)
+    *_, panel = draw(learning).axes
+    assert [line.get_ydata()[-1] for line in panel.lines[::2]] == pytest.approx((used[-1] - [30.0, 5.0]) / [70.0, 15.0])
+    assert [line.get_ydata()[0] for line in panel.lines[1::2]] == pytest.approx([5 / 7, 8 / 15])
     off = [math.hypot(x + 0.1 * math.cos(phi), y + 0.1 * math.sin(phi)) - 3.0 for x, y, phi in learning.q[:, :3]]
     assert abs(without.error[-1, 0]) > 0.05 and abs(off[-1]) < abs(without.error[-1, 0]) / 10
 

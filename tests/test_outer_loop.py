@@ -14,11 +14,13 @@ from noslip.cli.main import main
 from noslip.controllers.angles import compiled_nearest_angle, nearest_angle
 from noslip.controllers.runtime import runtime
 from noslip.outer import robustness
-from noslip.outer.channel import Channel
+from noslip.outer.channel import Channel, Required
 from noslip.outer.design import Gains
 from noslip.outer.interop import ControllerRefused, Moving, closed_loop_system, command, controller_system, hold, robot_system
 from noslip.outer.margins import margins
 from noslip.outer.motion import SteadyMotion, steady_motion
+from noslip.outer.pictures import draw_period
+from noslip.outer.report import OuterLoopReport
 from noslip.outer.robustness import Loops, corners, errors_of, one_by_one, ranking, search, with_errors, wrong
 from noslip.outer.setting import default_spec, setting_of
 from noslip.readers.errors import BadInput
@@ -585,6 +587,26 @@ def test_command_hinf(capsys, tmp_path):
     assert (tmp_path / "figures" / "disturbances.png").read_bytes().startswith(b"\x89PNG")
     assert main(["outer-loop", "labmate", "--output", "type_iv_ellipse", *options]) == 0
     assert "norm from a disturbance/0.3 of v to error/0.1, rate/0.2, v/0.5: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("delay", [False, True])
+def test_the_eigenvalues_drawn_over_the_period_are_those_of_the_loop_asked_for(delay):
+    law = law_of(find_robot("labmate"), "type_iv_line")
+    gains = {"distance": Gains(2, 1.0, 2.5), "speed": Gains(1, 2.0)}
+    report = OuterLoopReport(law, default_spec("labmate", law), gains, Loops(0.05, delay), Required(), 0.2)
+    plane = draw_period(report).axes[0]
+    (dots,) = plane.collections
+    drawn, periods = dots.get_offsets() @ [1, 1j], np.asarray(dots.get_array()) / 1e3
+    own = drawn[periods == periods[-1]]
+    assert np.abs(np.sort_complex(own) - np.sort_complex(report.motion.eigenvalues(periods[-1], delay))).max() < 1e-9
+
+
+def test_a_law_that_is_singular_everywhere_offers_what_there_is(capsys):
+    """An extension helps the labmate; the bus, whose axles both steer, has none."""
+    for robot, L, offered in (("labmate", "-0.3", True), ("bus", "0", False)):
+        assert main(["outer-loop", robot, "--output", "type_iv_line", f"--L={L}"]) == 0
+        line = capsys.readouterr().out.splitlines()[-1]
+        assert "--L" in line and ("extension = true" in line) == offered
 
 
 def test_command_text_and_figures(capsys, tmp_path):

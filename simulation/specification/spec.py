@@ -522,7 +522,7 @@ class LimitsSection:
     may then be left out. With `notice_slip` the controller lowers mu where it notices that wheels slip.
 
     `integral`: maximum that integral action may add to a desired derivative (0: no limit), one or one for each output with ki.
-    `disturbance`: likewise what a disturbance observer may estimate, for outputs with ko.
+    `disturbance`: likewise what a disturbance observer may estimate, for outputs with ko. With either, torque may be left out.
     """
 
     torque: tuple[float, ...] | None = entry(one_or_more, None, "largest input of each motor, or one for all; 0: none")
