@@ -55,8 +55,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Plan through waypoints: a smooth curve through them is approximated by few lines and arcs.",
         epilog=EXAMPLE,
     )
-    way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
-    way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
+    _add_points(way)
     way.add_argument("--closed", action="store_true", help="return to the first waypoint")
     way.add_argument("--min-radius", type=quantity("m"), metavar="R", help="reject curves with a smaller radius, m")
     _add_segments(way)
@@ -67,8 +66,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Fit a course to the smooth curve through waypoints, and print it as the [reference] of a SPEC (m, rad).",
         epilog=EXAMPLE,
     )
-    way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
-    way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
+    _add_points(way)
     way.add_argument("--speed", type=quantity("m/s"), metavar="V", default=1.0, help="along it, m/s; default: 1")
     way.add_argument(
         "--rounding",
@@ -79,6 +77,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     )
     _add_common(way)
     way.set_defaults(run=_run_course)
+
+
+def _add_points(way: argparse.ArgumentParser) -> None:
+    way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
+    way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
 
 
 def _add_segments(parser: argparse.ArgumentParser) -> None:

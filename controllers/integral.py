@@ -94,14 +94,55 @@ def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw |
     return CompiledIntegral(ki, limit, scalar, c)
 
 
-class IntegralAction:
+class ActingRows:
+    """The outputs of a law that have a gain beside the law's own, by which a number is added to the desired derivative of highest
+    order, which the law adds to v.
+
+    `rows` (K): their names. `acting` (K): indices of the rows among the outputs; `desired` and `highest`: the indices in the
+    reference of their desired values and of the derivatives of highest order; `limit` (K): of what is added, 0 is none.
+    """
+
+    def __init__(self, law: ControlLaw, gains: Sequence[float], name: str, own: Mapping[str, float]):
+        """`gains` in the order of law.gains; `own` by name and row (ki_distance, ...), 0: none."""
+        rows, degree = law.output.rows, law.linearization.relative_degree
+        by_row = [own.get(f"{name}_{row.name}", 0.0) for row in rows]
+        self.acting = [k for k, value in enumerate(by_row) if value]
+        self.rows = tuple(rows[k].name for k in self.acting)
+        self.limit = [0.0] * len(self.rows)
+        self._own, self._degree = np.array([by_row[k] for k in self.acting]), degree
+        self._known = {gain.name: value for gain, value in zip(law.gains, gains, strict=True)}
+        names = [q.name for q in law.reference]
+        self.desired = [names.index(row) for row in self.rows]
+        self.highest = [entry + degree[k] for entry, k in zip(self.desired, self.acting, strict=True)]
+        self._angles = [rows[k].unit == "rad" for k in self.acting]
+
+    def added(self, reference: np.ndarray, add: np.ndarray) -> np.ndarray:
+        """Return the reference for the controller, in the order of law.reference, with `add` (K) added."""
+        if not self.rows:
+            return reference
+        made = reference.copy()
+        made[self.highest] += add
+        return made
+
+    def _set_limits(self, given: Sequence[float], where: str, requires: str) -> None:
+        """Set the limits: one, or one for each of the rows. Raises BadInput if they are negative, or as many as neither."""
+        if any(given) and not self.rows:
+            raise BadInput(f"[limits] {where} requires {requires}")
+        if len(given) not in (1, len(self.rows)):
+            raise BadInput(
+                f"[limits] {where} has {len(given)} numbers; it must have 1 or {len(self.rows)}: {', '.join(self.rows)}"
+            )
+        for value in given:
+            if not value >= 0:
+                raise BadInput(f"[limits] {where} = {value:g} must be nonnegative; 0 means no limit")
+        self.limit = [*given] * (len(self.rows) if len(given) == 1 else 1)
+
+
+class IntegralAction(ActingRows):
     """The outputs of a law that have integral action, and how it is added to the reference.
 
-    `rows` (K): their names, `ki` (K): their gains, 1/s^(k + 1) for relative degree k. ki z is added to the desired derivative of
-    highest order, which the law adds to v: the characteristic polynomial of the output becomes s^2 + kv s + ki, s^3 + kd s^2 +
-    kp s + ki, and likewise for longer chains. `acting` (K): indices of the rows among the outputs; `desired` and `highest`:
-    the indices in the reference of their desired values and of the derivatives of highest order; `limit` (K): of ki |z|, 0 is
-    none.
+    `ki` (K): their gains, 1/s^(k + 1) for relative degree k. ki z is added: the characteristic polynomial of the output becomes
+    s^2 + kv s + ki, s^3 + kd s^2 + kp s + ki, and likewise for longer chains. `limit` (K) is that of ki |z|.
     """
 
     def __init__(self, law: ControlLaw, gains: Sequence[float], ki: Mapping[str, float], limit: Sequence[float] = (0.0,)):
@@ -110,19 +151,11 @@ class IntegralAction:
 
         Raises BadInput for gains that are negative or make an output unstable, and for a wrong number of limits.
         """
-        names, degree = [row.name for row in law.output.rows], law.linearization.relative_degree
-        by_row = [ki.get(f"ki_{name}", 0.0) for name in names]
-        self.acting = [k for k, value in enumerate(by_row) if value]
-        self.rows = tuple(names[k] for k in self.acting)
-        self.ki = np.array([by_row[k] for k in self.acting])
-        known = {gain.name: value for gain, value in zip(law.gains, gains, strict=True)}
-        for k in self.acting:
-            _check(names[k], degree[k], by_row[k], known)
-        self.limit, self._law = _limits(limit, self.rows), law
-        names = [q.name for q in law.reference]
-        self.desired = [names.index(name) for name in self.rows]
-        self.highest = [entry + degree[k] for entry, k in zip(self.desired, self.acting, strict=True)]
-        self._angles = [law.output.rows[k].unit == "rad" for k in self.acting]
+        super().__init__(law, gains, "ki", ki)
+        self.ki, self._law = self._own, law
+        for row, k, value in zip(self.rows, self.acting, self.ki.tolist(), strict=True):
+            _check(row, self._degree[k], value, self._known)
+        self._set_limits(limit, "integral", "integral action: give a gain ki")
 
     def integrators(self, backend: str) -> list[OutputIntegral]:
         """Return one integrator for each of the rows, at zero."""
@@ -139,14 +172,6 @@ class IntegralAction:
             return np.zeros(len(self.rows))
         errors = reference[self.desired] - found.values["h"][self.acting]
         return np.array([math.remainder(e, 2 * math.pi) if a else e for e, a in zip(errors, self._angles, strict=True)])
-
-    def added(self, reference: np.ndarray, add: np.ndarray) -> np.ndarray:
-        """Return the reference for the controller, in the order of law.reference."""
-        if not self.rows:
-            return reference
-        made = reference.copy()
-        made[self.highest] += add
-        return made
 
 
 def hurwitz(coefficients: Sequence[float | np.ndarray]) -> np.ndarray:
@@ -180,14 +205,3 @@ def _check(row: str, degree: int, ki: float, gains: Mapping[str, float]) -> None
         )
     terms = " + ".join(f"{name} s^{order}" for order, name in reversed(list(enumerate(gain_names(degree), 1))))
     raise BadInput(f"gains: ki_{row} = {ki:g} makes {row} unstable: s^{degree + 1} + {terms} + ki; make it smaller")
-
-
-def _limits(given: Sequence[float], rows: Sequence[str]) -> list[float]:
-    if any(given) and not rows:
-        raise BadInput("[limits] integral requires integral action: give a gain ki")
-    if len(given) not in (1, len(rows)):
-        raise BadInput(f"[limits] integral has {len(given)} numbers; it must have 1 or {len(rows)}: {', '.join(rows)}")
-    for value in given:
-        if not value >= 0:
-            raise BadInput(f"[limits] integral = {value:g} must be nonnegative; 0 means no limit")
-    return [*given] * (len(rows) if len(given) == 1 else 1)

@@ -13,6 +13,7 @@ from ...model.law import gain_names
 from ...readers.errors import BadInput
 from .. import BACKENDS, SCALAR
 from ..controller import Controller
+from ..integral import ActingRows
 
 if TYPE_CHECKING:
     from ...model.law import ControlLaw
@@ -94,12 +95,10 @@ def make_observer(backend: str, rate: float, limit: float = 0.0) -> OutputObserv
     return CompiledObserver(rate, limit, SCALAR[backend])
 
 
-class DisturbanceObservers:
+class DisturbanceObservers(ActingRows):
     """The outputs of a law that have an observer, and how the estimates are subtracted.
 
-    `rows` (K): their names, `ko` (K): their rates, 1/s. Minus the estimate is added to the desired derivative of highest order,
-    which the law adds to v. `acting` (K): indices of the rows among the outputs; `highest` (K): indices in the reference of these
-    derivatives; `limit` (K): of the |estimate|, 0 is none.
+    `ko` (K): their rates, 1/s. Minus the estimate is added. `limit` (K) is that of the |estimate|.
     """
 
     def __init__(self, law: ControlLaw, gains: Sequence[float], ko: Mapping[str, float], limit: Sequence[float] = (0.0,)):
@@ -109,26 +108,13 @@ class DisturbanceObservers:
         Raises BadInput for rates that are negative, a wrong number of limits, and outputs whose last derivative below the
         relative degree is not measured.
         """
-        rows, self._degree = law.output.rows, law.linearization.relative_degree
-        by_row = [ko.get(f"ko_{row.name}", 0.0) for row in rows]
-        self.acting = [k for k, value in enumerate(by_row) if value]
-        self.rows = tuple(rows[k].name for k in self.acting)
-        self.ko = np.array([by_row[k] for k in self.acting])
-        for k in self.acting:
-            self._check(law, k, by_row[k])
-        if any(limit) and not self.rows:
-            raise BadInput("[limits] disturbance requires a disturbance observer: give a gain ko")
-        if len(limit) not in (1, len(self.rows)):
-            raise BadInput(f"[limits] disturbance has {len(limit)} numbers; it must have 1 or {len(self.rows)}")
-        if not all(value >= 0 for value in limit):
-            raise BadInput("[limits] disturbance must be nonnegative; 0 means no limit")
-        self.limit = [*limit] * (len(self.rows) if len(limit) == 1 else 1)
-        names = [q.name for q in law.reference]
-        known = {gain.name: value for gain, value in zip(law.gains, gains, strict=True)}
-        self._gains = [[known[f"{name}_{rows[k].name}"] for name in gain_names(self._degree[k])] for k in self.acting]
-        self._desired = [names.index(name) for name in self.rows]
-        self.highest = [entry + self._degree[k] for entry, k in zip(self._desired, self.acting, strict=True)]
-        self._angles = [rows[k].unit == "rad" for k in self.acting]
+        super().__init__(law, gains, "ko", ko)
+        self.ko = self._own
+        for k, value in zip(self.acting, self.ko.tolist(), strict=True):
+            self._check(law, k, value)
+        self._set_limits(limit, "disturbance", "a disturbance observer: give a gain ko")
+        named = zip(self.rows, self.acting, strict=True)
+        self._gains = [[self._known[f"{gain}_{row}"] for gain in gain_names(self._degree[k])] for row, k in named]
         self._rates = [sum(degree > 1 for degree in self._degree[:k]) for k in self.acting]  # where ydot has that of the row
 
     def _check(self, law: ControlLaw, k: int, ko: float) -> None:
@@ -156,17 +142,9 @@ class DisturbanceObservers:
         measured, v = [], []
         for i, k in enumerate(self.acting):
             y = [found.values["h"][k], *([found.values["ydot"][self._rates[i]]] if self._degree[k] > 1 else [])]
-            errors = reference[self._desired[i] : self.highest[i]] - y
+            errors = reference[self.desired[i] : self.highest[i]] - y
             if self._angles[i]:
                 errors[0] = math.remainder(errors[0], 2 * math.pi)
             measured.append(y[-1])
             v.append(reference[self.highest[i]] + errors @ self._gains[i])
         return np.array(measured), np.array(v)
-
-    def added(self, reference: np.ndarray, add: np.ndarray) -> np.ndarray:
-        """Return the reference for the controller, with minus the estimates (K) added."""
-        if not self.rows:
-            return reference
-        changed = reference.copy()
-        changed[self.highest] += add
-        return changed
