@@ -14,7 +14,7 @@ from ..model.paths import Path
 from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries, observer_entries
-from .drawing import at_times, draw_floor, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
+from .drawing import at_times, draw_floor, draw_implicit, evenly_spread, implicit_path, is_outline, legend_below, outlines
 from .engine.measured import SLIPS, FloorMeasurements
 from .guidance import vehicle_motion
 from .run import Run
@@ -307,7 +307,7 @@ def _draw_learned(axes: Axes, run: Run, bounds: Mapping[str, tuple[float, float]
         axes.plot(run.t, (used - low) / (high - low), color=colour, label=label)
         axes.axhline((true - low) / (high - low), color=colour, linestyle="--", linewidth=1.0)
     axes.set_ylabel("learned, 0 to 1:\nfrom bound to bound")
-    axes.legend(loc="best", fontsize=9, title="in use; dashed: true", title_fontsize=9)
+    legend_below(axes, fontsize=9, title="in use; dashed: true", title_fontsize=9)
 
 
 def _ahead_of_axle(run: Run) -> float:

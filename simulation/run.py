@@ -83,9 +83,10 @@ class Run(Outputs):
     @property
     def learned_parameters(self) -> list[tuple[Quantity, np.ndarray, float]]:
         """Return each parameter that [adaptation] learns, its values in use (N) and its true value, SI."""
-        names = list(self.spec.adaptation.bounds if self.spec.adaptation else ())
         truth = {p.name: (p, value) for p, value in zip(self.law.parameters, self.plant.parameters, strict=True)}
-        return [(truth[name][0], used, float(truth[name][1])) for name, used in zip(names, self.learned.T, strict=True)]
+        return [
+            (truth[name][0], used, float(truth[name][1])) for name, used in zip(self.spec.learned, self.learned.T, strict=True)
+        ]
 
     @property
     def columns(self) -> list[str]:
@@ -101,7 +102,7 @@ class Run(Outputs):
         names += [q.name for q in self.law.extension]
         names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
         names += ["believed_mu", "uncertain_heading", "uncertain_way"][: self.noticed.shape[1]]
-        names += [f"learned_{name}" for name in (self.spec.adaptation.bounds if self.spec.adaptation else ())]
+        names += [f"learned_{name}" for name in self.spec.learned]
         names += self.floor.columns(mechanism) if self.floor else []
         return [*names, "piece"] if self.composite else names
 

@@ -36,10 +36,9 @@ class Simulated:
         self.inputs, self.nominal = self._inputs.names, self._inputs.nominal
         self.table = self._inputs.table
         rows = [row.name for row in self.law.output.rows]
-        learned = list(spec.adaptation.bounds) if spec.adaptation else []
         self._pose = pose_coordinates(self.law.system) if spec.estimator else []
         members = {"final": rows, "peak": rows, "settling": rows, "effort": [q.name for q in self.law.system.mechanism.inputs]}
-        members |= {"end": self._inputs.state, "learned": learned}
+        members |= {"end": self._inputs.state, "learned": list(spec.learned)}
         self.outcomes = ["status", "t_end", "saturated", "integration_error"]
         self.outcomes += [f"{kind}.{name}" for kind, names in members.items() for name in names]
         self.outcomes += [*(["outside"] if spec.adaptation else []), *(["off"] if spec.estimator else [])]

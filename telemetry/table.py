@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model.mechanism import Quantity
+from ..model.mechanism import Quantity, quantity
 from ..readers.errors import BadInput
 from ..readers.tables import Column
 from ..simulation.contact import contact_forces
@@ -48,6 +48,8 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
     desired = [_optional(columns, f"desired_y{k + 1}", row.unit) for k, row in enumerate(rows)]
     commanded = {f"command_{v.name}": v.unit for v in system.quasi_velocities if velocity}
     commands = [columns[name].numbers(unit) for name, unit in commanded.items() if name in columns]
+    units = {p.name: p.unit for p in law.parameters}
+    learned = [quantity(f"learned_{name}", units[name]) for name in spec.learned]
     none, n = np.empty((len(t), 0)), len(system.mechanism.coordinates)
     return Run(
         spec=spec,
@@ -69,7 +71,7 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
         integral_rows=(),
         command=np.column_stack(commands) if commands else none,
         noticed=none,
-        learned=none,
+        learned=_columns(columns, learned, len(t)) if learned else none,
         use=_use(columns, plant, x, tau, spec),
         warnings=loop.warnings,
     )

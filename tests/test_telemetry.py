@@ -627,13 +627,13 @@ def test_a_logged_table_is_the_run_of_its_dump(parts, dumped, tmp_path):
         assert list(again.status) == list(run.status) and again.y[:, 0] == pytest.approx(run.y[:, 0], abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["line", "circle"])
+@pytest.mark.parametrize("name", ["line", "circle", "payload"])
 def test_a_simulated_table_is_its_run(name, tmp_path, capsys):
     """The columns of `noslip simulate` give every number of the run again."""
     run = simulate(read_varied(name, {"simulation.duration": 2.0}))
     (tmp_path / "run.csv").write_text(run.csv())
     again = run_of_table(read_table(tmp_path / "run.csv"), run.spec, "run.csv")
-    for part in ("t", "q", "nu", "tau", "y", "y_d", "config", "piece", "forces"):
+    for part in ("t", "q", "nu", "tau", "y", "y_d", "config", "piece", "forces", "learned"):
         assert getattr(again, part) == pytest.approx(getattr(run, part), abs=1e-12), part
     assert main(["view", str(tmp_path / "run.csv"), "--spec", name, "-o", str(tmp_path / "run.svg")]) == 0
     assert len((tmp_path / "run.svg").read_text()) > 20_000 and "labmate" in capsys.readouterr().out

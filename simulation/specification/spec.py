@@ -759,6 +759,11 @@ class Spec:
         return self.drive is not None and self.drive.kinematic
 
     @property
+    def learned(self) -> tuple[str, ...]:
+        """Names of the parameters that [adaptation] learns."""
+        return tuple(self.adaptation.bounds) if self.adaptation else ()
+
+    @property
     def law(self) -> str:
         """Name of the control law."""
         return self.output.law + KINEMATIC * self.kinematic
