@@ -63,7 +63,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
         status, tau = call.command(ki * state[n:m])
         if status not in RUNNING:
             raise Refused(status, t, state[:n])
-        return np.concatenate([loop.plant.rate(state[:n], tau), call.error(), loop.extension_rate])
+            return np.concatenate([loop.plant.rate(state[:n], tau, t), call.error(), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
     solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance)
@@ -188,7 +188,7 @@ def _hold(
         if left <= 0:
             return x
         h = min(h, left)
-        after, error = loop.drive.step(x, given, h, tolerance)
+        after, error = loop.drive.step(x, given, h, tolerance, t + duration - left)
         if not error <= 1:  # also when it is NaN
             if h <= SHORTEST and not np.isfinite(error):
                 raise Refused("nonfinite", t + duration - left, x)
@@ -204,7 +204,7 @@ def _crossing(loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.nda
     """Where a step of h seconds from x at t goes through the singular set."""
 
     def after(s: float) -> np.ndarray:
-        return loop.drive.step(x, given, s, tolerance)[0]
+        return loop.drive.step(x, given, s, tolerance, t)[0]
 
     s = _root(lambda s: loop.guidance.leg.side(np.append(after(s), xi)), h, SHORTEST)
     return Refused("singular", t + s, after(s))

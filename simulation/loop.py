@@ -37,6 +37,7 @@ from .drive import Drive, make_drive
 from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
 from .sensing import Estimating, Sensing, SlipSensing
+from .specification.given import at_start, known_functions
 from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
@@ -208,7 +209,8 @@ def make_loop(spec: Spec) -> Loop:
         check_keys(getattr(spec, where), names, where)
     check_units(spec, law)
     believed = np.array(mechanism.parameter_values(spec.parameters))
-    plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
+    given = known_functions(mechanism, spec.given, spec.simulation.duration)
+    plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"), given)
     used = believed.copy()
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
     limits, integral = _limits(spec, len(mechanism.inputs)), _integral(spec, law, gains)
@@ -514,19 +516,24 @@ def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
 
 
 def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
-    """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed."""
+    """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed; known functions have their values."""
     system = plant.system
-    n, dof = len(system.mechanism.coordinates), system.dof
+    n, dof, known = len(system.mechanism.coordinates), system.dof, at_start(system.mechanism, plant.given)
     if initial.q is not None:
         nu = (0.0,) * dof if initial.nu is None else initial.nu
         for name, given, needed in (("q", initial.q, n), ("nu", nu, dof)):
             if len(given) != needed:
                 raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {needed}")
-        return np.array([*initial.q, *nu])
+        for k, value in known.items():
+            if initial.q[k] not in (0.0, value):
+                name = system.mechanism.coordinates[k].name
+                raise BadInput(f"[initial] q: {name} is {initial.q[k]:g}, but {value:g} by [given]: write 0 or that")
+        return np.array([*(known.get(k, value) for k, value in enumerate(initial.q)), *nu])
     if system.mechanism.vehicle is None:
         raise BadInput(f"[initial] point: {system.mechanism.name} is not a vehicle (moves_in_plane); give q and nu instead")
     pose, speed = np.array([[*(initial.point or ()), initial.heading or 0.0]]), np.array([initial.speed or 0.0])
-    (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed)
+    begin = np.array([[known.get(k, 0.0) for k in range(n)]])
+    (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed, begin)
     for part, where in ((found[:n], "point and heading"), (found[n:], "speed")):
         if np.isnan(part).any():
             raise BadInput(f"[initial] {where}: the robot cannot reach this state; give q and nu instead")
