@@ -7,9 +7,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from casadi import cos, sin
-from noslip.analysis.underactuated import analyse_at_rest
 from noslip.cli.main import main
 from noslip.codegen.ekf.filter import why_no_filter
+from noslip.controllers.balance.steady import analyse_at_rest
 from noslip.identification.geometry import _Geometry
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.robots.labmate import labmate
