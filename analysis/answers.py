@@ -148,6 +148,8 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
     try:
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
+        if spec.feedback:
+            raise BadInput("[feedback]: starts are certified for laws of outputs; noslip analyse ROBOT judges its steady motions")
         refuse_extension(spec.law, "analyse --start")
         refuse_damping(spec.law, "analyse --start")
         if kind := spec.reference.moves:

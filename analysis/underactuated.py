@@ -35,9 +35,7 @@ def verdicts(rest: Steady) -> list[str]:
         + (f"; {counted(len(growing), 'mode')} of these grow{'s' * (len(growing) == 1)}" if growing else ""),
         f"zero dynamics with the velocities at the inputs held at 0 (collocated): {listed(zero)} 1/s, "
         + (
-            "unstable: holding these velocities alone makes the robot fall"
-            if np.any(zero.real > STILL)
-            else "none of them grows"
+            "unstable: holding these velocities alone makes the robot fall" if np.any(zero.real > STILL) else "none of them grows"
         ),
         rest.verdict,
     ]
@@ -57,8 +55,8 @@ def zero_modes(rest: Steady) -> np.ndarray:
 def run(
     balanced: Balanced, start: np.ndarray, duration: float, desired: Callable[[float], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return states of the rigid robot at the calls of a feedback, every PERIOD, (N, 2n-m), and inputs from there on, (N, r), from
-    `start`; `desired` is x_d(t). Ends early where the feedback returns an error, such as where the robot has fallen.
+    """Return states of the rigid robot at the calls of a feedback, every PERIOD, (N, 2n-m), and inputs from there on, (N, r),
+    from `start`; `desired` is x_d(t). Ends early where the feedback returns an error, such as where the robot has fallen.
     """
     steady = balanced.steady
     plant, x = Plant(steady.partial.system, steady.parameters), np.asarray(start, float)

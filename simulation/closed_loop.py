@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..controllers.controller import ON_TARGET
+from ..readers.errors import BadInput
 from .contact import contact_forces, grip
 from .engine.measured import FloorMeasurements
 from .guidance import outputs
@@ -27,6 +28,9 @@ def simulate(
     Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
+    if engine and (spec.feedback or spec.push):
+        what = "[feedback]: its scenes hold robots upright" if spec.feedback else "[[push]]"
+        raise BadInput(f"--engine {engine} does not have {what}; leave the engine out")
     loop = make_loop(spec)
     floor = None
     if engine:

@@ -102,7 +102,18 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
     """
     period = simulation.period
     xi = loop.extension
-    hold = hold or (lambda t, x, given, duration: _hold(loop, t, x, xi, given, duration, simulation.tolerance))
+    pushes = deque(sorted(loop.pushes, key=lambda push: push[0]))
+
+    def rolls(t: float, x: np.ndarray, given: np.ndarray, duration: float) -> np.ndarray:
+        """Move the plant, with the pushes that are due before the end."""
+        while pushes and pushes[0][0] < t + duration:
+            when, impulse = pushes.popleft()
+            before = max(when - t, 0.0)
+            x = loop.plant.pushed(_hold(loop, t, x, xi, given, before, simulation.tolerance), impulse)
+            t, duration = t + before, duration - before
+        return _hold(loop, t, x, xi, given, duration, simulation.tolerance)
+
+    hold = hold or rolls
     whole, rest = whole_periods(simulation.delay + loop.drive.delay, period)
     slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
     rows = iter(_row_times(simulation))

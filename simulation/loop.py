@@ -34,10 +34,15 @@ from ..readers.robots import find_robot, law_of
 from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .contact import friction_accelerations
 from .drive import Drive, make_drive
+from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
 from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
+<<<<<<< HEAD
 from .sensing import Estimating, Sensing, SlipSensing
 from .specification.given import at_start, known_functions
+=======
+from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
+>>>>>>> under
 from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
@@ -78,7 +83,8 @@ class Learning:
 @dataclass(frozen=True, eq=False)
 class Loop:
     """All parts of a run except time. `start` is the true state [q; nu] at t = 0, `extension` (k) the states of the law's dynamic
-    extension then; `warnings` are for the user.
+    extension then; `warnings` are for the user; `pushes` are times (s) and impulses (n-m) along the quasi-velocities, N s or
+    N m s.
 
     `believed`, `gains` and `limits` are those of the controller. Without sensing, the controller sees the true state.
     """
@@ -92,11 +98,12 @@ class Loop:
     start: np.ndarray
     integral: IntegralAction
     observers: DisturbanceObservers
-    sensing: Sensing | None
+    sensing: NoisyRates | None
     drive: Drive
     extension: np.ndarray
     learning: Learning | None = None
     warnings: tuple[str, ...] = ()
+    pushes: tuple[tuple[float, np.ndarray], ...] = ()
 
     @property
     def route(self) -> Route | None:
@@ -202,6 +209,8 @@ def make_loop(spec: Spec) -> Loop:
     a singular start.
     """
     mechanism = find_robot(spec.robot)
+    if spec.feedback:
+        return _feedback_loop(mechanism, spec)
     law = _law(mechanism, spec)
     _check_axle(law, spec)
     names = [p.name for p in law.parameters]
@@ -262,11 +271,52 @@ def make_loop(spec: Spec) -> Loop:
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
     memory = (integral, observers, sensing, drive, extension)
-    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, *memory, None, warnings)
+    pushes = _pushes(spec, plant)
+    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, *memory, None, warnings, pushes)
     _check_start(loop)
     if spec.adaptation:
         loop = replace(loop, learning=Learning(law, used, spec.adaptation, spec.simulation))
     return loop
+
+
+def _feedback_loop(mechanism: Mechanism, spec: Spec) -> Loop:
+    """Return the loop of a SPEC with [feedback]."""
+    for where in ("parameters", "plant"):
+        check_keys(getattr(spec, where), [p.name for p in mechanism.parameters], where)
+    believed = mechanism.parameter_values(spec.parameters)
+    balanced = feedback_of(mechanism, spec, believed)
+    law = feedback_law(balanced)
+    check_units(spec, law)
+    plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
+    desired = desired_of(balanced, spec)
+    start = start_of(spec, balanced, desired)
+    if start is None:
+        assert spec.initial is not None, "else the start is desired"
+        start = _start(spec.initial, plant, 0.0, 0.0)
+    sensing = NoisyRates(spec.sensors, law.system, start) if spec.sensors else None
+    parts = (
+        IntegralAction(law, [], {}),
+        DisturbanceObservers(law, [], {}),
+        sensing,
+        make_drive(None, spec.simulation, plant, law, np.array(believed)),
+    )
+    guidance = make_guidance(law, balanced, spec, desired)
+    pushes = _pushes(spec, plant)
+    loop = Loop(law, plant, np.array(believed), np.zeros(0), None, guidance, start, *parts, np.zeros(0), pushes=pushes)
+    status, _ = loop.command(0.0, loop.start, np.zeros(0), np.zeros(0))
+    if status == "astray":
+        raise BadInput("[initial]: the robot has fallen at the start: a coordinate is more than 1.57 (m or rad) off; move it")
+    _check_start(loop)
+    return loop
+
+
+def _pushes(spec: Spec, plant: Plant) -> tuple[tuple[float, np.ndarray], ...]:
+    """Return times and impulses of the pushes of a SPEC. Raises BadInput for an unknown quasi-velocity."""
+    names = [q.name for q in plant.system.quasi_velocities]
+    for k, push in enumerate(spec.push):
+        if push.on not in names:
+            raise BadInput(f"push[{k}] on = {push.on!r} is no quasi-velocity of the robot; these are {', '.join(names)}")
+    return tuple((push.time, push.impulse * np.eye(len(names))[names.index(push.on)]) for push in spec.push)
 
 
 def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:

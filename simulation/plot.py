@@ -25,6 +25,7 @@ SECOND = "#8a4fa3"  # second colour beside POINT
 COLOURS = (POINT, SECOND, AXLE, VEHICLE)
 WIDE = 170  # characters per line of the title
 OUTLINES, APART = 6, 2.5  # largest number of drawn vehicles, and their smallest distance, m
+STAYS = 0.3  # m: a vehicle that ends so near to its start is drawn once
 TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after a full turn it is where it was before
 
 
@@ -143,7 +144,9 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     if run.stopped:
         label = f"stopped at {run.t[-1]:.4g} s: {run.stopped}"
         axes.plot(*p_l[-1], "X", color=STOP, markersize=11, label=label, zorder=6)
-    if run.spec.output.own and are_places(run):
+    if run.spec.feedback and are_places(run):
+        _draw_desired(axes, run)
+    elif run.spec.output.own and are_places(run):
         _draw_places(axes, run, SECOND)
     if run.spec.output.type == "I":
         axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired $P_l$", zorder=0)
@@ -182,10 +185,14 @@ def are_places(run: Run) -> bool:
 def _draw_places(axes: Axes, run: Run, colour: str) -> None:
     """Draw the first two outputs against each other, and their desired values."""
     first, second, *_ = run.law.output.rows
-    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired", zorder=0)
+    _draw_desired(axes, run)
     axes.plot(*run.y[:, :2].T, color=colour, label=f"{first.name}, {second.name}", zorder=2.7)
     square: dict[str, Any] = {"markersize": 7, "markerfacecolor": "white", "markeredgewidth": 2}
     axes.plot(*run.y[0, :2], "s", color=colour, **square, label=f"start of {first.name}, {second.name}")
+
+
+def _draw_desired(axes: Axes, run: Run) -> None:
+    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired", zorder=0)
 
 
 def _make_square(axes: Axes) -> None:
@@ -225,6 +232,8 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
     way = place[: turned[0]] if len(turned) else place
     length = np.hypot(*np.diff(way, axis=0).T).sum()
     instants = np.unique(evenly_spread(way, int(np.clip(1 + length / APART, 2, OUTLINES))))
+    if len(instants) == 2 and np.hypot(*(way[-1] - way[0])) < STAYS:  # the later one would hide the first
+        instants = instants[:1]
     forward = np.column_stack([np.cos(heading), np.sin(heading)])[instants]
     left = forward[:, ::-1] * (-1.0, 1.0)
     lines = outlines(run.law.system.mechanism, run.q[instants], run.plant.parameters)

@@ -188,6 +188,6 @@ def design(
     limit: float | Sequence[float] = np.inf,
 ) -> Balanced:
     """Return the feedback of an LQR; see `Steady.lqr` and `Steady.without`, whose errors it raises."""
-    steady.check_names(without)
-    gains, _ = steady.lqr(weights, effort)
-    return Balanced(steady, steady.without(gains, *without), limit)
+    gains, _ = steady.lqr(weights, effort, without)
+    used = [name for name in without if np.abs(gains[:, steady.names.index(name)]).max() > 0.0]
+    return Balanced(steady, steady.without(gains, *used) if used else gains, limit)

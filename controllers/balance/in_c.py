@@ -8,9 +8,9 @@ import numpy as np
 
 from ...codegen.printing.layout import WIDTH, aside, fill, guard_name
 from ...codegen.printing.scalar import SCALARS, Scalar
-from ..runtime import InC, declarations, load
 from ...readers.errors import BadInput
-from .feedback import Balanced, Feedback
+from ..runtime import InC, declarations, load
+from .feedback import Balanced
 
 HEADER = "noslip_balance.h"
 STATES, SEED, FAR = 200, 0, 2.0  # of a comparison; largest deviation of its states, SI: some have fallen

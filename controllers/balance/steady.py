@@ -4,10 +4,10 @@ A steady motion is a relative equilibrium: the quasi-velocities, the inputs and 
 constant, the others, such as the place, go on. Deviations of a place in the plane are taken in axes along the desired heading; a
 robot whose equations do not depend on where it is then has a linearization with constant coefficients in a circle too.
 
-By numbers, at given parameters. A mode of the linearized robot that no input moves is found as a part of the state space orthogonal
-to all that the inputs reach (R. E. Kalman, Mathematical description of linear dynamical systems, 1963). One that grows cannot be
-stabilized. One at 0 is left by every linear feedback: it may be an integral of the motion, or a place that only manoeuvres reach,
-because rolling is nonholonomic.
+By numbers, at given parameters. A mode of the linearized robot that no input moves is found as a part of the state space
+orthogonal to all that the inputs reach (R. E. Kalman, Mathematical description of linear dynamical systems, 1963). One that grows
+cannot be stabilized. One at 0 is left by every linear feedback: it may be an integral of the motion, or a place that only
+manoeuvres reach, because rolling is nonholonomic.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -35,8 +35,9 @@ class Steady:
     """The robot linearized about a steady motion, dx/dt = A x + B tau with x = [q; nu] and tau as deviations from it.
 
     The motion begins at q (n, pose 0 unless at rest) with nu (n-m); `rates` (n) are those of the coordinates there, `tau` (r) the
-    inputs. `reached` are orthonormal columns that span what the inputs reach, `lost` those of the rest. `modes` of what is
-    reached, `unreached` of the rest: 1/s.
+    inputs. `constant` are the numbers of the coordinates that it must hold, as the equations depend on them. `reached` are
+    orthonormal columns that span what the inputs reach, `lost` those of the rest. `modes` of what is reached, `unreached` of the
+    rest: 1/s.
     """
 
     partial: PartialLinearization = field(repr=False)
@@ -45,6 +46,7 @@ class Steady:
     rates: tuple[float, ...]
     parameters: tuple[float, ...]
     tau: tuple[float, ...]
+    constant: tuple[int, ...]
     A: np.ndarray
     B: np.ndarray
     reached: np.ndarray
@@ -116,15 +118,18 @@ class Steady:
         parts = [*alone, *([f"combinations of {', '.join(mixed)}"] if mixed else [])]
         return f" ({'; '.join(parts)})" if parts else ""
 
-    def lqr(self, weights: Mapping[str, float], effort: float | Sequence[float] = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    def lqr(
+        self, weights: Mapping[str, float], effort: float | Sequence[float] = 1.0, without: Sequence[str] = ()
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return K, r x (2n-m), of tau = tau_e - K (x - x_e), which minimizes the integral of sum(weight_i x_i^2) and
         sum(effort_j tau_j^2) over what the inputs reach, and X, (2n-m) x (2n-m): the least cost from x is (x - x_e)' X (x - x_e).
 
-        `weights` by the name of a state; those not named have 0. Raises BadInput for an unknown name, a weight that is negative
-        or an effort that is not positive, for weights that leave a mode that grows or rests unseen, and for a motion that is not
-        stabilizable.
+        `weights` by the name of a state; those not named have 0. States named in `without` on which nothing depends, such as
+        angles of wheels, are left out of it: they go where they go. Raises BadInput for an unknown name, a weight that is
+        negative or an effort that is not positive, for weights that leave a mode that grows or rests unseen, and for a motion
+        that is not stabilizable.
         """
-        self.check_names(weights)
+        self.check_names([*weights, *without])
         if not self.stabilizable:
             raise BadInput(f"lqr: {self.verdict}")
         for name, weight in weights.items():
@@ -133,7 +138,10 @@ class Steady:
         R = np.atleast_1d(np.asarray(effort, float)) * np.ones(self.B.shape[1])
         if not np.all((R > 0.0) & (R < np.inf)):
             raise BadInput("lqr: effort must be positive and finite, one number or one for each input")
-        T = self.reached
+        kept = [k for k, name in enumerate(self.names) if name not in without or np.abs(self.A[:, k]).max() > REACHED]
+        T = np.zeros_like(self.A)[:, : len(kept)]
+        T[kept] = np.eye(len(kept))
+        T = T @ reached_and_lost(self.A[np.ix_(kept, kept)], self.B[kept])[0]
         Q = T.T @ np.diag([weights.get(name, 0.0) for name in self.names]) @ T
         A, B = T.T @ self.A @ T, T.T @ self.B
         try:
@@ -155,8 +163,6 @@ class Steady:
         wheels where the position is known. Raises BadInput for an unknown name, and if no others tell as much.
         """
         self.check_names(names)
-        if not names:
-            return K
         kept = [k for k, name in enumerate(self.names) if name not in names]
         own, gains = K @ self.reached, np.zeros_like(K)
         gains[:, kept] = own @ np.linalg.pinv(self.reached[kept])
@@ -185,17 +191,15 @@ def analyse_steady(robot: Mechanism, motion: Mapping[str, float], parameters: Se
     """Return the robot in the steady motion in which these quasi-velocities and coordinates have these values, SI; the others are
     found by Newton's method from 0, as near to 0 as possible; with parameters (its defaults), SI. Without any it is at rest.
 
-    Raises BadInput for unknown names, and for coordinates that go on in every motion; ModelError if the robot is not underactuated
-    and if no such motion is found.
+    Raises BadInput for unknown names, and for coordinates that go on in every motion; ModelError if the robot is not
+    underactuated and if no such motion is found.
     """
     if not motion:
         return analyse_at_rest(robot, None, parameters)
     partial = _partial(robot, "its steady motions depend on the place")
     p, system, n = _parameters(robot, parameters), partial.system, len(robot.coordinates)
-    tau = ca.SX.sym("tau", len(robot.inputs))
-    x = ca.vertcat(robot.q, system.nu)
-    rate = ca.vertcat(system.qdot, system.acceleration(tau))
-    constant = _constant(partial, ca.Function("rate", [x, tau], [ca.substitute(rate, robot.p, ca.DM(p))]), len(robot.inputs))
+    x, tau, rate = _equations(partial)
+    constant = _constant(partial, p)
     names = [quantity.name for quantity in system.state]
     allowed = [*(names[k] for k in constant), *names[n:]]
     for name in motion:
@@ -229,24 +233,33 @@ def _parameters(robot: Mechanism, parameters: Sequence[float] | None) -> list[fl
     return robot.parameter_values({}) if parameters is None else [float(each) for each in parameters]
 
 
-def _constant(partial: PartialLinearization, rate: ca.Function, inputs: int) -> list[int]:
+def _equations(partial: PartialLinearization) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return the state [q; nu], the inputs and the rate of the state."""
+    system = partial.system
+    tau = ca.SX.sym("tau", len(system.mechanism.inputs))
+    return ca.vertcat(system.mechanism.q, system.nu), tau, ca.vertcat(system.qdot, system.acceleration(tau))
+
+
+def _constant(partial: PartialLinearization, p: Sequence[float]) -> list[int]:
     """Return the coordinates that a steady motion must hold: those on which the rates depend, seen from the vehicle; found at
     random states.
     """
     system, random = partial.system, np.random.default_rng(0)
     n, pose = len(system.mechanism.coordinates), system.mechanism.pose_numbers
-    slope = rate.jacobian()
+    x, u, expression = _equations(partial)
+    numbers = ca.substitute(expression, system.mechanism.p, ca.DM(p))
+    rate = ca.Function("rate", [x, u], [numbers, ca.jacobian(numbers, system.mechanism.q)])
     depends = np.zeros(n, bool)
     for _ in range(SAMPLES):
-        state, tau = random.uniform(-1.0, 1.0, n + system.dof), random.uniform(-1.0, 1.0, inputs)
+        state, tau = random.uniform(-1.0, 1.0, n + system.dof), random.uniform(-1.0, 1.0, u.numel())
         if pose:
-            x, y, heading = pose
+            along, aside, heading = pose
             elsewhere, state[pose] = state.copy(), 0.0
-            here, there = (rate(each, tau).full().ravel() for each in (state, elsewhere))
+            here, there = (rate(each, tau)[0].full().ravel() for each in (state, elsewhere))
             s, c = np.sin(elsewhere[heading]), np.cos(elsewhere[heading])
-            there[[x, y]] = c * there[x] + s * there[y], c * there[y] - s * there[x]
+            there[[along, aside]] = c * there[along] + s * there[aside], c * there[aside] - s * there[along]
             depends[pose] |= not np.abs(there - here).max() <= RESTS * max(1.0, np.abs(here).max())
-        found = np.abs(slope(state, tau, 0)[0].full()[:, :n]).max(axis=0)
+        found = np.abs(rate(state, tau)[1].full()).max(axis=0)
         depends |= (found > RESTS) & ~np.isin(np.arange(n), pose)
     return [int(k) for k in np.flatnonzero(depends)]
 
@@ -254,8 +267,7 @@ def _constant(partial: PartialLinearization, rate: ca.Function, inputs: int) -> 
 def _linearized(partial: PartialLinearization, state: np.ndarray, tau: np.ndarray, p: list[float]) -> Steady:
     """Return the robot linearized about a motion, in axes that turn with it."""
     system, robot = partial.system, partial.system.mechanism
-    x, u = ca.vertcat(robot.q, system.nu), ca.SX.sym("tau", len(tau))
-    rate = ca.vertcat(system.qdot, system.acceleration(u))
+    x, u, rate = _equations(partial)
     linear = ca.Function("linear", [x, u, robot.p], [ca.jacobian(rate, x), ca.jacobian(rate, u), system.qdot])
     A, B, rates = (each.full() for each in linear(state, tau, p))
     refuse_undefined(robot, A, B, rates)
@@ -267,7 +279,8 @@ def _linearized(partial: PartialLinearization, state: np.ndarray, tau: np.ndarra
     n = len(robot.coordinates)
     q, nu, qdot = (tuple(map(float, each)) for each in (state[:n], state[n:], rates.ravel()))
     of = modes(reached.T @ A @ reached), modes(lost.T @ A @ lost)
-    return Steady(partial, q, nu, qdot, tuple(p), tuple(map(float, tau)), A, B, reached, lost, *of)
+    constant = tuple(_constant(partial, p))
+    return Steady(partial, q, nu, qdot, tuple(p), tuple(map(float, tau)), constant, A, B, reached, lost, *of)
 
 
 def _tidy(gains: np.ndarray) -> np.ndarray:
