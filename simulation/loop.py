@@ -127,9 +127,9 @@ class Loop:
         if self.learning:
             self.learning.step(t, self.seen(x), self.guidance.leg.controller)
 
-    def call(self, t: float, x: np.ndarray, xi: np.ndarray) -> "Call":
+    def call(self, t: float, x: np.ndarray, xi: np.ndarray) -> "ControllerCall":
         """Return what a call of the controller at time t in state x sees; `xi`: states of the dynamic extension, if any."""
-        return Call(self, t, x, xi)
+        return ControllerCall(self, t, x, xi)
 
     def reference(self, t: float, seen: np.ndarray) -> np.ndarray:
         """Return the reference for a state that the controller sees; the speed along a path is less where slip was noticed."""
@@ -160,7 +160,7 @@ class Loop:
         return not self.sensing and self.guidance.leg.side(np.append(x, xi)) <= 0
 
 
-class Call:
+class ControllerCall:
     """A call of the controller: the state `seen`, the `reference` and the law's outputs there are found once.
 
     `add` is the value of integral action for each output that has it, `less` minus the estimate for each that has an observer.
