@@ -53,17 +53,15 @@ class Plant:
         """
         return self._rows("power", x, tau)[:, 0]
 
-<<<<<<< HEAD
     def ground_power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return the power of the drives of moving surfaces alone, -lambda' b, W, for each row of x and tau."""
         return self._rows("ground_power", x, tau)[:, 0]
-=======
+
     def pushed(self, x: np.ndarray, impulse: np.ndarray) -> np.ndarray:
         """Return the state after an impulse (n-m) along the quasi-velocities, N s or N m s."""
         after = x.copy()
         after[-self.system.dof :] += self._rows("jump", x, impulse)[0]
         return after
->>>>>>> under
 
     def slip(self, x: np.ndarray) -> np.ndarray:
         """Return A qdot - b, the residual of the constraints (2), for each row of x; b is zero unless surfaces move."""
@@ -112,13 +110,9 @@ def functions(system: ReducedSystem, given: Given = ()) -> dict[str, ca.Function
     impulse = ca.SX.sym("impulse", system.dof)
     others = {
         "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
-<<<<<<< HEAD
         "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot) + ground)]),
         "ground_power": ca.Function("ground_power", [x, tau, p], [ca.densify(ground)]),
-=======
-        "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot))]),
         "jump": ca.Function("jump", [x, impulse, p], [ca.densify(solve(system.Mbar, impulse))]),
->>>>>>> under
         "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot - mechanism.surface_velocity)]),
         "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
         "shift": ca.Function("shift", [x, p], [ca.densify(ca.vec(ca.densify(shift_by_forces(mechanism))))]),
