@@ -63,7 +63,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
         status, tau = call.command(ki * state[n:m])
         if status not in RUNNING:
             raise Refused(status, t, state[:n])
-            return np.concatenate([loop.plant.rate(state[:n], tau, t), call.error(), loop.extension_rate])
+        return np.concatenate([loop.plant.rate(state[:n], tau, t), call.error(), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
     solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance)

@@ -37,12 +37,8 @@ from .drive import Drive, make_drive
 from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
 from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
-<<<<<<< HEAD
-from .sensing import Estimating, Sensing, SlipSensing
-from .specification.given import at_start, known_functions
-=======
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
->>>>>>> under
+from .specification.given import at_start, known_functions
 from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
