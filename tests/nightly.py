@@ -27,7 +27,7 @@ NIGHTLY = {
     "test_batch": (
         r"friction_is_that_of_simulate\[fastest\]",
         r"are_the_runs_of_simulate\[(fastest|sensed|approached)\]",
-        r"are_the_runs_of_simulate\[(circle|float|heading|approach|led point|fastest in float)\]",
+        r"are_the_runs_of_simulate\[(circle|float|heading|approach|led point|fastest in float|observed.*)\]",
         r"chunks_and_threads\[circle\]",
     ),
     "test_bits": (r"test_bits\[(cortex-m4f (clang|arm-none-eabi-gcc -O(2 |s\]))|rv32imafc|.* clang -O|.*-mavx2)",),
