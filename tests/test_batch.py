@@ -101,7 +101,7 @@ def fastest(backend="c"):
 def observed(made, backend="c", torque=(9.0,)):
     """With disturbance observers, integral action of the other output, and limits of both that are reached."""
     limits = LimitsSection(torque=torque, integral=(0.05,), disturbance=(0.1,))
-    simulation = replace(made.simulation, backend=backend)
+    simulation = replace(made.simulation, backend=backend, duration=1.5 * made.simulation.duration)
     return replace(made, gains=made.gains | {"ko_distance": 2.0, "ki_speed": 0.2}, limits=limits, simulation=simulation)
 
 

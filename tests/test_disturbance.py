@@ -222,11 +222,12 @@ def test_a_limit_of_the_estimate_requires_no_torques():
 @pytest.mark.parametrize("target", ["m4f", "rv32"])
 def test_processors_have_the_bits_of_this_host_in_float(target):
     skip_without(TARGETS[ON_TARGET[target]].missing())
-    limits = LimitsSection(torque=(6.0,), disturbance=(0.02,))
-    spec = spec_of(CIRCLE, duration=0.6, plant={"m_c": 60.0}, limits=limits, gains={"ko": 4.0, "ki_speed": 0.2})
+    limits, beside = LimitsSection(torque=(6.0,), disturbance=(0.02,)), Initial(point=(30.5, 20.0), heading=1.57, speed=4.0)
+    gains = {"ko": 4.0, "ki_speed": 0.2}
+    spec = spec_of(CIRCLE, duration=1.0, plant={"m_c": 60.0}, limits=limits, gains=gains, initial=beside)
     here, there = simulate(spec, backend="cf"), simulate(spec, backend=target)
     assert np.array_equal(here.disturbance, there.disturbance) and np.array_equal(here.tau, there.tau)
-    assert {"ok", "saturated"} <= set(here.status) and np.abs(here.disturbance[-1]).max() > 0
+    assert "saturated" in here.status and np.abs(here.disturbance[-1]).max() > 0
 
 
 def test_the_longest_period_does_not_depend_on_a_fast_observer():
