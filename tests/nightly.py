@@ -21,6 +21,7 @@ NIGHTLY = {
         r"test_battery\[(turtlebot3_waffle_pi type_i|pioneer_3dx type_ii|(f1tenth|forklift) type_iv_line)\]",
         r"test_battery\[tractor_trailer:(1 type_ii|4 type_i)\]",
         r"test_battery\[(bus type_iv_circle|castor_platform type_iv_circle)\]",
+        r"test_battery\[labmate type_i(v_segment_damped|v_circle_extended|_kinematic)\]",
         r"passes_its_own_test\[((tractor_trailer|car)-|ball_plate-generic)",
         r"energy_is_the_work_done\[(tractor_trailer:4|turtlebot3_waffle_pi|f1tenth|forklift|castor_platform)\]",
     ),
