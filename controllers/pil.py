@@ -113,7 +113,7 @@ class Session:
             raise self._fault(f"sends an initial answer of {len(sizes)} bytes")
         self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", sizes), strict=True))
         counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals", "approach": "approaches"}
-        counts |= {"slip": "slips", "velocity": "velocities", "dynamics": "dynamics"}
+        counts |= {"slip": "slips", "velocity": "velocities", "dynamics": "dynamics", "disturbance": "disturbances"}
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
     @property
@@ -333,7 +333,7 @@ class TargetRuntime(Runtime):
 
     inputs = {  # 2 for the others
         **{"path_look": 4, "path_update": 4, "odometry_pose": 0, "odometry_unwind": 0},
-        **{"integral_step": 3, "approach_init": 3, "approach_start": 3, "slip_trust": 0},
+        **{"integral_step": 3, "approach_init": 3, "approach_start": 3, "slip_trust": 0, "disturbance_step": 4},
         **{"velocity_init": 3, "velocity_set_vehicle": 1, "velocity_reset": 1, "velocity_step": 4, "velocity_follow": 4},
     }
     kinds = {"profile": "path"}  # of an object that shares the numbers, and the segments, of others

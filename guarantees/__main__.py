@@ -36,6 +36,8 @@ CHECKS: dict[str, Callable[[Task], str]] = {
     "fuzz": fuzz.fuzz,
 }
 
+MORE = ("type_iv_segment_damped",)  # of laws whose C has functions that no law in generated/ has
+
 
 def checked(name: str, task: Task) -> tuple[str, str]:
     """Run a check; return its result (holds, FAILED or skipped) and its message."""
@@ -60,7 +62,8 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     if unknown := [name for name in arguments.names if name not in CHECKS]:
         parser.error(f"unknown check {unknown[0]}; known are {', '.join(CHECKS)}")
-    task = Task(Path(arguments.out).resolve(), short=arguments.short, update=arguments.update)
+    more = () if arguments.short else MORE
+    task = Task(Path(arguments.out).resolve(), short=arguments.short, update=arguments.update, more=more)
     ends: list[str] = []
     for name in arguments.names or CHECKS:
         began = time.monotonic()

@@ -106,7 +106,7 @@ class AnalysedProgram:
         """The C files to analyse."""
         suffix = SCALARS[self.scalar][0]
         more = [task.generated / f"labmate{suffix}.c"] if self.law else []
-        more += [task.generated / f"{self.law}{suffix}.c"] if self.source == "law" else []
+        more += [task.law_file(f"{self.law}{suffix}.c")] if self.source == "law" else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
         more += [task.runtime / "noslip_watchdog.c"] if self.source in ("drives", "follower") else []

@@ -12,10 +12,10 @@ BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers generate
 MOST_STACK, MOST_OF_LARGE = 384, 512  # bytes; LARGE
 LARGE = ("_follower_", "_ekf_")
 EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
-MODULES = """
-    adaptation approach balance course disturbance odometry ekf encoder integral motor
-    nearest_angle profile reversing slip velocity
-""".split()
+MODULES = (
+    *("adaptation", "approach", "balance", "course", "disturbance", "ekf", "encoder", "integral", "motor", "nearest_angle"),
+    *("odometry", "profile", "reversing", "slip", "velocity"),
+)
 IN_HEADERS = tuple(f"noslip_{name}" for name in MODULES)
 
 

@@ -13,7 +13,9 @@ from typing import TypeVar
 
 import noslip
 
+from ..codegen.files import robot_files
 from ..codegen.targets import STANDARD, TABLE, flags
+from ..readers.robots import find_robot, law_of, system_of
 
 ROOT = Path(noslip.__file__).resolve().parent
 HERE = Path(__file__).resolve().parent
@@ -33,12 +35,15 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """Arguments of a check: the C, the working folder, short or complete version, whether to record a new budget."""
+    """Arguments of a check: the C, the working folder, short or complete version, whether to record a new budget; `more`: laws of
+    the shipped robot that are generated for the check, beside those of its committed C.
+    """
 
     folder: Path
     root: Path = ROOT
     short: bool = False
     update: bool = False
+    more: tuple[str, ...] = ()
 
     @property
     def runtime(self) -> Path:
@@ -53,18 +58,23 @@ class Task:
     @property
     def include(self) -> list[str]:
         """Flags that find the headers."""
-        folders = (self.runtime, self.generated, self.root / "firmware", self.root / "firmware/boards")
+        folders = (self.runtime, *self._of_laws, self.root / "firmware", self.root / "firmware/boards")
         return [f"-I{folder}" for folder in folders]
+
+    @property
+    def _of_laws(self) -> list[Path]:
+        """The folders with generated C."""
+        return [self.generated, *([_written(self.folder / "laws", self.generated.name, self.more)] if self.more else [])]
 
     @property
     def sources(self) -> list[Path]:
         """All C sources."""
-        return [*_c_files(self.runtime), *_c_files(self.generated)]
+        return [path for folder in (self.runtime, *self._of_laws) for path in _c_files(folder)]
 
     @property
     def lanes(self) -> list[Path]:
         """The C sources of the batch laws, which firmware does not need."""
-        return _c_files(self.generated / "lanes")
+        return [path for folder in self._of_laws for path in _c_files(folder / "lanes")]
 
     @property
     def float_sources(self) -> list[Path]:
@@ -79,12 +89,17 @@ class Task:
 
     @property
     def laws(self) -> list[str]:
-        """The laws' names in C, without the scalar."""
-        return [path.stem for path in _c_files(self.generated) if "_type_" in path.stem and not path.stem.endswith("_f")]
+        """The laws' names in C, without the scalar; `more` are before the last, which has `follow` and is the follower's."""
+        own = [path.stem for path in _c_files(self.generated) if "_type_" in path.stem and not path.stem.endswith("_f")]
+        return [*own[:-1], *(f"{self.generated.name}_{name}" for name in self.more), *own[-1:]]
+
+    def law_file(self, name: str) -> Path:
+        """Return the path of a file of a law."""
+        return next(path for folder in self._of_laws if (path := folder / name).exists())
 
     def follows(self, law: str) -> bool:
         """Whether the law has the step function `follow`, which takes the foot on a path."""
-        return f"int {law}_follow(" in (self.generated / f"{law}.h").read_text()
+        return f"int {law}_follow(" in self.law_file(f"{law}.h").read_text()
 
     def driver(self, law: str, suffix: str, text: str) -> str:
         """Return C that includes a file written for any law, for one law: see tests/c/law_names.h."""
@@ -138,6 +153,17 @@ TARGETS = {target.name: target for target in (HOST, M4F)}
 
 def _c_files(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.c"))
+
+
+@cache
+def _written(folder: Path, robot: str, names: tuple[str, ...]) -> Path:
+    """Write the C of laws of a shipped robot into a folder, with that of their batch laws; return the folder."""
+    system = system_of(find_robot(robot))
+    for name, text in robot_files(system, [law_of(system, law) for law in names], dynamics=False, lanes=True).items():
+        if "_type_" in name:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+    return folder
 
 
 @cache

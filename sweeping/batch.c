@@ -11,6 +11,7 @@
 #include "noise.h"
 #include "noslip_angle.h"
 #include "noslip_approach.h"
+#include "noslip_disturbance.h"
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
 #include "noslip_profile.h"
@@ -109,6 +110,10 @@ typedef struct loop {
 #endif
 #if BATCH_INTEGRALS
     BATCH_RUNTIME(noslip_integral) integral[BATCH_INTEGRALS];
+#endif
+#if BATCH_OBSERVERS
+    BATCH_RUNTIME(noslip_disturbance) observer[BATCH_OBSERVERS];
+    int observed;              /* the piece of the path at the last call */
 #endif
     batch_outcome *outcome;
     double *errors;            /* errors at the settings' instants */
@@ -638,17 +643,15 @@ static void look(loop *self, double t)
 
 #if BATCH_INTEGRALS
 static const int row_of_integral[BATCH_INTEGRALS] = BATCH_INTEGRAL_ROWS;
-static const int highest[BATCH_INTEGRALS] = BATCH_HIGHEST;
 
-/* Adds the integral action. Desired headings are already those nearest to the state. */
-static int integrate(loop *self, const seen_state *state, reference_values *reference)
+/* Adds the integral action to the highest derivatives desired of each row; `all` is NULL if the law has an error. Desired headings
+ * are already those nearest to the state. */
+static int integrate(loop *self, const BATCH_LAW(_evaluation) *all, double desired[BATCH_ROWS])
 {
-    BATCH_LAW(_evaluation) all;
-    const int good = BATCH_LAW(_evaluate)(&self->law, &state->named, &reference->named, &all) == NOSLIP_OK;
     int i;
     for (i = 0; i < BATCH_INTEGRALS; i++) {
         const int row = row_of_integral[i];
-        const double error = good ? self->reference[reference_of_row[row]] - all.h[row] : 0;
+        const double error = all ? self->reference[reference_of_row[row]] - all->h[row] : 0;
         BATCH_REAL added;
         int status;
         status = BATCH_RUNTIME(noslip_integral_step)(&self->integral[i], (BATCH_REAL)error,
@@ -656,9 +659,76 @@ static int integrate(loop *self, const seen_state *state, reference_values *refe
         if (status < 0) {
             return status;
         }
-        reference->at[highest[i]] = (BATCH_REAL)(self->reference[highest[i]] + added);
+        desired[row] += added;
     }
     return NOSLIP_OK;
+}
+#endif
+
+#if BATCH_OBSERVERS
+static const int row_of_observer[BATCH_OBSERVERS] = BATCH_OBSERVER_ROWS;
+static const int rate_of_observer[BATCH_OBSERVERS] = BATCH_OBSERVER_RATES; /* where ydot has that of the row; -1: degree 1 */
+static const int gain_of_observer[BATCH_OBSERVERS] = BATCH_OBSERVER_GAINS; /* the first of the row */
+
+/* Adds minus the estimates of disturbances; see integrate. */
+static int observe(loop *self, const BATCH_LAW(_evaluation) *all, double desired[BATCH_ROWS])
+{
+    int i, before = self->status;
+#if BATCH_ROUTE
+    before = self->piece == self->observed ? before : NOSLIP_SATURATED; /* another output: nothing to compare with */
+    self->observed = self->piece;
+#endif
+    for (i = 0; i < BATCH_OBSERVERS; i++) {
+        const int row = row_of_observer[i];
+        const double *wanted = &self->reference[reference_of_row[row]], *gain = &self->sample->gains[gain_of_observer[i]];
+        double measured = 0, v = 0;
+        BATCH_REAL added;
+        int status;
+        if (all) {
+            measured = all->h[row];
+            v = gain[0] * (wanted[0] - measured);
+#if BATCH_RATES
+            if (rate_of_observer[i] >= 0) {
+                measured = all->ydot[rate_of_observer[i]];
+                v += gain[1] * (wanted[1] - measured);
+            }
+#endif
+            v += desired[row];
+        }
+        status = BATCH_RUNTIME(noslip_disturbance_step)(&self->observer[i], (BATCH_REAL)measured, (BATCH_REAL)v,
+                                                        (BATCH_REAL)self->sample->period, before, &added);
+        if (status < 0) {
+            return status;
+        }
+        desired[row] += added;
+    }
+    return NOSLIP_OK;
+}
+#endif
+
+#if BATCH_INTEGRALS || BATCH_OBSERVERS
+/* Adds what acts beside the law to the reference that it receives. */
+static int act_beside(loop *self, const seen_state *state, reference_values *reference)
+{
+    static const int highest[BATCH_ROWS] = BATCH_HIGHEST;
+    BATCH_LAW(_evaluation) found;
+    const BATCH_LAW(_evaluation) *all =
+        BATCH_LAW(_evaluate)(&self->law, &state->named, &reference->named, &found) == NOSLIP_OK ? &found : NULL;
+    double desired[BATCH_ROWS];
+    int row, status = NOSLIP_OK;
+    for (row = 0; row < BATCH_ROWS; row++) {
+        desired[row] = self->reference[highest[row]];
+    }
+#if BATCH_INTEGRALS
+    status = integrate(self, all, desired);
+#endif
+#if BATCH_OBSERVERS
+    status = status < 0 ? status : observe(self, all, desired);
+#endif
+    for (row = 0; row < BATCH_ROWS; row++) {
+        reference->at[highest[row]] = (BATCH_REAL)desired[row];
+    }
+    return status;
 }
 #endif
 
@@ -758,8 +828,8 @@ static int command(loop *self, double t, double given[BATCH_GIVEN])
     for (i = 0; i < BATCH_REFERENCE; i++) {
         reference.at[i] = (BATCH_REAL)self->reference[i];
     }
-#if BATCH_INTEGRALS
-    status = integrate(self, &state, &reference);
+#if BATCH_INTEGRALS || BATCH_OBSERVERS
+    status = act_beside(self, &state, &reference);
     if (status < 0) {
         return self->status = status;
     }
@@ -1738,6 +1808,13 @@ static int start(loop *self, double longest, double nudge)
         status = BATCH_RUNTIME(noslip_integral_init)(&self->integral[i], (BATCH_REAL)sample->ki[i],
                                                      (BATCH_REAL)sample->integral_limit[i]);
     }
+#endif
+#if BATCH_OBSERVERS
+    for (i = 0; i < BATCH_OBSERVERS && status >= 0; i++) {
+        status = BATCH_RUNTIME(noslip_disturbance_init)(&self->observer[i], (BATCH_REAL)sample->ko[i],
+                                                        (BATCH_REAL)sample->disturbance_limit[i]);
+    }
+    self->observed = 0;
 #endif
     if (status >= 0) {
         status = begin(self);

@@ -39,6 +39,8 @@ typedef struct batch_sample {
     double mu, margin, share, height; /* of the floor, see noslip_friction; mu 0: not known */
     double ki[BATCH_INTEGRALS + 1];
     double integral_limit[BATCH_INTEGRALS + 1];
+    double ko[BATCH_OBSERVERS + 1]; /* 1/s: rates of disturbance observers */
+    double disturbance_limit[BATCH_OBSERVERS + 1];
     double offset[BATCH_REFERENCE]; /* reference: offset + slope t */
     double slope[BATCH_REFERENCE];
     double acceleration[BATCH_APPROACHES + 1], jerk[BATCH_APPROACHES + 1], settling; /* see noslip_approach_init */

@@ -101,6 +101,7 @@ class Batch:
             profile=len(spec.output.segments) if spec.reference.profiled else 0,
             approach=spec.reference.approach is not None,
             integrals=self.loop.integral.rows,
+            observers=self.loop.observers.rows,
             notices=self._notices,
             accelerates=spec.sensors is not None and spec.sensors.accelerometer is not None,
             drive=drive,
@@ -205,9 +206,11 @@ class Batch:
             made[group] = np.column_stack([given[f"{where}.{p.name}"] for p in mechanism.parameters])
         for k, gain in enumerate(law.gains):
             made["gains"][:, k] = given[f"gains.{gain.name}"]
-        for k, row in enumerate(self.loop.integral.rows):
-            made["ki"][:, k] = given[f"gains.ki_{row}"]
-        for name, where in (("limit", "limits.torque"), ("integral_limit", "limits.integral"), ("mean", "sensors.noise.mean"),
+        for name, rows in (("ki", self.loop.integral.rows), ("ko", self.loop.observers.rows)):
+            for k, row in enumerate(rows):
+                made[name][:, k] = given[f"gains.{name}_{row}"]
+        for name, where in (("limit", "limits.torque"), ("integral_limit", "limits.integral"),
+                            ("disturbance_limit", "limits.disturbance"), ("mean", "sensors.noise.mean"),
                             ("sd", "sensors.noise.sd")):  # fmt: skip
             for k in range(made[name].shape[1]):
                 made[name][:, k] = given.get(f"{where}[{k}]", 0.0)
@@ -348,6 +351,7 @@ class Batch:
                 good &= (made["correction_rate"] > 0) & (made["release"] > 0)
             for k, row in enumerate(self.loop.integral.rows):
                 good &= self._stable(row, made["ki"][:, k], made)
+            good &= (made["ko"] >= 0).all(axis=1)
         return np.where(good, 0, self._program.lib.NOSLIP_BAD_PARAMETER)
 
     def _stable(self, row: str, ki: np.ndarray, made: np.ndarray) -> np.ndarray:

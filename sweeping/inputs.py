@@ -134,14 +134,15 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     mechanism = law.system.mechanism
     names = [p.name for p in law.parameters]
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
-    if any(observer_entries(law, spec.gains).values()):
-        raise BadInput("gains: ko: a sweep has no disturbance observers; leave it out, or take ki")
-    ki = {name: value for name, value in integral_entries(law, spec.gains).items() if value}
+    ki, ko = (
+        {name: value for name, value in entries(law, spec.gains).items() if value}
+        for entries in (integral_entries, observer_entries)
+    )
     parameters = mechanism.parameter_values(spec.parameters)
     changed: dict[str, Any] = {
         "parameters": dict(zip(names, parameters, strict=True)),
         "plant": dict(zip(names, loop.plant.parameters.tolist(), strict=True)),
-        "gains": dict(zip([gain.name for gain in law.gains], gains, strict=True)) | ki,
+        "gains": dict(zip([gain.name for gain in law.gains], gains, strict=True)) | ki | ko,
     }
     if spec.output.own:
         given = values_of(list(law.config), spec.output.parameters, "[output] parameters")
@@ -162,9 +163,10 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
         elif initial.state is None:
             changed["initial"] = replace(initial, heading=initial.heading or 0.0, speed=initial.speed or 0.0)
     if spec.limits:
-        count, integrals = len(mechanism.inputs), len(ki)
+        count = len(mechanism.inputs)
         torque = None if spec.kinematic else _spread(spec.limits.torque or (0.0,), count)
-        changed["limits"] = replace(spec.limits, torque=torque, integral=_spread(spec.limits.integral, integrals))
+        integral, disturbance = _spread(spec.limits.integral, len(ki)), _spread(spec.limits.disturbance, len(ko))
+        changed["limits"] = replace(spec.limits, torque=torque, integral=integral, disturbance=disturbance)
     if spec.sensors:
         noise = NoiseSection(**{name: _spread(getattr(spec.sensors.noise, name), law.system.dof) for name in ("mean", "sd")})
         changed["sensors"] = replace(spec.sensors, noise=noise)

@@ -31,8 +31,8 @@ VECTORS: tuple[tuple[str, int, str], ...] = (
 @dataclass(frozen=True)
 class LoopParts:
     """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the number of its segments
-    if its speed has a profile; an approach; outputs with integral action, by name; a gyro that notices slip, and an
-    accelerometer; and its drives, one of DRIVES.
+    if its speed has a profile; an approach; outputs with integral action, and with a disturbance observer, by name; a gyro that
+    notices slip, and an accelerometer; and its drives, one of DRIVES.
     """
 
     sensed: bool = False
@@ -41,6 +41,7 @@ class LoopParts:
     profile: int = 0
     approach: bool = False
     integrals: tuple[str, ...] = ()
+    observers: tuple[str, ...] = ()
     notices: bool = False
     accelerates: bool = False
     drive: str = "torque"
@@ -144,7 +145,8 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
     degree, rows = law.linearization.relative_degree, law.output.rows
     names = [q.name for q in law.reference]
     entries = [names.index(row.name) for row in rows]
-    acting = [k for k, row in enumerate(rows) if row.name in parts.integrals]
+    acting, observed = ([k for k, row in enumerate(rows) if row.name in chosen] for chosen in (parts.integrals, parts.observers))
+    rate_of = [sum(d > 1 for d in degree[:k]) if degree[k] > 1 else -1 for k in observed]
     angles = [k for k, row in enumerate(rows) if row.unit == "rad" and not parts.route]
     suffix = f"##{own.suffix}" if own.suffix else ""
     known = {
@@ -175,7 +177,12 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
         "ANGLE_ROWS": _list(angles),
         "INTEGRALS": len(acting),
         "INTEGRAL_ROWS": _list(acting),
-        "HIGHEST": _list([entries[k] + degree[k] for k in acting]),
+        "OBSERVERS": len(observed),
+        "OBSERVER_ROWS": _list(observed),
+        "OBSERVER_RATES": _list(rate_of),
+        "OBSERVER_GAINS": _list([sum(degree[:k]) for k in observed]),
+        "RATES": int(any(d > 1 for d in degree)),
+        "HIGHEST": _list([entry + d for entry, d in zip(entries, degree, strict=True)]),
         "SINGLE": int(bool(own.suffix)),
         "DAMPED": int(law.output.band is not None),
         "SENSED": int(parts.sensed),

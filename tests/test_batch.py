@@ -98,6 +98,13 @@ def fastest(backend="c"):
     return replace(made, output=output, initial=start, sensors=sensors, limits=limits, simulation=simulation)
 
 
+def observed(made, backend="c", torque=(9.0,)):
+    """With disturbance observers, integral action of the other output, and limits of both that are reached."""
+    limits = LimitsSection(torque=torque, integral=(0.05,), disturbance=(0.1,))
+    simulation = replace(made.simulation, backend=backend, duration=1.5 * made.simulation.duration)
+    return replace(made, gains=made.gains | {"ko_distance": 2.0, "ki_speed": 0.2}, limits=limits, simulation=simulation)
+
+
 LED = Reference(speed=1.5, deceleration=1.0, approach=ApproachSection(acceleration=0.5))
 TURNING = ApproachSection(acceleration=0.5, angular=1.0, jerk=2.0)
 BESIDE, GAINS = Initial(point=(0.3, 0.4), heading=0.1, speed=0.2), {"kp": 1.0, "kd": 2.0}
@@ -108,7 +115,9 @@ KINDS = {  # name -> SPEC and how many samples
     "sensed": (sensed, 8),
     "encoders": (lambda: sensed(2000, duration=1.5), 4),
     "float": (lambda: sensed(backend="cf"), 4),
-    "route": (route, 3),
+    "route": (lambda: replace(route(), gains={"kp": 4.0, "kd": 5.0, "kv": 3.0, "ko": 2.0}), 3),
+    "observed": (lambda: observed(spec()), 4),
+    "observed in float": (lambda: observed(route(), "cf", None), 2),
     "heading": (headed, 4),
     "grip": (lambda: gripping(torque=(4.0,)), 4),
     "approach": (lambda: gripping("cf", ApproachSection(acceleration=0.3)), 4),
@@ -156,7 +165,9 @@ def test_samples_are_the_runs_of_simulate(kind):
         np.testing.assert_allclose(found["final"], run.error[-1], **near)
         np.testing.assert_allclose(found["peak"], np.abs(run.error).max(axis=0), **near)
         np.testing.assert_allclose(columns(batch, outcomes, "end", state)[k], run.x[-1], **near)
-        assert batch.status(outcomes[k, 0]) == ("arrived" if kind in ("route", "approached") else run.status[-1])
+        assert batch.status(outcomes[k, 0]) == (
+            "arrived" if kind in ("route", "approached", "observed in float") else run.status[-1]
+        )
         last = [run.t[np.abs(e) > module.BAND].max(initial=0.0) for e in run.error.T]
         np.testing.assert_array_equal(columns(batch, outcomes, "settling", rows)[k], last)
         for i, instant in enumerate((0.5, 1.234)):

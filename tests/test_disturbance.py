@@ -7,9 +7,10 @@ import control
 import numpy as np
 import pytest
 from noslip.controllers.compiled import CompiledController
-from noslip.controllers.controller import BACKENDS
+from noslip.controllers.controller import BACKENDS, ON_TARGET
 from noslip.controllers.estimation.disturbance import CompiledObserver, Observer, make_observer
 from noslip.controllers.runtime import runtime
+from noslip.controllers.targets import TARGETS
 from noslip.outer.channel import Channel
 from noslip.outer.design import from_poles
 from noslip.outer.motion import SteadyMotion, steady_motion
@@ -19,6 +20,7 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import DriveSection, Initial, LimitsSection, Spec, read_spec
 from noslip.tests.test_guidance import ARC_LINE_ARC, composite
 from noslip.tests.test_simulate import SPECS
+from noslip.tests.tools import skip_without
 from scipy.linalg import expm
 
 HEADER = "noslip_disturbance.h"
@@ -218,16 +220,14 @@ def test_a_limit_of_the_estimate_requires_no_torques():
 
 
 @pytest.mark.parametrize("target", ["m4f", "rv32"])
-def test_processors_refuse_it(target):
-    """When the SPEC is read, before a law is derived or anything is built."""
-    refused = f"run on the backends c, cf and casadi, not on {target}"
-    with pytest.raises(BadInput, match=refused):
-        make_observer(target, 1.0)
-    swayed = spec_of(CIRCLE)
-    with pytest.raises(BadInput, match=refused):
-        replace(swayed, simulation=replace(swayed.simulation, backend=target))
-    none = replace(swayed, gains={"ko": 0.0})
-    assert replace(none, simulation=replace(none.simulation, backend=target)).gains == {"ko": 0.0}
+def test_processors_have_the_bits_of_this_host_in_float(target):
+    skip_without(TARGETS[ON_TARGET[target]].missing())
+    limits, beside = LimitsSection(torque=(6.0,), disturbance=(0.02,)), Initial(point=(30.5, 20.0), heading=1.57, speed=4.0)
+    gains = {"ko": 4.0, "ki_speed": 0.2}
+    spec = spec_of(CIRCLE, duration=1.0, plant={"m_c": 60.0}, limits=limits, gains=gains, initial=beside)
+    here, there = simulate(spec, backend="cf"), simulate(spec, backend=target)
+    assert np.array_equal(here.disturbance, there.disturbance) and np.array_equal(here.tau, there.tau)
+    assert "saturated" in here.status and np.abs(here.disturbance[-1]).max() > 0
 
 
 def test_the_longest_period_does_not_depend_on_a_fast_observer():

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 from noslip.guarantees import budget, eva, fuzz, instructions, memory, timing, tools
-from noslip.guarantees.__main__ import CHECKS, checked
+from noslip.guarantees.__main__ import CHECKS, MORE, checked
 from noslip.guarantees.headers import headers
 from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Machine, Missing, Task
+from noslip.tests.tools import need
 
 # test_runtime.py has the others already, test_faults.py the faults
 SHORT = [name for name in CHECKS if name not in ("symbols", "sizes", "warnings", "warnings-m4f", "faults")]
@@ -40,6 +41,19 @@ def test_a_tool_that_does_not_end_is_a_failure(monkeypatch):
     monkeypatch.setattr(tools, "TIMEOUT", 0.1)
     with pytest.raises(Failed, match=r"sleep has not ended after 0.1 s"):
         tools.attempt(["sleep", "60"])
+
+
+@pytest.mark.nightly
+def test_eva_proves_damped_laws_and_finds_what_is_wrong_within_the_band(tmp_path):
+    need("frama-c")
+    task, law = Task(tmp_path, more=MORE), f"labmate_{MORE[0]}"
+    program, source = eva.AnalysedProgram("law", "float", law), task.law_file(f"{law}_f.c")
+    proved, wrong = eva.analyse(task, program)
+    assert proved > 10 and not wrong
+    head, within, body = source.read_text().rpartition(f"{law}_step_near_f_law(const")
+    assert head and "tau[1] =" in body
+    source.write_text(head + within + body.replace("tau[1] =", "tau[2] =", 1))
+    assert any("accessing out of bounds index" in line or "out of bounds" in line for line in eva.analyse(task, program)[1])
 
 
 # -- what must be refused ---------------------------------------------------------------------------------------------

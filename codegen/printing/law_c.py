@@ -425,9 +425,9 @@ class LawC(ProgramC[Program]):
         return "admit_both" if entry.takes is Group.REFERENCE else "admit"
 
     def _admitted(self, entry: Entry) -> dict[str, str]:
-        """Return the checked arguments with their declarations; `self` is const."""
-        declared = self.parameters(entry)
-        return {name: declared[name] for name in ("self", "foot", "state", "reference") if name in declared}
+        """Return the checked arguments with their declarations, those that the entry point reads; `self` is const."""
+        declared, read = self.parameters(entry), {"self", *(group for group, _ in self._inputs(entry))}
+        return {name: declared[name] for name in ("self", "foot", "state", "reference") if name in declared and name in read}
 
     def _admits(self) -> list[str]:
         """Return the functions that check the arguments of entry points, except the virtual input, each once."""

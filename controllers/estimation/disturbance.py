@@ -11,12 +11,12 @@ import numpy as np
 
 from ...model.law import gain_names
 from ...readers.errors import BadInput
-from .. import BACKENDS, SCALAR
 from ..controller import Evaluation
 from ..integral import ActingRows
 
 if TYPE_CHECKING:
     from ...model.law import ControlLaw
+    from ..runtime import Runtime
 
 HEADER = "noslip_disturbance.h"
 MOST_DEGREE = 2  # above, a derivative that is observed is computed from the model
@@ -59,17 +59,17 @@ class Observer:
 class CompiledObserver:
     """The same by the C, in double or float. Raises BadInput if the C returns an error."""
 
-    def __init__(self, rate: float, limit: float = 0.0, scalar: str = "double"):
+    def __init__(self, rate: float, limit: float = 0.0, scalar: str = "double", c: Runtime | None = None):
         from ..runtime import runtime  # slow to import
 
-        self._runtime, self._scalar, self._lock = runtime(HEADER), scalar, Lock()
-        self._self, self._add = self._runtime.new("noslip_disturbance", scalar), self._runtime.array(scalar, [0.0])
+        self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
+        self._self, self._add = self._runtime.new("noslip_disturbance", scalar), self._runtime.array(scalar, [-0.0])
         self._call("init", float(rate), float(limit))
 
     @property
     def estimate(self) -> float:
         """Of the disturbance."""
-        return self._self.estimate
+        return -self._add[0]
 
     def step(self, measured: float, v: float, dt: float, status: str) -> float:
         """See OutputObserver.step."""
@@ -81,18 +81,17 @@ class CompiledObserver:
         self._runtime.call("disturbance observer", f"noslip_disturbance_{name}", self._scalar, self._self, *arguments)
 
 
-def check_backend(backend: str) -> None:
-    """Raise BadInput for a backend that has no disturbance observers."""
-    if backend not in BACKENDS:
-        raise BadInput(f"gains: ko: disturbance observers run on the backends c, cf and casadi, not on {backend}")
+def make_observer(backend: str, rate: float, limit: float = 0.0, law: ControlLaw | None = None) -> OutputObserver:
+    """Return an observer for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
-
-def make_observer(backend: str, rate: float, limit: float = 0.0) -> OutputObserver:
-    """Return an observer for a backend: casadi in Python, c and cf by the C. Raises BadInput for another backend."""
+    Raises BadInput for an unknown backend.
+    """
     if backend == "casadi":
         return Observer(rate, limit)
-    check_backend(backend)
-    return CompiledObserver(rate, limit, SCALAR[backend])
+    from ..backends import runtime_of  # slow to import
+
+    c, scalar = runtime_of(backend, HEADER, law)
+    return CompiledObserver(rate, limit, scalar, c)
 
 
 class DisturbanceObservers(ActingRows):
@@ -109,7 +108,7 @@ class DisturbanceObservers(ActingRows):
         relative degree is not measured.
         """
         super().__init__(law, gains, "ko", ko)
-        self.ko = self._own
+        self.ko, self._law = self._own, law
         for k, value in zip(self.acting, self.ko.tolist(), strict=True):
             self._check(law, k, value)
         self._set_limits(limit, "disturbance", "a disturbance observer: give a gain ko")
@@ -130,7 +129,7 @@ class DisturbanceObservers(ActingRows):
 
     def observers(self, backend: str) -> list[OutputObserver]:
         """Return one observer for each of the rows, with an estimate of 0."""
-        return [make_observer(backend, ko, limit) for ko, limit in zip(self.ko, self.limit, strict=True)]
+        return [make_observer(backend, ko, limit, self._law) for ko, limit in zip(self.ko, self.limit, strict=True)]
 
     def seen(self, found: Evaluation, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return y^(r-1) (K) as the law evaluates it, and v (K) without the estimates, as it computes it; zeros if it returns an

@@ -11,7 +11,8 @@ static int hello(pil *self)
                              sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
                              PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
                              PIL_INTEGRALS,            PIL_APPROACHES,              PIL_SLIPS,
-                             PIL_SEGMENTS,             PIL_VELOCITIES,              PIL_DYNAMICS_COUNT};
+                             PIL_SEGMENTS,             PIL_VELOCITIES,              PIL_DYNAMICS_COUNT,
+                             PIL_DISTURBANCES};
     self->output.hello = hello_answer;
     return NOSLIP_OK;
 }
@@ -107,7 +108,7 @@ static int path_update(pil *self)
                                 self->input.seen.heading, self->input.seen.forward_speed, &self->output.guide);
 }
 
-/* -- dead reckoning, integral action ----------------------------------------------------------------------------------- */
+/* -- dead reckoning, integral action, disturbance observers ----------------------------------------------------------- */
 
 static int odometry_init(pil *self)
 {
@@ -150,6 +151,19 @@ static int integral_step(pil *self)
                                               self->input.sample.status, &self->output.integral.add);
     self->output.integral.z = integral->z;
     return status;
+}
+
+static int disturbance_init(pil *self)
+{
+    return noslip_disturbance_init_f(&self->disturbances[self->request.object], self->input.disturbance.rate,
+                                     self->input.disturbance.limit);
+}
+
+static int disturbance_step(pil *self)
+{
+    return noslip_disturbance_step_f(&self->disturbances[self->request.object], self->input.observed.measured,
+                                     self->input.observed.v, self->input.observed.dt, self->input.observed.status,
+                                     &self->output.added);
 }
 
 /* -- the approach of a path -------------------------------------------------------------------------------------------- */
@@ -312,6 +326,8 @@ static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_VELOCITY_RESET] = {velocity_reset, TAKES(nu), 0, PIL_VELOCITIES},
     [PIL_OP_VELOCITY_STEP] = {velocity_step, TAKES(drive), GIVES(command), PIL_VELOCITIES},
     [PIL_OP_VELOCITY_FOLLOW] = {velocity_follow, TAKES(drive), GIVES(command), PIL_VELOCITIES},
+    [PIL_OP_DISTURBANCE_INIT] = {disturbance_init, TAKES(disturbance), 0, PIL_DISTURBANCES},
+    [PIL_OP_DISTURBANCE_STEP] = {disturbance_step, TAKES(observed), GIVES(added), PIL_DISTURBANCES},
 #ifdef PIL_DYNAMICS
     [PIL_OP_DYNAMICS_INIT] = {dynamics_init, TAKES(params), 0, PIL_DYNAMICS_COUNT},
     [PIL_OP_DYNAMICS_ACCELERATION] = {dynamics_acceleration, TAKES(moved), GIVES(acceleration), PIL_DYNAMICS_COUNT},

@@ -1,5 +1,5 @@
 /*
- * pil.h - processor in the loop: a law, paths and their speed profiles, approaches, odometry, integral action, noticing slip and
+ * pil.h - processor in the loop: a law, paths and their speed profiles, approaches, odometry, integral action, disturbance observers, noticing slip and
  * commands of velocity drives on a target, called by a computer that simulates the vehicle.
  *
  * A call is a request and an answer, both of 32-bit words in the byte order of the target, with structs as they are in memory. The
@@ -14,6 +14,7 @@
 #define PIL_H
 
 #include "noslip_approach.h"
+#include "noslip_disturbance.h"
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
@@ -30,6 +31,7 @@
 #define PIL_PATHS 16
 #define PIL_ODOMETRIES 16
 #define PIL_INTEGRALS 64
+#define PIL_DISTURBANCES 64
 #define PIL_APPROACHES 16
 #define PIL_SLIPS 16
 #define PIL_VELOCITIES 16
@@ -70,6 +72,8 @@ enum {
     PIL_OP_VELOCITY_FOLLOW,  /* desired, nu, status, dt -> command */
     PIL_OP_DYNAMICS_INIT,    /* params -> */
     PIL_OP_DYNAMICS_ACCELERATION, /* state, tau -> qdot, nudot */
+    PIL_OP_DISTURBANCE_INIT, /* rate, limit -> */
+    PIL_OP_DISTURBANCE_STEP, /* measured, v, dt, status -> minus the estimate */
     PIL_OPERATIONS
 };
 
@@ -100,7 +104,7 @@ typedef struct {
 typedef struct {
     uint32_t params, config, gains, options, state, reference, evaluation, inputs;
     uint32_t segment, path_options, guide, odometry_options;
-    uint32_t laws, paths, odometries, integrals, approaches, slips, segments, velocities, dynamics;
+    uint32_t laws, paths, odometries, integrals, approaches, slips, segments, velocities, dynamics, disturbances;
 } pil_hello;
 
 typedef union {
@@ -153,6 +157,13 @@ typedef union {
         float error, dt;
         int32_t status;
     } sample;
+    struct {
+        float rate, limit;
+    } disturbance;
+    struct {
+        float measured, v, dt;
+        int32_t status;
+    } observed;
     struct {
         float acceleration, settling, jerk;
     } approach;
@@ -224,6 +235,7 @@ typedef union {
     struct {
         float add, z;
     } integral;
+    float added;
     float command[NOSLIP_VELOCITIES];
 #ifdef PIL_DYNAMICS
     struct {
@@ -244,6 +256,7 @@ typedef struct {
     noslip_segment_f segments[PIL_PATHS][PIL_SEGMENTS];
     noslip_odometry_f odometries[PIL_ODOMETRIES];
     noslip_integral_f integrals[PIL_INTEGRALS];
+    noslip_disturbance_f disturbances[PIL_DISTURBANCES];
     noslip_approach_f approaches[PIL_APPROACHES];
     noslip_profile_f profiles[PIL_PATHS];
     float squares[PIL_PATHS][PIL_SEGMENTS];

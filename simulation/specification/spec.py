@@ -719,10 +719,6 @@ class Spec:
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
     def __post_init__(self):
-        if any(rate for name, rate in self.gains.items() if name[:2] == "ko"):
-            from ...controllers.estimation.disturbance import check_backend  # slow to import
-
-            check_backend(self.simulation.backend)
         if self.sensors and not self.simulation.period:
             raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
         if self.drive and self.drive.takes_velocity and not self.simulation.period:
