@@ -105,12 +105,18 @@ def _extension_functions(law: ControlLaw) -> tuple[ca.Function, np.ndarray]:
     return portable(law.at_state(rate, ca.vec(ca.densify(slope)))), ca.DM(slope.sparsity(), 1).full() != 0
 
 
+@lru_cache(maxsize=16)
+def _mapped(function: ca.Function, count: int) -> ca.Function:
+    """Return the function of `count` columns of arguments at once: it takes longer to make than to evaluate."""
+    return function.map(count)
+
+
 def _rows(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """Return the results of a function for each row of its arguments, (N, .) each, without the copies of a call of CasADi."""
     given = [np.ascontiguousarray(argument, float) for argument in arguments]
     made = [np.empty((len(given[0]), function.numel_out(k))) for k in range(function.n_out())]
     buffer: Any
-    buffer, evaluate = function.map(len(given[0])).buffer()
+    buffer, evaluate = _mapped(function, len(given[0])).buffer()
     for k, argument in enumerate(given):
         buffer.set_arg(k, argument.data)
     for k, result in enumerate(made):

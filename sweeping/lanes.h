@@ -60,7 +60,7 @@ typedef struct lanes_kit {
     const char *name;
     int width;
     /* Integrates x for `duration` seconds in `count` steps; if `weight` is not 0, also with half the steps, and adds `weight` times
-     * the largest difference to the error. Lanes that are not fine stay where they are. */
+     * the largest difference to the error. Lanes that are not fine stay where they are; those of runs that have ended need not. */
     void (*hold)(lanes_group *group, double duration, int count, double weight);
     /* Where nothing else belongs to the loop: the inputs by the law, the outcomes at an output time, and those of inputs that act. */
     void (*step)(lanes_group *group, double t, double *given);
