@@ -190,6 +190,8 @@ def _aligned(rows: list[list[str]]) -> str:
 
 def _rates(result: dict) -> str:
     generated = f"generation of all laws, both scalars, from process start: {result['generation']['seconds']} s\n"
+    cold = ", ".join(f"{robot} {seconds}" for robot, seconds in result["generation"]["cold_processor_seconds"].items())
+    generated += f"without a cache, processor seconds: {cold}\n"
     simulated = dict(result["simulation"])
     if not simulated:
         return generated

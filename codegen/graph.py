@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from math import frexp, isqrt
+from operator import attrgetter
 from typing import TypeGuard, TypeVar, cast
 
 import casadi as ca
@@ -49,6 +50,7 @@ SINCOS = (Operation.SIN, Operation.COS)
 ARITHMETIC = OPERATIONS[: OPERATIONS.index(Operation.SIN)]  # infinite or NaN if an argument is, except a denominator
 FUNCTIONS = OPERATIONS[OPERATIONS.index(Operation.EXP) :]  # in noslip_functions.h; each returns NaN for NaN
 COMMUTATIVE = (Operation.ADD, Operation.MUL)
+BY_ORDER = attrgetter("order")
 
 
 class Group(StrEnum):
@@ -288,7 +290,7 @@ def reachable(roots: Iterable[Node]) -> list[Node]:
         if node not in seen:
             seen.add(node)
             stack.extend(node.arguments)
-    return sorted(seen, key=lambda node: node.order)
+    return sorted(seen, key=BY_ORDER)
 
 
 def executed(roots: Iterable[Node]) -> list[Node]:

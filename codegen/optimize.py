@@ -7,7 +7,7 @@ The results are rounded in the order in which they are then written in C; nothin
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from itertools import combinations
 from math import prod
 
@@ -72,6 +72,8 @@ class Optimizer:
         self.labels = labels
         self.order = PASSES if order is None else order
         self.kept = kept
+        self._terms_of: dict[Product, tuple[Node | None, tuple[Node, ...]]] = {}
+        self._in_order: set[tuple[Node, bool]] = set()  # products that remain what they are when made again, and if shared
 
     def _name(self, old: Node, sign: int, new: Node) -> Signed:
         """Give the name of the old node to the new one, which has the same value."""
@@ -173,8 +175,10 @@ class Optimizer:
 
     def _term(self, sign: int, node: Node) -> Term:
         if isinstance(node, Product):
-            known = [argument for argument in node.arguments if argument.fixed]
-            return Term(sign, known[0] if known else None, tuple(a for a in node.arguments if not a.fixed))
+            if node not in self._terms_of:
+                known = next((argument for argument in node.arguments if argument.fixed), None)
+                self._terms_of[node] = known, tuple(argument for argument in node.arguments if not argument.fixed)
+            return Term(sign, *self._terms_of[node])
         return Term(sign, node, ()) if node.fixed else Term(sign, None, (node,))
 
     def _add_factors(self, a: Signed | None, b: Signed) -> Signed:
@@ -298,9 +302,10 @@ class Optimizer:
         return self._extract(signed, Product)
 
     def _extract(self, roots: Sequence[Signed], kind: type[Sum] | type[Product]) -> list[Signed]:
-        signed, index = list(roots), PairIndex()
+        signed, index, live = list(roots), PairIndex(), Live()
+        appeared, gone = live.move([node for _, node in signed])
         while True:
-            index.update(node for node in reachable(node for _, node in signed) if isinstance(node, kind))
+            index.update(*(((node for node in nodes if isinstance(node, kind))) for nodes in (appeared, gone)))
             found = index.most_shared()
             if found is None:
                 return signed
@@ -320,7 +325,32 @@ class Optimizer:
                 lead = next(s for s, argument in node.terms if argument is x)
                 return self._signed(sign, self.sum([*terms, self._atom(lead, pair)]))
 
-            signed = self._rewrite_signed(signed, replace, users)
+            signed = self._rewrite_users(signed, replace, users, live)
+            appeared, gone = live.move([node for _, node in signed])
+
+    def _rewrite_users(
+        self, signed: Sequence[Signed], change: Callable[[int, Node], Signed], users: Iterable[Node], live: "Live"
+    ) -> list[Signed]:
+        """As `_rewrite_signed` of all nodes, where `change` changes only these users. The others that are built again are those
+        above a node that has changed, and products that are not yet in order."""
+        waiting = {*users, *(node for node in live.products if (node, live.uses[node] > 1) not in self._in_order)}
+        heap = [(node.order, node) for node in waiting]
+        heapify(heap)
+        done: dict[Node, Signed] = {}
+        while heap:
+            _, node = heappop(heap)
+            shared = live.uses[node] > 1
+            made = self._rebuilt(node, [done.get(argument, (1, argument)) for argument in node.arguments], shared)
+            sign, new = self._name(node, *change(*made))
+            if new is node and sign > 0:
+                self._in_order.add((node, shared))
+                continue
+            done[node] = sign, new
+            for above in live.above[node]:
+                if above not in waiting:
+                    waiting.add(above)
+                    heappush(heap, (above.order, above))
+        return [self._signed(sign, done.get(node, (1, node))) for sign, node in signed]
 
     @staticmethod
     def _atom(sign: int, node: Node) -> Term:
@@ -330,16 +360,12 @@ class Optimizer:
     def _signed(sign: int, other: Signed) -> Signed:
         return sign * other[0], other[1]
 
-    def _rewrite_signed(
-        self, signed: Sequence[Signed], change: Callable[[int, Node], Signed], where: Container[Node] | None = None
-    ) -> list[Signed]:
-        rewritten = self._rewrite([node for _, node in signed], change, where)
+    def _rewrite_signed(self, signed: Sequence[Signed], change: Callable[[int, Node], Signed]) -> list[Signed]:
+        rewritten = self._rewrite([node for _, node in signed], change)
         return [(sign * s, node) for (sign, _), (s, node) in zip(signed, rewritten, strict=True)]
 
-    def _rewrite(
-        self, roots: Sequence[Node], change: Callable[[int, Node], Signed], where: Container[Node] | None
-    ) -> list[Signed]:
-        """Apply `change` to every node, arguments first, with signs; or to the nodes in `where` and their users."""
+    def _rewrite(self, roots: Sequence[Node], change: Callable[[int, Node], Signed]) -> list[Signed]:
+        """Apply `change` to every node, arguments first, with signs."""
         done: dict[Node, Signed] = {}
         nodes = reachable(roots)
         uses = Counter(argument for node in nodes for argument in node.arguments)
@@ -348,26 +374,24 @@ class Optimizer:
             if node.fixed or not node.arguments:
                 done[node] = (1, node)
                 continue
-            new = [done[argument] for argument in node.arguments]
-            same = all(sign > 0 and made is old for (sign, made), old in zip(new, node.arguments, strict=True))
-            if same and where is not None and node not in where and not isinstance(node, KeptProduct | Product):
-                done[node] = (1, node)
-                continue
-            if isinstance(node, Sum):
-                rebuilt = self.sum([self._term(s * sign, n) for s, (sign, n) in zip(node.signs, new, strict=True)])
-            elif isinstance(node, Product):
-                rebuilt = self.product(prod(s for s, _ in new), *[n for _, n in new])
-            elif isinstance(node, Reciprocal):
-                rebuilt = (new[0][0], self._inverse(new[0][1]))
-            elif isinstance(node, KeptProduct):
-                sign, parts = prod(s for s, _ in new), tuple(n for _, n in new)
-                made_here = any(argument.fixed for argument in node.arguments)  # by _extract; it must remain
-                rebuilt = (sign, self.graph.make(KeptProduct, parts)) if made_here else self.product(sign, *parts)
-                rebuilt = self._keep(*rebuilt) if uses[node] > 1 else rebuilt
-            else:
-                rebuilt = (1, self.graph.again(node, [self._plain(argument) for argument in new]))
+            rebuilt = self._rebuilt(node, [done[argument] for argument in node.arguments], uses[node] > 1)
             done[node] = self._name(node, *change(*rebuilt))
         return [done[root] for root in roots]
+
+    def _rebuilt(self, node: Node, new: Sequence[Signed], shared: bool) -> Signed:
+        """Return the node with new arguments; `shared`: it has several users."""
+        if isinstance(node, Sum):
+            return self.sum([self._term(s * sign, n) for s, (sign, n) in zip(node.signs, new, strict=True)])
+        if isinstance(node, Product):
+            return self.product(prod(s for s, _ in new), *[n for _, n in new])
+        if isinstance(node, Reciprocal):
+            return new[0][0], self._inverse(new[0][1])
+        if isinstance(node, KeptProduct):
+            sign, parts = prod(s for s, _ in new), tuple(n for _, n in new)
+            made_here = any(argument.fixed for argument in node.arguments)  # by _extract; it must remain
+            rebuilt = (sign, self.graph.make(KeptProduct, parts)) if made_here else self.product(sign, *parts)
+            return self._keep(*rebuilt) if shared else rebuilt
+        return 1, self.graph.again(node, [self._plain(argument) for argument in new])
 
     # -- signs -------------------------------------------------------------------------------------------------------
 
@@ -458,11 +482,51 @@ ORDERS: tuple[Sequence[NamedPass], ...] = (
 """Orders among which that of least cost is chosen for a target; the first is the one without a target."""
 
 
+class Live:
+    """The nodes on which changing roots depend: how often each is used, by which nodes, and the products among them."""
+
+    def __init__(self) -> None:
+        self.uses: Counter[Node] = Counter()  # as argument and as root
+        self.above: dict[Node, dict[Node, None]] = {}
+        self.products: dict[Node, None] = {}
+        self._roots: list[Node] = []
+
+    def move(self, roots: Sequence[Node]) -> tuple[list[Node], list[Node]]:
+        """Replace the roots; return the nodes that have appeared and those that are gone."""
+        appeared, gone = [], []
+        stack = list(roots)
+        while stack:
+            node = stack.pop()
+            self.uses[node] += 1
+            if self.uses[node] == 1:
+                appeared.append(node)
+                self.above[node] = {}
+                if isinstance(node, Product | KeptProduct) and not node.fixed:
+                    self.products[node] = None
+                stack += node.arguments
+        for node in appeared:
+            for argument in node.arguments:
+                self.above[argument][node] = None
+        stack, self._roots = self._roots, list(roots)
+        while stack:
+            node = stack.pop()
+            self.uses[node] -= 1
+            if not self.uses[node]:
+                gone.append(node)
+                self.products.pop(node, None)
+                stack += node.arguments
+        for node in gone:
+            for argument in node.arguments:
+                self.above[argument].pop(node, None)
+        for node in gone:
+            del self.above[node]
+        return appeared, gone
+
+
 class PairIndex:
     """Index of the pairs of arguments in a changing set of nodes: the users of each pair."""
 
     def __init__(self) -> None:
-        self._nodes: set[Node] = set()
         self._users: dict[Pair, set[Node]] = {}
         self._pairs: dict[Node, frozenset[Pair]] = {}
         self._heap: list[tuple[tuple[int, ...], Pair]] = []  # most users first; outdated entries are skipped
@@ -473,19 +537,17 @@ class PairIndex:
             self._pairs[node] = frozenset(pairs(node))
         return self._pairs[node]
 
-    def update(self, nodes: Iterable[Node]) -> None:
-        """Replace the set of nodes."""
-        new = set(nodes)
+    def update(self, appeared: Iterable[Node], gone: Iterable[Node]) -> None:
+        """Add nodes to the set and remove others."""
         changed: set[Pair] = set()
-        for node in self._nodes - new:
+        for node in gone:
             for pair in self.pairs(node):
                 self._users[pair].discard(node)
                 changed.add(pair)
-        for node in new - self._nodes:
+        for node in appeared:
             for pair in self.pairs(node):
                 self._users.setdefault(pair, set()).add(node)
                 changed.add(pair)
-        self._nodes = new
         for pair in changed:
             if len(self._users[pair]) > 1:
                 heappush(self._heap, (self._rank(pair), pair))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
@@ -10,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import cffi
-from pycparser import CParser, c_ast
+from pycparser import CParser
 from pycparser.c_generator import CGenerator
 
 from ..codegen.printing.scalar import SCALARS
@@ -28,6 +29,7 @@ SOURCE = """#include <float.h>
 """
 ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=", "-DNOSLIP_REAL_H")  # words that cffi cannot parse, and a whole header
 ABSENT = ("float.h", "stddef.h", "stdint.h")
+BODY, BRACE = re.compile(r"\)\s*\{"), re.compile(r"[{}]")  # the head of a function's body comes after its parameters
 # of ABSENT and noslip_real.h
 TYPES = ("size_t", "int32_t", "int64_t", "uint8_t", "uint16_t", "uint32_t", "uint64_t", "noslip_bits", "noslip_bits_f")
 
@@ -105,5 +107,20 @@ def declarations(header: str, *folders: Path) -> str:
     if result.returncode:
         raise BadInput(f"`{' '.join(compiler())}` cannot preprocess {header}; check CC and its flags")
     known = "".join(f"typedef int {name};" for name in TYPES)
-    declared = [node.decl if isinstance(node, c_ast.FuncDef) else node for node in CParser().parse(known + result.stdout).ext]
+    declared = CParser().parse(known + _without_bodies(result.stdout)).ext
     return "".join(f"{CGenerator().visit(node)};\n" for node in declared[len(TYPES) :])
+
+
+def _without_bodies(text: str) -> str:
+    """Return preprocessed C with a semicolon for the body of each function, which takes most of the time to parse."""
+    parts, end = [], 0
+    while start := BODY.search(text, end):
+        parts.append(text[end : start.start()] + ");")
+        end, depth = start.end(), 1
+        while depth:
+            brace = BRACE.search(text, end)
+            if brace is None:
+                return text  # not what a compiler accepts: the parser says where
+            depth += 1 if brace[0] == "{" else -1
+            end = brace.end()
+    return "".join(parts) + text[end:]

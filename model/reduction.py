@@ -180,7 +180,12 @@ class ReducedSystem:
         """Return lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""
         A, M, E = self.mechanism.A, self.mechanism.M, self.mechanism.E
         rest = E @ tau - self.V - M @ (self.convective + self.S @ nudot)
-        return solve_symmetric(canonical(A @ A.T), A @ rest)
+        return solve_symmetric(self._constraint_products, A @ rest)
+
+    @cached_property
+    def _constraint_products(self) -> ca.SX:
+        """A A', m x m, which all laws of the robot share."""
+        return canonical(self.mechanism.A @ self.mechanism.A.T)
 
 
 def reduce(mechanism: Mechanism) -> ReducedSystem:

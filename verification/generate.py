@@ -35,10 +35,12 @@ def generate(
     """
 
     def share(k: int) -> None:
-        only = [laws[k]]
-        differences(system, only, robot_files(system, only, scalars, False, lanes, None, (), target), silent, None, target)
+        """Derive and compare one law, or, after the last law, all that is not a law."""
+        only = laws[k : k + 1]
+        rest = (False, lanes, None, ()) if only else (dynamics, False, scaled, adapted)
+        differences(system, only, robot_files(system, only, scalars, *rest, target), silent, rest[2], target)
 
-    in_shares(share, len(laws), progress)
+    in_shares(share, len(laws) + (dynamics or scaled is not None), progress)
     files = robot_files(system, laws, scalars, dynamics, lanes, scaled, adapted, target)
     if wrong := differences(system, laws, files, progress, scaled, target):
         raise Mismatch("\n".join(wrong))

@@ -49,5 +49,5 @@ def in_shares(work: Callable[[int], object], count: int, progress: Reported) -> 
     for each in running:
         each.start()
     while any(each.is_alive() for each in running):
-        progress(sum(done), count, "laws derived and compared")
+        progress(sum(done), count, "parts derived and compared")
         next(each for each in running if each.is_alive() or each is running[-1]).join(WAIT)

@@ -103,8 +103,8 @@ def _scaled_efforts(stages: Stages, inner: ReducedSystem) -> ca.SX:
     """Return the derivative of the efforts S'E tau by the inputs, each row divided by its first factor: forces are written by
     these efforts. Of two wheels they are the sum and the difference of the torques, whose effects on the forces are simple.
     Returns the identity if init cannot compute them, or inputs do not follow from efforts."""
-    efforts, fixed = inner.input_map, {symbol.element_hash() for symbol in stages.fixed}
-    if inner.redundant or any(symbol.element_hash() not in fixed for symbol in ca.symvar(efforts)):
+    efforts = inner.input_map
+    if inner.redundant or not all(map(stages.is_fixed, ca.symvar(efforts))):
         return ca.SX.eye(efforts.shape[1])
     first = [next(entry for entry in ca.horzsplit(row) if not entry.is_zero()) for row in ca.vertsplit(efforts)]
     return canonical(ca.diag(1 / ca.vertcat(*first)) @ efforts)

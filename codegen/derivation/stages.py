@@ -102,6 +102,14 @@ class Stages:
     near_at_foot: dict[Result, ca.SX] = field(default_factory=dict)
     _parts: dict[tuple[int, ...], ca.SX] = field(default_factory=dict)
     _keys: dict[tuple[Hashable, ...], int] = field(default_factory=dict)
+    _counted: int = 0  # symbols of `fixed` whose hashes are in the set
+    _hashes: set[int] = field(default_factory=set)
+
+    def is_fixed(self, symbol: ca.SX) -> bool:
+        """Return whether init knows the symbol."""
+        self._hashes.update(new.element_hash() for new in self.fixed[self._counted :])
+        self._counted = len(self.fixed)
+        return symbol.element_hash() in self._hashes
 
     def step(self, name: str, expression: ca.SX) -> ca.SX:
         """Return a symbol for the expression times its constant factor; a short expression is returned unchanged."""
@@ -165,8 +173,7 @@ class Stages:
     def _inverted(self, block: ca.SX, least: float) -> ca.SX:
         """Return symbols for the entries of the inverse, which the C computes by elimination with pivoting."""
         symbols = ca.SX.sym(f"{STEP}inverse", *block.shape)
-        fixed = {symbol.element_hash() for symbol in self.fixed}
-        if all(symbol.element_hash() in fixed for symbol in ca.symvar(block)):
+        if all(map(self.is_fixed, ca.symvar(block))):
             self.fixed.extend(ca.vertsplit(ca.vec(symbols)))
         self.steps.append(Step(symbols, block, least=least))
         return symbols
@@ -186,10 +193,9 @@ class Stages:
         """Return factor and rest, whose product is the expression; init computes the factor. The rest is None if init computes
         all."""
         symbols = ca.symvar(expression)
-        fixed = {symbol.element_hash() for symbol in self.fixed}
 
         def leaf(k: int) -> Split:
-            return (symbols[k], None) if symbols[k].element_hash() in fixed else (ca.SX(1), symbols[k])
+            return (symbols[k], None) if self.is_fixed(symbols[k]) else (ca.SX(1), symbols[k])
 
         def apply(code: int, arguments: tuple[Split, ...]) -> Split:
             if all(rest is None for _, rest in arguments):
@@ -759,9 +765,8 @@ def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Resu
 def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.SX] | None:
     """Return a x^2 > b x^2 + c y^2 as |x| > sqrt(c / (a - b)) |y| with a - b > 0, which init tests; None if it does not have this
     form. Where several y are compared, squares save the roots."""
-    fixed = {symbol.element_hash() for symbol in stages.fixed}
-    variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in fixed]
-    others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in fixed]
+    variables = [symbol for symbol in ca.symvar(square) if not stages.is_fixed(symbol)]
+    others = [symbol for symbol in ca.symvar(bound) if not stages.is_fixed(symbol)]
     steps = {step.symbol.element_hash() for step in stages.steps if step.label}
     if len(variables) != 1 or any(symbol.element_hash() not in steps for symbol in others):
         return None

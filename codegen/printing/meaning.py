@@ -115,10 +115,20 @@ class Meanings:
     # -- formulas -------------------------------------------------------------------------------------------------
 
     def product(self, node: Node) -> Monomial | None:
-        """Return the formula of a node; None if it is too long."""
-        for part in () if node in self._products else reachable([node]) if node.fixed else self._nodes:
-            if part not in self._products:
-                self._products[part] = self._known(part) or self._made(part)
+        """Return the formula of a node; None if it is too long. Arguments are looked at only where the node is not a step."""
+        below: dict[Node, list[Node]] = {}  # of nodes that are not steps: what their formulas are made of
+        stack = [node]
+        while stack:
+            part = stack.pop()
+            if part in self._products:
+                continue
+            if part in below:
+                self._products[part] = self._made(part)
+            elif known := self._known(part):
+                self._products[part] = known
+            else:
+                below[part] = [self._stands[part]] if part in self._stands else list(part.arguments)
+                stack += [part, *reversed(below[part])]
         return self._products[node]
 
     def _known(self, node: Node) -> Monomial | None:
@@ -275,8 +285,7 @@ def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Calla
     def of(node: Node) -> list[str]:
         names: dict[str, None] = dict.fromkeys(places.get(node, ()))
         visited, stack = {node}, list(above.get(node, ()))
-        while stack:
-            user = stack.pop(0)
+        for user in stack:  # which grows
             if user in visited:
                 continue
             visited.add(user)
@@ -326,11 +335,13 @@ def _usable(values: np.ndarray) -> bool:
     return bool(np.all(np.isfinite(values)) and np.all(values != 0))
 
 
+@lru_cache(maxsize=65536)
 def _power(factor: str, exponent: int) -> str:
     text = f"({factor})" if _is_sum(factor) else factor
     return text if exponent == 1 else f"{text}^{exponent}"
 
 
+@lru_cache(maxsize=65536)
 def _is_sum(factor: str) -> bool:
     """Whether the text has a + or - outside parentheses."""
     return re.search(r" [+-] ", re.sub(r"\([^()]*\)", "", re.sub(r"\([^()]*\)", "", factor))) is not None

@@ -49,16 +49,15 @@ def fold(
     function = ca.Function("walk", [ca.vertcat(*symbols)], [dense])
     work: dict[int, Value] = {}
     results: list[Value] = [constant(0.0)] * dense.numel()
-    for operation in operations(function):
-        if operation.code == ca.OP_CONST:
-            work[operation.result] = constant(operation.constant)
-        elif operation.code == ca.OP_INPUT:
-            work[operation.result] = leaf(operation.arguments[0])
-        elif operation.code == ca.OP_OUTPUT:
-            results[operation.result] = work[operation.arguments[0]]
+    for code, arguments, result, number in operations(function):
+        if code == ca.OP_CONST:
+            work[result] = constant(number)
+        elif code == ca.OP_INPUT:
+            work[result] = leaf(arguments[0])
+        elif code == ca.OP_OUTPUT:
+            results[result] = work[arguments[0]]
         else:
-            arguments = tuple(work[a] for a in operation.arguments)
-            work[operation.result] = apply(operation.code, arguments)
+            work[result] = apply(code, tuple([work[a] for a in arguments]))
     return results
 
 
