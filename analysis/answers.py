@@ -8,6 +8,7 @@ from typing import Any
 
 import sympy as sp
 
+from ..controllers.balance.steady import analyse_at_rest
 from ..model.errors import ModelError
 from ..model.law import default_gains, gain_names
 from ..model.linearization import ASIDE, STEEPEST, linearize
@@ -32,7 +33,7 @@ from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
 from .outputs.decoupling import decouple
 from .outputs.normal_form import NormalForm, StraightMotion, normal_form
-from .underactuated import analyse_at_rest
+from .underactuated import verdicts
 
 Contact = RollingContact | PlanarContact
 System = Mechanism | Kinematics | Contact
@@ -132,7 +133,7 @@ def _at_rest(system: System) -> tuple[str, ...]:
     if not isinstance(system, Mechanism) or not 0 < len(system.inputs) < len(system.coordinates) - system.A.shape[0]:
         return ()
     try:
-        return tuple(analyse_at_rest(system).lines())
+        return tuple(verdicts(analyse_at_rest(system)))
     except (ModelError, RuntimeError) as error:
         return (f"not judged: {error}",)
 
@@ -147,9 +148,9 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
     try:
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
-        refuse_extension(spec.law, "analyse --start")
-        refuse_damping(spec.law, "analyse --start")
-        if kind := spec.reference.moves:
+        if spec.feedback:
+            raise BadInput("[feedback]: starts are certified for laws of outputs; noslip analyse ROBOT judges its steady motions")
+        if (kind := spec.reference.moves) and not spec.output.extension:
             raise BadInput(f"[reference] {kind}: starts are certified along lines and paths; leave it out")
         loop = make_loop(spec)
         return certify(loop, spec, of_each(uncertainty, loop))
@@ -173,6 +174,8 @@ def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, pro
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
     try:
+        refuse_extension(spec.law, "analyse --table")
+        refuse_damping(spec.law, "analyse --table")
         return safe_offsets(spec, of_each(uncertainty, make_loop(spec)), progress=progress)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{file}: {error}") from error

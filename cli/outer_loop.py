@@ -189,6 +189,8 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
     spec = read_varied(args.spec, {"simulation.backend": "casadi"})
+    if spec.feedback:
+        raise BadInput(f"{args.spec}: [feedback] has no outer loop: its gains are those of an LQR, see docs/underactuated.md")
     for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.law)):
         if value is not None and value != own:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")

@@ -229,6 +229,20 @@ def section(kind: "type[DataclassInstance]") -> Reader:
     return Reader(read, schema, kind=kind)
 
 
+def list_of(kind: "type[DataclassInstance]", example: str) -> Reader:
+    """Return a reader of a list of tables of one kind."""
+
+    def read(value: Any, where: str) -> tuple[Any, ...]:
+        if not isinstance(value, list):
+            raise BadInput(f"{where} = {value!r} is not a list, for example [{example}]")
+        return tuple(section(kind)(item, f"{where}[{k}]") for k, item in enumerate(value))
+
+    def schema() -> Schema:
+        return {"type": "array", "items": section(kind).schema()}
+
+    return Reader(read, schema)
+
+
 def units(kind: "type[DataclassInstance]", prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield the dotted name and the unit of each number of a section whose unit does not depend on the robot."""
     for e in dataclasses.fields(kind):

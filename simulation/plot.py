@@ -25,17 +25,19 @@ SECOND = "#8a4fa3"  # second colour beside POINT
 COLOURS = (POINT, SECOND, AXLE, VEHICLE)
 WIDE = 170  # characters per line of the title
 OUTLINES, APART = 6, 2.5  # largest number of drawn vehicles, and their smallest distance, m
+STAYS = 0.3  # m: a vehicle that ends so near to its start is drawn once
 TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after a full turn it is where it was before
 
 
 def draw(run: Run) -> Figure:
     """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over time on the right.
-    SI units. A run in a physics engine has the slip of each contact as well, one that learns parameters these.
+    SI units. A run in a physics engine has the slip of each contact as well, one that learns parameters these, one on ground that
+    moves the balance of energy.
 
     For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
     """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
-    grid = figure.add_gridspec(3 + bool(run.floor) + bool(run.spec.adaptation), 2, width_ratios=(1.25, 1))
+    grid = figure.add_gridspec(3 + bool(run.floor) + bool(run.spec.adaptation) + run.balanced, 2, width_ratios=(1.25, 1))
     figure.suptitle(_title(run), fontsize=11)
     plane = figure.add_subplot(grid[:, 0])
     errors = figure.add_subplot(grid[0, 1])
@@ -52,8 +54,11 @@ def draw(run: Run) -> Figure:
         below.append(figure.add_subplot(grid[3, 1], sharex=errors))
         _draw_slip(below[-1], run, run.floor)
     if run.spec.adaptation:
-        below.append(figure.add_subplot(grid[-1, 1], sharex=errors))
+        below.append(figure.add_subplot(grid[2 + len(below), 1], sharex=errors))
         _draw_learned(below[-1], run, run.spec.adaptation.bounds)
+    if run.balanced:
+        below.append(figure.add_subplot(grid[2 + len(below), 1], sharex=errors))
+        _draw_energy(below[-1], run)
     below[-1].set_xlabel("time t (s)")
     for axes in (errors, speed, *below[:-1]):
         axes.tick_params(labelbottom=False)
@@ -139,7 +144,9 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     if run.stopped:
         label = f"stopped at {run.t[-1]:.4g} s: {run.stopped}"
         axes.plot(*p_l[-1], "X", color=STOP, markersize=11, label=label, zorder=6)
-    if run.spec.output.own and are_places(run):
+    if run.spec.feedback and are_places(run):
+        _draw_desired(axes, run)
+    elif run.spec.output.own and are_places(run):
         _draw_places(axes, run, SECOND)
     if run.spec.output.type == "I":
         axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired $P_l$", zorder=0)
@@ -178,10 +185,14 @@ def are_places(run: Run) -> bool:
 def _draw_places(axes: Axes, run: Run, colour: str) -> None:
     """Draw the first two outputs against each other, and their desired values."""
     first, second, *_ = run.law.output.rows
-    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired", zorder=0)
+    _draw_desired(axes, run)
     axes.plot(*run.y[:, :2].T, color=colour, label=f"{first.name}, {second.name}", zorder=2.7)
     square: dict[str, Any] = {"markersize": 7, "markerfacecolor": "white", "markeredgewidth": 2}
     axes.plot(*run.y[0, :2], "s", color=colour, **square, label=f"start of {first.name}, {second.name}")
+
+
+def _draw_desired(axes: Axes, run: Run) -> None:
+    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired", zorder=0)
 
 
 def _make_square(axes: Axes) -> None:
@@ -221,6 +232,8 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
     way = place[: turned[0]] if len(turned) else place
     length = np.hypot(*np.diff(way, axis=0).T).sum()
     instants = np.unique(evenly_spread(way, int(np.clip(1 + length / APART, 2, OUTLINES))))
+    if len(instants) == 2 and np.hypot(*(way[-1] - way[0])) < STAYS:  # the later one would hide the first
+        instants = instants[:1]
     forward = np.column_stack([np.cos(heading), np.sin(heading)])[instants]
     left = forward[:, ::-1] * (-1.0, 1.0)
     lines = outlines(run.law.system.mechanism, run.q[instants], run.plant.parameters)
@@ -258,6 +271,10 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     for row, desired in zip(run.law.output.rows, run.y_d.T, strict=True):
         if row.name == "speed":
             axes.plot(run.t, desired, color=FOLLOWED, linewidth=3, alpha=0.6, label="desired", zorder=0)
+    for name, text in run.plant.given:
+        place = [c.name for c in run.plant.system.mechanism.coordinates].index(name)
+        if run.plant.system.mechanism.coordinates[place].unit == "m/s":
+            axes.plot(run.t, run.q[:, place], "--", color=SECOND, linewidth=1.2, label=f"{name} = {text}")
     low, high = axes.get_ylim()
     spread = 0.05 * np.abs(speed).max()  # so that a constant speed looks constant
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))
@@ -285,6 +302,15 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     axes.axhline(0.0, color="black", linewidth=0.8)
     units = {i.unit for i in inputs}
     axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
+    axes.legend(loc="best", fontsize=9)
+
+
+def _draw_energy(axes: Axes, run: Run) -> None:
+    """Draw the energy gained, and the works of inputs and of the ground's drive, whose sum it is."""
+    names = ("energy gained", "work of inputs and forces", "work of the ground's drive")
+    for name, values, colour in zip(names, run.works, COLOURS, strict=False):
+        axes.plot(run.t, values, color=colour, label=name)
+    axes.set_ylabel("energy (J)")
     axes.legend(loc="best", fontsize=9)
 
 

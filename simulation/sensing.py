@@ -24,7 +24,42 @@ ERRORS = 2**40  # added to the seed: errors of gyro and measured poses are indep
 UNWIND = 4.0  # rad: beyond it whole turns are taken off the heading seen, as in firmware/vehicle.c
 
 
-class Sensing:
+class NoisyRates:
+    """Sensors of one run that tell the truth but for noise of the quasi-velocities. `state` is what the controller sees: [q; nu],
+    SI.
+    """
+
+    jumped = False  # whether the pose was corrected at once, the last time
+    slip: "SlipSensing | None" = None  # set by the loop where slip is to be noticed
+
+    def __init__(self, sensors: Sensors, system: ReducedSystem, start: np.ndarray):
+        """Raises BadInput for a wrong number of means or deviations."""
+        dof = system.dof
+        self._sensors = sensors
+        self._mean, self._sd = (_each(values, dof) for values in (sensors.noise.mean, sensors.noise.sd))
+        self._random = Noise(sensors.seed, dof) if self._sd.any() else None  # without, no C is needed
+        self._rates = slice(len(start) - dof, len(start))
+        self._noise, self._drawn = self._draw(), 0.0
+        self.state = start.copy()
+        self.state[self._rates] += self._noise
+
+    def sense(self, t: float, x: np.ndarray) -> None:
+        """Look at the true state x at time t, in order of time."""
+        if t:
+            self._renew(t)
+        self.state = x.copy()
+        self.state[self._rates] += self._noise
+
+    def _renew(self, t: float) -> None:
+        """Draw the noise at t if it is time."""
+        if (sample := _count(t, self._sensors.period)) > self._drawn:
+            self._noise, self._drawn = self._draw(), sample
+
+    def _draw(self) -> np.ndarray:
+        return self._mean + self._sd * self._random.draw() if self._random else self._mean
+
+
+class Sensing(NoisyRates):
     """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI; `reckoned` the pose, (3,).
 
     The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller does. Its heading
@@ -43,23 +78,17 @@ class Sensing:
     ):
         """Starts from the true pose. `parameters` are the truth, `believed` what the controller reckons with."""
         system = law.system
-        n, dof = len(system.mechanism.coordinates), system.dof
-        self._sensors, self._correction, self.parameters = sensors, correction, parameters
+        super().__init__(sensors, system, start)
+        self._correction, self.parameters = correction, parameters
         self._motion = Direct(vehicle_motion(system))
         self._pose, self._angles = pose_coordinates(system), angle_coordinates(system)
-        self._mean, self._sd = (_each(values, dof) for values in (sensors.noise.mean, sensors.noise.sd))
-        self._random = Noise(sensors.seed, dof) if self._sd.any() else None  # without, no C is needed
         wheels = vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
         self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
-        self.state, self.reckoned = start.copy(), self._true_pose(start)
-        self._rates = slice(n, n + dof)
+        self.reckoned = self._true_pose(start)
         self._t, self._true_angle = 0.0, start[self._angles].copy()
         self._turned = self._true_angle.copy()  # with the noise so far; what an encoder counts
-        self._noise, self._drawn, self._corrected = self._draw(), 0.0, 0.0
-        self.jumped = False  # whether the pose was corrected at once, the last time
-        self.state[self._rates] += self._noise
-        self.slip: SlipSensing | None = None  # set by the loop where slip is to be noticed
+        self._corrected = 0.0
 
     def sense(self, t: float, x: np.ndarray) -> None:
         """Look at the true state x at time t, in order of time."""
@@ -75,8 +104,7 @@ class Sensing:
         if self.slip:
             self.slip.sense(moved, dt, self._true_pose(x))
         pose = self._pose_after(t, dt, moved, x)
-        if (sample := _count(t, self._sensors.period)) > self._drawn:
-            self._noise, self._drawn = self._draw(), sample
+        self._renew(t)
         self.state = x.copy()
         self.reckoned = pose
         if self._sensors.pose == "reckoned":
@@ -100,9 +128,6 @@ class Sensing:
     def _rate_scales(self) -> np.ndarray:
         """Return by how much each sensed rate is multiplied."""
         return np.ones(len(self._mean))
-
-    def _draw(self) -> np.ndarray:
-        return self._mean + self._sd * self._random.draw() if self._random else self._mean
 
     def _counted(self) -> np.ndarray:
         """The wheels' angles as the encoders tell them."""

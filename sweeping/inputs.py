@@ -91,8 +91,16 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
     if initial and initial.q is not None:
         nominal |= {f"initial.{q}": v for q, v in zip(state, (*initial.q, *(initial.nu or ())), strict=True)}
         nominal |= {f"initial.extension[{k}]": v for k, v in enumerate(initial.extension or ())}
-    else:
+    elif initial and initial.state is not None:
+        nominal |= {f"initial.state.{name}": value for name, value in initial.state.items()}
+    elif initial:
         nominal |= _numbers(initial, "initial")
+    if feedback := full.feedback:
+        nominal |= {f"feedback.effort[{k}]": value for k, value in enumerate(feedback.effort)}
+        for where in ("weights", "motion"):
+            nominal |= {f"feedback.{where}.{name}": value for name, value in getattr(feedback, where).items()}
+        for k, command in enumerate(reference.commands or ()):
+            nominal |= _numbers(command, f"reference.commands[{k}]")
     if full.limits:
         limits = _numbers(full.limits, "limits")
         nominal |= limits if full.limits.mode == "grip" else {name: limits[name] for name in limits if name != "limits.margin"}
@@ -138,7 +146,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     if spec.output.own:
         given = values_of(list(law.config), spec.output.parameters, "[output] parameters")
         changed["output"] = replace(spec.output, parameters=dict(zip([c.name for c in law.config], given, strict=True)))
-    if spec.output.type != "IV":
+    if spec.output.type != "IV" and not spec.feedback:
         rows = len(law.output.rows)
         changed["reference"] = replace(spec.reference, velocity=spec.reference.velocity or (0.0,) * rows)
     if loop.route:
@@ -151,7 +159,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     if initial := spec.initial:
         if initial.q is not None:
             changed["initial"] = replace(initial, nu=initial.nu or (0.0,) * law.system.dof)
-        else:
+        elif initial.state is None:
             changed["initial"] = replace(initial, heading=initial.heading or 0.0, speed=initial.speed or 0.0)
     if spec.limits:
         count, integrals = len(mechanism.inputs), len(ki)
@@ -179,7 +187,7 @@ def _numbers(section: Any, where: str) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, value in ((f.name, getattr(section, f.name)) for f in fields(section)):
         if isinstance(value, tuple):
-            found |= {f"{where}.{name}[{k}]": item for k, item in enumerate(value)}
+            found |= {f"{where}.{name}[{k}]": item for k, item in enumerate(value) if isinstance(item, float | int)}
         elif isinstance(value, float | int) and not isinstance(value, bool):
             found[f"{where}.{name}"] = value
     return found

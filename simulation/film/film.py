@@ -96,7 +96,8 @@ def _paths(run: Run, way: np.ndarray) -> list[np.ndarray]:
     """Return the curves of the path to follow as far as the run is near them, or of the desired point; none for other outputs."""
     if run.composite:
         return [np.transpose(piece.places(PIECE)) for piece in run.spec.output.segments]
-    if run.spec.output.type == "I" or (len(way) and not run.law.system.mechanism.vehicle):
+    desired = run.spec.output.type == "I" or (run.spec.feedback and are_places(run))
+    if desired or (len(way) and not run.law.system.mechanism.vehicle):
         return [run.y_d[:, :2]]
     if not run.law.output.path:
         return []

@@ -205,6 +205,7 @@ class Sweep:
     plant: Mapping[str, Margin] = entry(margins, {}, "distributions of the parameters that only the robot has")
     gains: Mapping[str, Margin] = entry(margins, {}, "distributions of gains")
     output: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [output]")
+    feedback: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [feedback]")
     reference: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [reference]")
     initial: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [initial]")
     limits: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [limits]")
@@ -226,7 +227,7 @@ class Sweep:
     def margins(self) -> dict[str, Margin]:
         """Return all that varies: dotted name -> distribution."""
         sections = (
-            *("parameters", "plant", "gains", "output", "reference", "initial"),
+            *("parameters", "plant", "gains", "output", "feedback", "reference", "initial"),
             *("limits", "contact", "sensors", "correction", "adaptation", "estimator", "simulation"),
         )
         return {f"{where}.{name}": margin for where in sections for name, margin in getattr(self, where).items()}

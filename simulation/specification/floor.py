@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...readers.errors import BadInput
-from ...readers.reading import Reader, Schema, angle, entry, number, reads, row, section, whole
+from ...readers.reading import angle, entry, list_of, number, reads, row, section, whole
 
 STEEPEST = 1.0  # rad, of a floor
 SHORTEST, LONGEST = 1e-5, 2e-3  # s; contacts give way with a time constant of twice the longest
@@ -88,20 +88,6 @@ class Rough:
         )
 
 
-def _list_of(kind: Any, example: str) -> Reader:
-    """Return a reader of a list of tables of one kind."""
-
-    def read(value: Any, where: str) -> tuple[Any, ...]:
-        if not isinstance(value, list):
-            raise BadInput(f"{where} = {value!r} is not a list, for example [{example}]")
-        return tuple(section(kind)(item, f"{where}[{k}]") for k, item in enumerate(value))
-
-    def schema() -> Schema:
-        return {"type": "array", "items": section(kind).schema()}
-
-    return Reader(read, schema)
-
-
 @reads({"anyOf": [angle.schema(), row("[angle, heading]", angle, angle).schema()], "description": "in rad"}, "rad")
 def _slope(value: Any, where: str) -> tuple[float, float]:
     """Read an angle below the horizontal, or with it the heading of the way down."""
@@ -118,11 +104,11 @@ class Floor:
     mu: float | None = entry(number("nonnegative", "1"), None, "friction coefficient, by default that of [contact]")
     slope: tuple[float, float] = entry(_slope, (0.0, 0.0), "angle below the horizontal, or [angle, heading of the way down]")
     patch: tuple[Patch, ...] = entry(
-        _list_of(Patch, "{ x = [0, 1], y = [-1, 1], mu = 0.2 }"),
+        list_of(Patch, "{ x = [0, 1], y = [-1, 1], mu = 0.2 }"),
         (),
         "rectangles with a friction coefficient of their own; the last one counts",
     )
-    bump: tuple[Bump, ...] = entry(_list_of(Bump, "{ x = 1, y = 0, height = 0.01, radius = 0.2 }"), (), "caps that rise from it")
+    bump: tuple[Bump, ...] = entry(list_of(Bump, "{ x = 1, y = 0, height = 0.01, radius = 0.2 }"), (), "caps that rise from it")
     rough: Rough | None = entry(section(Rough), None)
     step: float = entry(number("positive", "s"), 1e-3, f"longest step of the engine, {SHORTEST:g} to {LONGEST:g}")
 

@@ -28,6 +28,7 @@ from ...readers.reading import (
     check_keys,
     entry,
     flag,
+    list_of,
     named_numbers,
     number,
     numbers,
@@ -43,7 +44,9 @@ from ...readers.reading import (
     whole,
 )
 from ...readers.robots import beside, near
+from .feedback import Command, FeedbackSection, Push
 from .floor import Floor
+from .given import functions_of_time
 from .scene import SceneSection
 
 if TYPE_CHECKING:
@@ -161,6 +164,9 @@ def _pieces(kind: str, given: dict[str, Any], closed: bool) -> list[Segment]:
         return planning.fit(given["points"], given["tolerance"], closed=closed)
     plan = planning.dubins if kind == "dubins" else planning.reeds_shepp
     return plan(given["from"], given["to"], given["radius"])
+
+
+FEEDBACK = "lqr"  # the law of a SPEC with [feedback], which has no [output]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -308,6 +314,7 @@ class Reference:
     it follows a profile: the fastest within `lateral`, `acceleration`, `deceleration` and `angular`, by default of friction.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad). With `circle` the
     first two outputs, a point, also move on a circle about it; with `course` along a curve from it.
+    With [feedback]: its steady motion, or from the `position` x, y (m) and heading (rad) on `commands`, or a `course`.
     """
 
     speed: float | None = entry(_speed, None, 'desired forward speed of type IV; on a composite path "fastest"')
@@ -323,6 +330,9 @@ class Reference:
     approach: ApproachSection | None = entry(section(ApproachSection), None)
     circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
     course: CourseSection | None = entry(section(CourseSection), None, "along which a desired point moves, in addition")
+    commands: tuple[Command, ...] | None = entry(
+        list_of(Command, "{ distance = 2, time = 6 }"), None, "of [feedback]: parts of the desired motion, one after the other"
+    )
 
     @property
     def profiled(self) -> bool:
@@ -340,6 +350,7 @@ class Initial:
     """Initial state: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q and quasi-velocities nu.
 
     `extension`: states of the law's dynamic extension, by default those with which the outputs move as the reference does.
+    `state`, with [feedback]: by how much states differ from the desired ones at the start.
     """
 
     point: tuple[float, ...] | None = entry(point, None, "position of P_l")
@@ -350,13 +361,18 @@ class Initial:
     extension: tuple[float, ...] | None = entry(
         numbers, None, "every state of the law's dynamic extension; by default as the reference desires"
     )
+    state: Mapping[str, float] | None = entry(
+        named_numbers, None, "with [feedback]: by how much states differ from the desired ones at the start, by name"
+    )
 
     def __post_init__(self):
         by_pose = [name for name in ("point", "heading", "speed") if getattr(self, name) is not None]
         by_state = [name for name in ("q", "nu") if getattr(self, name) is not None]
+        if self.state is not None and (by_pose or by_state or self.extension is not None):
+            raise BadInput("[initial] state goes with nothing else there: it is relative to the desired state")
         if by_pose and by_state:
             raise BadInput(f"[initial] has both {by_pose[0]} and {by_state[0]}: give point, heading, speed or q, nu")
-        if self.point is None and self.q is None:
+        if self.point is None and self.q is None and self.state is None:
             raise BadInput("[initial] point = [x, y] or q = [...] is missing")
 
 
@@ -680,8 +696,17 @@ class Spec:
         "gains of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action; ko, "
         "ko_distance, ... disturbance observers",
     )
+<<<<<<< HEAD
+    given: Mapping[str, str | float] = entry(
+        functions_of_time, {}, "what a robot is given as known functions of time (`Mechanism.given`), by name"
+    )
     output: OutputSection = entry(section(OutputSection))
     reference: Reference = entry(section(Reference))
+=======
+    output: OutputSection = entry(section(OutputSection), OutputSection(type=FEEDBACK))
+    feedback: FeedbackSection | None = entry(section(FeedbackSection), None)
+    reference: Reference = entry(section(Reference), Reference())
+>>>>>>> under
     initial: Initial | None = entry(section(Initial), None)
     limits: LimitsSection | None = entry(section(LimitsSection), None)
     sensors: Sensors | None = entry(section(Sensors), None)
@@ -692,6 +717,9 @@ class Spec:
     contact: ContactSection | None = entry(section(ContactSection), None)
     floor: Floor | None = entry(section(Floor), None)
     scene: SceneSection | None = entry(section(SceneSection), None)
+    push: tuple[Push, ...] = entry(
+        list_of(Push, '{ time = 5, on = "speed", impulse = 1 }'), (), "impulses that disturb the robot"
+    )
     simulation: Simulation = entry(section(Simulation))
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
@@ -725,6 +753,18 @@ class Spec:
             raise BadInput("[adaptation] requires [simulation] period > 0, and goes neither with a delay nor with [drive]")
         if self.adaptation and self.adaptation.window < 5 * self.simulation.period:
             raise BadInput("[adaptation] window: noise of the rates pulls masses down unless smoothed over 5 periods or more")
+        if self.push and not self.simulation.period:
+            raise BadInput("[[push]] requires [simulation] period > 0: a continuous run has no impulses")
+        if self.feedback:
+            return self._check_feedback()
+        if self.output.type == FEEDBACK:
+            raise BadInput("[output] is missing; a robot with fewer inputs than degrees of freedom takes [feedback] instead")
+        for given, what in (
+            (self.reference.commands, "[reference] commands"),
+            (self.initial and self.initial.state, "[initial] state"),
+        ):
+            if given is not None:
+                raise BadInput(f"{what} requires [feedback]: it is for robots with fewer inputs than degrees of freedom")
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
@@ -759,6 +799,11 @@ class Spec:
         return self.drive is not None and self.drive.kinematic
 
     @property
+    def simulated(self) -> tuple[str, ...]:
+        """The sections of this SPEC that are not in the C of a sweep: each sample is then run by `noslip simulate`."""
+        return tuple(name for name in ("adaptation", "estimator", "given", "feedback", "push") if getattr(self, name))
+
+    @property
     def learned(self) -> tuple[str, ...]:
         """Names of the parameters that [adaptation] learns."""
         return tuple(self.adaptation.bounds) if self.adaptation else ()
@@ -780,6 +825,35 @@ class Spec:
         if self.reference.approach:
             raise BadInput(f"{without} [reference] approach; most_acceleration bounds how the vehicle starts")
 
+    def _check_feedback(self) -> None:
+        """Raise BadInput for what there is not with a state feedback."""
+        without = "[feedback] does not go with"
+        sections = ("gains", "correction", "estimator", "adaptation", "drive", "contact", "floor", "scene")
+        given = [f"[{name}]" for name in sections if getattr(self, name)]
+        given += ["[output]"] if self.output != OutputSection(type=FEEDBACK) else []
+        known = ("position", "commands", "course")
+        given += [
+            f"[reference] {e.name}"
+            for e in dataclasses.fields(Reference)
+            if e.name not in known and getattr(self.reference, e.name) is not None
+        ]
+        if given:
+            raise BadInput(f"{without} {given[0]}; it takes commands, a course or its steady motion as reference")
+        reference, sensors = self.reference, self.sensors
+        if reference.commands is not None and (reference.course or (self.feedback and self.feedback.motion)):
+            other = "[reference] course" if reference.course else "motion: commands begin and end at rest"
+            raise BadInput(f"[feedback] with [reference] commands does not go with {other}")
+        if reference.course and reference.course.follow == "path":
+            raise BadInput(f'{without} [reference] course with follow = "path"; set follow = "time"')
+        if reference.position and (len(reference.position) > 3 or not (reference.commands is not None or reference.course)):
+            raise BadInput(
+                "[reference] position is x, y and heading where commands or a course begin; give these, or leave it out"
+            )
+        if self.limits and (self.limits.mode != "cut" or self.limits.torque is None):
+            raise BadInput(f'{without} [limits] mode = "{self.limits.mode}"; give torque, and mode = "cut"')
+        if sensors and (sensors.pose != "true" or sensors.counts or sensors.gyro or sensors.accelerometer):
+            raise BadInput(f'{without} dead reckoning: [sensors] has noise, seed and period there, and pose = "true"')
+
     def _check_extension(self) -> None:
         """Raise BadInput for what a dynamic extension is not there for yet."""
         without = "[output] extension = true does not go with"
@@ -794,6 +868,7 @@ class Spec:
 def schema() -> Schema:
     """Return the JSON Schema of a SPEC."""
     made = section(Spec).schema()
+    made["anyOf"] = [{"required": ["output", "reference"]}, {"required": ["feedback"]}]
     return {"$schema": DRAFT, "title": "SPEC.toml of noslip", **made, "definitions": DEFINITIONS}
 
 

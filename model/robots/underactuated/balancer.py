@@ -54,4 +54,6 @@ def balancer() -> Mechanism:
     robot.quasi_velocity("pitch_rate", "rad/s", tilting, "rate of the body's pitch")
     robot.moves_in_plane(x, y, phi)
     robot.draws(box((x, y), phi, 0.08, 0.08, 0.15), *wheels((x, y), phi, b, r))
+    top = 2 * h * sin(pitch)  # of the body, seen from above
+    robot.draws([(x, y), (x + top * cos(phi), y + top * sin(phi))])
     return robot
