@@ -47,7 +47,7 @@ COSTS = {
 
 
 BYTES = 7  # of code for an operation with what it loads and stores, on a Cortex-M4F
-LONG = 4096  # bytes of code from which a function is not copied into its callers, and repeated steps become a loop
+LONG = 2048  # bytes of code from which a function is not copied into its callers, and repeated steps become a loop
 
 
 def code_bytes(roots: Iterable[Node]) -> int:

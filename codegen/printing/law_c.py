@@ -1,7 +1,8 @@
 """C of a control law: header and source."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from ...model.mechanism import Quantity, per_second
 from ...model.names import in_c
@@ -15,6 +16,7 @@ from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
 from .robot_c import fields, refuse_parameters, struct, written_once
+from .rolled import Rolled, WrongLoop, loops_of, record_fields, with_records
 from .scalar import Scalar
 from .statements import Statements
 
@@ -44,8 +46,8 @@ class LawC(ProgramC[Program]):
     """The C of a law in one scalar."""
 
     def __init__(self, program: Program, scalar: Scalar, banner: Sequence[str]):
-        self.law = program.law
-        super().__init__(program, self.law.system, self.law.name, scalar, banner)
+        self.law, self.compiled = program.law, program
+        super().__init__(with_records(program), self.law.system, self.law.name, scalar, banner)
         self.inputs = len(self.law.inputs)
         self.title = f"{self.law.output.about}, {self.robot}"
 
@@ -87,7 +89,7 @@ class LawC(ProgramC[Program]):
                     *([(f"{name('noslip_grip')} grip;", "of the floor, with NOSLIP_GRIP")] if self.grips else []),
                     *self._extension_fields(),
                     ("int ready;", "set by init"),
-                    *[(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()],
+                    *record_fields(self.program, self.scalar, self.meanings.constant),
                 ],
             ),
         ]
@@ -457,14 +459,25 @@ class LawC(ProgramC[Program]):
         law = program.entries[entry]
         used = users([*((node, "the test of Phi") for node in law.singular), *self.places(entry)], program.labels)
         taken, meaning = {*self._arguments(entry), "status"}, lambda node: self.meanings.temporary(node, used(node))
-        writer = Statements(self.scalar, self.step_given, program.labels, self.leave, taken, meaning)
-        self.write(writer, entry, self.places(entry))
+        writer = self._written(entry, taken, meaning)
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
         beside = entry.near or (entry == GROUND and code_bytes(law.roots) > LONG)
         kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry == GROUND else "static"
         head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
+
+    def _written(self, entry: Entry, taken: set[str], meaning: Callable[[Node], str]) -> Statements:
+        """Return the statements of an entry point, with loops where it is long and they compute the same."""
+        given = (self.scalar, self.step_given, self.program.labels, self.leave, taken, meaning)
+        loops = loops_of(self.compiled).get(entry, [])
+        with suppress(WrongLoop):
+            writer = Rolled(loops, self.admit_angle, *given)
+            self.write(writer, entry, self.places(entry))
+            return writer
+        straight = Statements(*given)
+        self.write(straight, entry, self.places(entry))
+        return straight
 
     def write(self, writer: Statements, entry: Entry, places: Sequence[tuple[Node, str]]) -> None:
         """Write the statements of an entry point: its tests, and the nodes for their places."""
@@ -473,7 +486,7 @@ class LawC(ProgramC[Program]):
         used = executed(law.roots)
         for angle in self.program.angles:
             if angle.arguments and angle in used:
-                writer.lines.append(self.leave(f"!{self.in_range(writer.named(angle))}", "NOSLIP_RANGE"))
+                writer.in_range(angle, self.admit_angle)
         if law.band:
             outside, edge = (writer.text(node) for node in law.band)
             writer.lines.append("/* Within the band the inverse of Phi is damped. */")
@@ -483,6 +496,10 @@ class LawC(ProgramC[Program]):
             writer.not_singular(measure, bound, law.margin)
         for node, place in places:
             writer.assign(place, node)
+
+    def admit_angle(self, angle: str) -> str:
+        """Return the statement that leaves the function if an angle is out of range."""
+        return self.leave(f"!{self.in_range(angle)}", "NOSLIP_RANGE")
 
     def _near(self, entry: Entry) -> str:
         """Return the call of what takes the place of an entry point within the band of a damped law."""

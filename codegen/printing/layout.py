@@ -44,7 +44,7 @@ def fill(text: str, indent: str) -> list[str]:
     further."""
     inner = text.lstrip()
     indent, text = indent + text[: len(text) - len(inner)], inner
-    pieces = re.split(r"(?<=,) |(?<= [-+*/=]) |(?<=&&) |(?<=\|\|) ", text)
+    pieces = re.split(r"(?<=,) |(?<= [-+*/=]) (?![^\[]*\])|(?<=&&) |(?<=\|\|) ", text)  # not within brackets
     lines = [indent + pieces[0]]
     for piece in pieces[1:]:
         longer = f"{lines[-1]} {piece}"

@@ -79,6 +79,10 @@ class Statements:
             self._assign(node, self._expression(node)[0])
         return self._print(node)[0]
 
+    def in_range(self, angle: Node, check: Callable[[str], str]) -> None:
+        """Leave the function if an angle is out of range; `check` returns the statement for its name."""
+        self.lines.append(check(self.named(angle)))
+
     def not_singular(self, measure: Node, bound: Node, margin: Node | None = None) -> None:
         """Leave the function unless `measure` is greater than `bound`, also for NaN; it is if `margin` is positive."""
         if self.guard is None:
