@@ -18,7 +18,7 @@ from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
 from ..model.names import KINEMATIC, without_damping, without_extension, without_kinematic, without_offset
-from ..model.outputs import OUTPUTS, output_map, output_names
+from ..model.outputs import STANDARD, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS, UNDERACTUATED
 from .errors import BadInput, suggestion
@@ -106,7 +106,7 @@ def check_law(robot: Mechanism, law_name: str) -> None:
     dynamic = without_kinematic(law_name)
     names, plain = output_names(robot), without_extension(dynamic)
     exact = without_damping(plain)
-    if exact not in names and without_offset(exact) not in OUTPUTS:
+    if exact not in names and without_offset(exact) not in STANDARD:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, names)}")
     if plain != dynamic != law_name:
         raise BadInput(f"{law_name}: a kinematic law has no dynamic extension: it has no accelerations; take {plain}{KINEMATIC}")

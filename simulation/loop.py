@@ -25,7 +25,6 @@ from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import axle
 from ..model.vehicle import steered_axle
-from ..planning.course import SmoothCurve
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
@@ -33,10 +32,26 @@ from ..readers.robots import find_robot, law_of
 from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .contact import friction_accelerations
 from .drive import Drive, make_drive
-from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
+from .guidance import (
+    COURSE_PARAMETERS,
+    AlongCourse,
+    Approaching,
+    Guidance,
+    Leg,
+    LegMaker,
+    OnCourse,
+    OnePath,
+    Route,
+    ShortWay,
+    Side,
+    accelerations,
+    course_of,
+    led_units,
+    smooth_curve,
+)
 from .plant import Plant
 from .sensing import Estimating, Sensing, SlipSensing
-from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
+from .specification.spec import AdaptationSection, ApproachSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
@@ -123,14 +138,14 @@ class Loop:
         if not self.integral.rows:
             return np.zeros(0)
         seen = self.seen(x)
-        return self.integral.error(self.guidance.leg.controller, np.append(seen, xi), self.reference(t, seen))
+        return self.integral.error(self.guidance.leg_at(seen).controller, np.append(seen, xi), self.reference(t, seen))
 
     def observed(self, t: float, x: np.ndarray, add: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what the observers of disturbances compare: y^(r-1) and v without the estimates; `add` as for `command`."""
         if not self.observers.rows:
             return np.zeros(0), np.zeros(0)
         seen = self.seen(x)
-        return self.observers.seen(self.guidance.leg.controller, seen, self.integral.added(self.reference(t, seen), add))
+        return self.observers.seen(self.guidance.leg_at(seen).controller, seen, self.integral.added(self.reference(t, seen), add))
 
     def command(
         self, t: float, x: np.ndarray, add: np.ndarray, xi: np.ndarray, less: np.ndarray | None = None
@@ -140,8 +155,8 @@ class Loop:
         `add`: value of integral action for each output that has it; `xi`: states of the dynamic extension, if any; `less`: minus
         the estimate for each output that has an observer.
         """
-        seen, leg = self.seen(x), self.guidance.leg
-        known, noticed = np.append(seen, xi), self.noticed
+        seen = self.seen(x)
+        leg, known, noticed = self.guidance.leg_at(seen), np.append(seen, xi), self.noticed
         if noticed:
             leg.controller.believe(noticed.mu)
         reference = self.reference(t, seen)
@@ -181,7 +196,11 @@ class Loop:
 
     def beyond(self, x: np.ndarray, xi: np.ndarray) -> bool:
         """Return whether the robot has crossed the singular set; only checked if the controller sees the true state."""
-        return not self.sensing and self.guidance.leg.side(np.append(x, xi)) <= 0
+        return not self.sensing and self.side(x, xi) <= 0
+
+    def side(self, x: np.ndarray, xi: np.ndarray) -> float:
+        """Return on which side of the singular set a state is, see Side."""
+        return self.guidance.leg_at(x).side(np.append(x, xi))
 
 
 def make_loop(spec: Spec) -> Loop:
@@ -225,14 +244,7 @@ def make_loop(spec: Spec) -> Loop:
         spec, warnings = _facing(spec, law, believed)
         assert spec.initial is not None, "only a composite path defines its own start"
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
-        leg = make_leg(_config(law, spec), start)
-        followed = leg, _reference(law, spec), ShortWay(law, believed, leg.config)
-        if (course := spec.reference.course) and course.follow == "path":
-            _check_along(law, gains)
-            x, y, *_ = spec.reference.position or ()
-            guidance = OnCourse(*followed, smooth_curve(course, x, y), start)
-        else:
-            guidance = OnePath(*followed)
+        guidance = _one_path(law, spec, believed, gains, make_leg, start)
     sensing: Sensing | None = None
     if spec.sensors:
         seen = (plant.parameters, believed, start)
@@ -384,7 +396,7 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
 
 def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
     """Return the SPEC with P_l on the side of the axle that the speed requires, if configured; else a warning."""
-    output, speed = spec.output, spec.reference.speed
+    output, speed = spec.output, spec.desired_speed
     if output.type != "IV" or not speed:
         return spec, ()
     try:
@@ -411,7 +423,8 @@ def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
     given = {"L": spec.output.L, "band": spec.output.band, **({"W": spec.output.W} if spec.output.W else {})}
     given = {name: value for name, value in given.items() if name in [c.name for c in law.config]}
     if path := spec.output.path:
-        names = [c.name for c in law.config if c.name not in ("L", "W", "band")]
+        own = ("L", "W", "band", *(COURSE_PARAMETERS if law.output.foot else ()))
+        names = [c.name for c in law.config if c.name not in own]
         check_keys(path.parameters, names, "[output] path")
         missing = [name for name in names if name not in path.parameters]
         if missing:
@@ -425,7 +438,7 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     rows, degrees = len(law.output.rows), law.linearization.relative_degree
     position, velocity = spec.reference.position or (), spec.reference.velocity
     if spec.output.type == "IV":
-        position = (0.0, spec.reference.speed or 0.0)
+        position = (0.0, spec.desired_speed)
     if velocity is None:
         velocity = (0.0,) * rows
     for name, given in (("position", position), ("velocity", velocity)):
@@ -437,7 +450,7 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
         offset += [start, rate, *[0.0] * (degree - 1)][: degree + 1]
         slope += [rate, *[0.0] * degree]
     begin, rates = np.array(offset), np.array(slope)
-    if not (kind := spec.reference.moves):
+    if not (kind := spec.reference.moves) or law.output.foot:
         return lambda t: begin + rates * t
     if [row.unit for row in law.output.rows[:2]] != ["m", "m"]:
         raise BadInput(f"[reference] {kind}: the first two outputs of {law.name} are not a point: give position and velocity")
@@ -451,9 +464,20 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     return at
 
 
-def smooth_curve(course: CourseSection, x: float = 0.0, y: float = 0.0) -> SmoothCurve:
-    """Return the curve of a course that begins at (x, y), m."""
-    return SmoothCurve(x, y, course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
+def _one_path(
+    law: ControlLaw, spec: Spec, believed: np.ndarray, gains: Sequence[float], make_leg: LegMaker, start: np.ndarray
+) -> OnePath:
+    """Return the guidance of a path that is not a composite one, or of none."""
+    config, reference, course = _config(law, spec), _reference(law, spec), spec.reference.course
+    if course is None or (law.output.foot is None and course.follow == "time"):
+        leg = make_leg(config, start)
+        return OnePath(leg, reference, ShortWay(law, believed, leg.config))
+    curve = course_of(spec)
+    if law.output.foot:
+        return AlongCourse(law, believed, config, reference, curve, make_leg, start)
+    _check_along(law, gains)
+    leg = make_leg(config, start)
+    return OnCourse(leg, reference, ShortWay(law, believed, leg.config), curve, start)
 
 
 def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:

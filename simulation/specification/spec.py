@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...controllers import DRIVES
+from ...controllers import BACKENDS, DRIVES
 from ...model.names import EXTENDED, KINEMATIC, TYPES, LawName
 from ...model.outputs import BAND
 from ...model.paths import PATHS
@@ -110,6 +110,7 @@ COMPOSITE: dict[str, dict[str, Reader]] = {  # kind -> its keys besides stop and
     "dubins": BETWEEN,
     "reeds_shepp": BETWEEN,
 }
+COURSE = "course"  # kind of the path that [reference] course describes
 KIND = "kind of curve; the other keys are its parameters"
 OPTIONS = {
     "stop": one_of("point", "axle").about("what stops at the end and at cusps: P_l, or the middle of the axle"),
@@ -128,7 +129,7 @@ def _path_schema() -> Schema:
     return {
         "type": "object",
         "description": "the curve that type IV follows, by its kind",
-        "properties": {"kind": {**text.about(KIND).schema(), "examples": [*PATHS, *COMPOSITE]}},
+        "properties": {"kind": {**text.about(KIND).schema(), "examples": [*PATHS, *COMPOSITE, COURSE]}},
         "required": ["kind"],
         "allOf": [*of_kind, others],
     }
@@ -208,6 +209,8 @@ class OutputSection:
             )
         if self.extension and self.reversing != "allow":
             raise BadInput("[output] extension needs no reversing: P_l on the axle is followed forward and in reverse")
+        if self.along_course and self.near_singular == "damped":
+            raise BadInput('[output] near_singular = "damped" does not go with a course')
         if self.type in TYPES and self.parameters:
             raise BadInput(f"[output] parameters apply to a robot's own output; type {self.type} has L, W and path")
         if self.own and (self.L or self.W or self.path):
@@ -222,6 +225,11 @@ class OutputSection:
     def own(self) -> bool:
         """Whether it is an output of the robot."""
         return self.type not in TYPES
+
+    @property
+    def along_course(self) -> bool:
+        """Whether the path is that of [reference] course."""
+        return self.path is not None and self.path.kind == COURSE
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -290,6 +298,16 @@ class CourseSection:
             raise BadInput(f"[reference] course: rounding = {self.rounding:g} must be at most the shortest of the lengths")
 
 
+def _course_schema() -> Schema:
+    return {"anyOf": [section(CourseSection).schema(), {"type": "string", "description": "file of a course, or of points"}]}
+
+
+def _read_course(value: Any, where: str) -> CourseSection:
+    """Read a course; one in a file has been read before, with the SPEC."""
+    return section(CourseSection)(value, where)
+
+
+_course = Reader(_read_course, _course_schema, kind=CourseSection)
 FASTEST = math.inf  # m/s: as fast as the accelerations allow
 
 
@@ -322,7 +340,7 @@ class Reference:
     velocity: tuple[float, ...] | None = entry(numbers, None, "rates of these desired outputs, one for each")
     approach: ApproachSection | None = entry(section(ApproachSection), None)
     circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
-    course: CourseSection | None = entry(section(CourseSection), None, "along which a desired point moves, in addition")
+    course: CourseSection | None = entry(_course, None, "along which a desired point moves, in addition, or a P_l of type IV")
 
     @property
     def profiled(self) -> bool:
@@ -744,7 +762,11 @@ class Spec:
             raise BadInput("[reference] has both circle and course: give one of them")
         if self.reference.velocity and self.reference.course and self.reference.course.follow == "path":
             raise BadInput('[reference] velocity does not go with a course with follow = "path", which does not depend on time')
+        if self.output.along_course:
+            self._check_course()
         required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle", "course"))
+        if self.output.along_course:
+            required, optional = "course", ("speed", "position")
         for name in ("speed", "position", "velocity", "circle", "course"):
             given = getattr(self.reference, name) is not None
             if given and name not in (required, *optional):
@@ -757,6 +779,12 @@ class Spec:
     def kinematic(self) -> bool:
         """Whether the law is kinematic: the drives then take its commands."""
         return self.drive is not None and self.drive.kinematic
+
+    @property
+    def desired_speed(self) -> float:
+        """Desired forward speed of type IV, m/s: by default that of a course."""
+        course, speed = self.reference.course, self.reference.speed
+        return speed if speed is not None else course.speed if course else 0.0
 
     @property
     def learned(self) -> tuple[str, ...]:
@@ -779,6 +807,17 @@ class Spec:
             raise BadInput(f"{without} [limits] notice_slip, which lowers the friction of a law that gives torques")
         if self.reference.approach:
             raise BadInput(f"{without} [reference] approach; most_acceleration bounds how the vehicle starts")
+
+    def _check_course(self) -> None:
+        """Raise BadInput for what there is not with a path of kind course."""
+        without = '[output] path = { kind = "course" } does not go with'
+        if self.reference.approach:
+            raise BadInput(f"{without} [reference] approach; start the robot near the course")
+        if self.reference.position is not None and len(self.reference.position) != 2:
+            raise BadInput(f"[reference] position has {len(self.reference.position)} numbers; a course begins at [x, y]")
+        if self.simulation.backend not in BACKENDS:
+            known = ", ".join(BACKENDS)
+            raise BadInput(f"{without} [simulation] backend = {self.simulation.backend!r}; known are {known}")
 
     def _check_extension(self) -> None:
         """Raise BadInput for what a dynamic extension is not there for yet."""
@@ -835,9 +874,19 @@ def spec_of(text: str, name: Path | str) -> Spec:
 
 def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:
     """Return the SPEC of a table of the file `name`; its files are looked up beside it first. Raises BadInput."""
-    spec: Spec = section(Spec)(table, "")
+    spec: Spec = section(Spec)(_with_course(table, name), "")
     scene = spec.scene and dataclasses.replace(spec.scene, file=near(spec.scene.file, name))
     return dataclasses.replace(spec, robot=beside(spec.robot, name), scene=scene)
+
+
+def _with_course(table: Mapping[str, Any], name: Path | str) -> Mapping[str, Any]:
+    """Return the table with the course, and where it begins, that [reference] course names as a file."""
+    reference = table.get("reference")
+    if not (isinstance(reference, dict) and isinstance(file := reference.get("course"), str)):
+        return table
+    from ...planning.points import read_reference  # slow to import
+
+    return {**table, "reference": {**read_reference(near(file, name)), **{k: v for k, v in reference.items() if k != "course"}}}
 
 
 def read_spec(file: Path | str) -> Spec:
