@@ -8,6 +8,7 @@ from typing import Any
 
 import sympy as sp
 
+from ..controllers.balance.steady import analyse_at_rest
 from ..model.errors import ModelError
 from ..model.law import default_gains, gain_names
 from ..model.linearization import ASIDE, STEEPEST, linearize
@@ -32,7 +33,7 @@ from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
 from .outputs.decoupling import decouple
 from .outputs.normal_form import NormalForm, StraightMotion, normal_form
-from .underactuated import analyse_at_rest
+from .underactuated import verdicts
 
 Contact = RollingContact | PlanarContact
 System = Mechanism | Kinematics | Contact
@@ -132,7 +133,7 @@ def _at_rest(system: System) -> tuple[str, ...]:
     if not isinstance(system, Mechanism) or not 0 < len(system.inputs) < len(system.coordinates) - system.A.shape[0]:
         return ()
     try:
-        return tuple(analyse_at_rest(system).lines())
+        return tuple(verdicts(analyse_at_rest(system)))
     except (ModelError, RuntimeError) as error:
         return (f"not judged: {error}",)
 

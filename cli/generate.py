@@ -4,6 +4,7 @@ import argparse
 import difflib
 import hashlib
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -83,6 +84,13 @@ def add_balance(parser: argparse.ArgumentParser) -> None:
         help="instead of laws, ROBOT_lqr.h: the state feedback at rest of a robot with fewer inputs than degrees of freedom that "
         "minimizes the integral of the weighted squares of these states and of the inputs",
     )
+    parser.add_argument(
+        "--motion",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help="for --lqr: not at rest, but in the steady motion with these velocities, such as speed=0.5 yaw_rate=0.4",
+    )
     parser.add_argument("--effort", type=float, metavar="WEIGHT", help="of the inputs, for --lqr (default: 1)")
     parser.add_argument("--limit", type=float, metavar="N", help="largest input, N or N m, for --lqr (default: none)")
     parser.add_argument(
@@ -114,8 +122,8 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip generate`. Return 1 if --check finds a difference, or if C and model differ; nothing is written then."""
     if args.lqr:
         return _generate_balance(args)
-    if args.limit is not None or args.without or args.effort is not None:
-        raise BadInput("--effort, --limit and --without apply to --lqr NAME=WEIGHT ...")
+    if args.limit is not None or args.without or args.effort is not None or args.motion:
+        raise BadInput("--effort, --limit, --motion and --without apply to --lqr NAME=WEIGHT ...")
     select_follower(args)
     if args.explain:
         from ..codegen.explain import explain
@@ -141,9 +149,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _generate_balance(args: argparse.Namespace) -> int:
-    """Write the header of a state feedback at rest. Return 1 if its C differs from it; nothing is written then."""
-    from ..analysis.balance import ROUNDING, differences, header
-    from ..analysis.underactuated import Balanced, analyse_at_rest
+    """Write the header of a state feedback. Return 1 if its C differs from it; nothing is written then."""
+    from ..controllers.balance.feedback import design
+    from ..controllers.balance.in_c import ROUNDING, differences, header
+    from ..controllers.balance.steady import analyse_steady
     from ..readers.robots import find_robot
 
     others = {"--output": args.output, "--check": args.check, "--explain": args.explain, "--for": args.target}
@@ -153,36 +162,40 @@ def _generate_balance(args: argparse.Namespace) -> int:
     if args.limit is not None and not 0 < args.limit < float("inf"):
         raise BadInput(f"--limit {args.limit:g}: must be positive and finite; leave it out for no limit")
     effort = 1.0 if args.effort is None else args.effort
-    rest = analyse_at_rest(find_robot(args.robot))
-    rest.check_names(args.without)
-    gains, _ = rest.lqr(_weights(args.lqr), effort)
-    balanced = Balanced(rest, rest.without(gains, *args.without) if args.without else gains, args.limit or float("inf"))
+    steady = analyse_steady(find_robot(args.robot), _named("--motion", args.motion, "speed=0.5"))
+    weights = _named("--lqr", args.lqr, "pitch=10")
+    balanced = design(steady, weights, effort, args.without, args.limit or float("inf"))
     found = differences(balanced)
     if wrong := [f"{scalar} by {difference:.2g}" for scalar, difference in found.items() if not difference <= ROUNDING[scalar]]:
         print(f"noslip: {balanced.name}_lqr: the C differs from the feedback: {', '.join(wrong)}", file=sys.stderr)
         return 1
     given = [*args.lqr, f"--effort {effort:g}", *[f"--without {name}" for name in args.without]]
     given += [] if args.limit is None else [f"--limit {args.limit:g}"]
+    given += ["--motion", *args.motion] if args.motion else []
     folder, name = Path(args.out) / balanced.name, f"{balanced.name}_lqr.h"
-    about = f"{MARK}: state feedback of {balanced.name} at rest, --lqr {' '.join(given)}"
+    about = (
+        f"{MARK}: state feedback of {balanced.name} {'at rest' if steady.rests else 'in steady motion'}, --lqr {' '.join(given)}"
+    )
     write_folder(folder, {name: header(balanced, about)}, stale=set())
     show(args, lambda: f"{folder / name}: compared at random states", lambda: {"folder": str(folder), "files": [name]})
     return 0
 
 
-def _weights(texts: Sequence[str]) -> dict[str, float]:
-    """Return weights by name. Raises BadInput for what is not NAME=NUMBER, or given twice."""
-    weights: dict[str, float] = {}
+def _named(option: str, texts: Sequence[str], example: str) -> dict[str, float]:
+    """Return the numbers of an option by name. Raises BadInput for what is not NAME=NUMBER, or given twice."""
+    numbers: dict[str, float] = {}
     for text in texts:
         name, _, number = text.partition("=")
         try:
             value = float(number)
         except ValueError as error:
-            raise BadInput(f"--lqr {text}: give NAME=WEIGHT, such as pitch=10") from error
-        if name in weights:
-            raise BadInput(f"--lqr {text}: {name} has a weight already")
-        weights[name] = value
-    return weights
+            raise BadInput(f"{option} {text}: give NAME=NUMBER, such as {example}") from error
+        if not math.isfinite(value):
+            raise BadInput(f"{option} {text}: give a finite number")
+        if name in numbers:
+            raise BadInput(f"{option} {text}: {name} has a number already")
+        numbers[name] = value
+    return numbers
 
 
 def select_follower(args: argparse.Namespace) -> None:

@@ -165,13 +165,13 @@ def test_what_does_not_go_with_a_course(old, new, says):
         simulate(spec_of(along(0.5).replace('backend = "casadi"', "").replace(old, new, 1), "spec"))
 
 
-def test_sweeps_of_courses_are_refused(tmp_path, bad_input):
-    (tmp_path / "spec.toml").write_text(
-        along(0.5).replace("[simulation]", "[simulation]\nperiod = 0.01").replace('"casadi"', '"c"')
-    )
-    assert "a sweep does not have it yet" in bad_input(
-        ["sweep", str(tmp_path / "spec.toml"), "--samples", "4", "-o", str(tmp_path / "o.parquet")]
-    )
+def test_a_sweep_runs_each_sample_by_simulation(tmp_path):
+    """Two masses of the robot, of which the law knows: the distance has the same poles with both."""
+    text = along(0.5).replace("[simulation]", "[simulation]\nperiod = 0.02").replace('"casadi"', '"c"').replace("7.0", "1.0")
+    (tmp_path / "spec.toml").write_text(text + "[sweep]\nseed = 1\n[sweep.parameters]\nm_c = { uniform = [80.0, 120.0] }\n")
+    table = tmp_path / "table.parquet"
+    assert main(["sweep", str(tmp_path / "spec.toml"), "--samples", "2", "-o", str(table)]) == 0
+    assert table.stat().st_size > 0
 
 
 def test_a_planned_course_is_followed(tmp_path, capsys):

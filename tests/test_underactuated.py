@@ -11,11 +11,13 @@ import noslip
 import numpy as np
 import pytest
 from noslip.analysis.answers import analyse, as_json
-from noslip.analysis.balance import BalanceInC, differences
 from noslip.analysis.report import report
 from noslip.analysis.text import as_text
-from noslip.analysis.underactuated import AtRest, Balanced, Confirmed, analyse_at_rest, confirm, region
+from noslip.analysis.underactuated import Confirmed, confirm, region, returns, run, verdicts, zero_modes
 from noslip.cli.main import main
+from noslip.controllers.balance.feedback import Balanced
+from noslip.controllers.balance.in_c import BalanceInC, differences
+from noslip.controllers.balance.steady import Steady, analyse_at_rest
 from noslip.model import Mechanism, ModelError
 from noslip.model.underactuated import PartialLinearization, partial_linearization
 from noslip.readers.errors import BadInput
@@ -106,7 +108,7 @@ def test_the_balancers_modes_are_those_of_a_pencil():
     J, weight = v["I_y"] + m * h**2, m * v["g"] * h
     falls = np.sqrt(weight * whole / (whole * J - (m * h) ** 2))
     rolls = np.sqrt(weight / (whole * r**2 + 2 * m * h * r + J))
-    for modes, expected, still in ((rest.modes, falls, 4), (rest.zero, rolls, 5)):
+    for modes, expected, still in ((rest.modes, falls, 4), (zero_modes(rest), rolls, 5)):
         np.testing.assert_allclose(sorted(modes.real), [-expected, *[0.0] * still, expected], atol=1e-5)
     assert rest.stabilizable and rest.left == 3 and len(rest.unreached) == 3
 
@@ -153,11 +155,11 @@ def test_what_cannot_be_stabilized_is_said_with_the_reason():
     grows = np.sqrt(9.81)
     assert not rest.stabilizable and rest.left == 1  # needle - a cannot change
     np.testing.assert_allclose(sorted(rest.unreached.real), [-grows, 0.0, grows], atol=1e-9)
-    assert rest.lines()[0].startswith("1 input (motor) for 2 degrees of freedom")
-    assert rest.lines()[-1].startswith("not stabilizable: no input moves the modes 3.132, 0, -3.132 1/s, and one of them grows")
+    assert verdicts(rest)[0].startswith("1 input (motor) for 2 degrees of freedom")
+    assert verdicts(rest)[-1].startswith("not stabilizable: no input moves the modes 3.132, 0, -3.132 1/s, and one of them grows")
     racer = analyse_at_rest(find_robot("roller_racer"))
     assert racer.stabilizable and racer.left == 4
-    assert racer.lines()[-1].startswith("nothing grows, but not asymptotically stabilizable by linear feedback")
+    assert verdicts(racer)[-1].startswith("nothing grows, but not asymptotically stabilizable by linear feedback")
 
 
 @pytest.mark.parametrize("name", ["balancer", pytest.param("roller_racer", marks=pytest.mark.nightly)])
@@ -171,7 +173,7 @@ def test_the_command_says_it(name, capsys):
     assert "underactuated" in capsys.readouterr().err
 
 
-def balanced(limit: float = 4.0) -> tuple[AtRest, Balanced, np.ndarray]:
+def balanced(limit: float = 4.0) -> tuple[Steady, Balanced, np.ndarray]:
     rest = analyse_at_rest(find_robot("balancer"))
     K, X = rest.lqr(WEIGHTS, 0.2)
     return rest, Balanced(rest, K, limit), X
@@ -181,7 +183,7 @@ def test_the_balancer_stands_drives_a_line_and_stops():
     """Torques held for 10 ms and limited, on the rigid model: from a tilt back to rest; 2 m ahead in 6 s, upright at the end."""
     rest, loop, X = balanced()
     tilted = np.array([0.2 * (name == "pitch") for name in rest.names])
-    stood, inputs = loop.run(tilted, 6.0, lambda t: np.zeros(9))
+    stood, inputs = run(loop, tilted, 6.0, lambda t: np.zeros(9))
     assert np.abs(stood[-1]).max() < 1e-5 and np.abs(inputs).max() <= 4.0
     r = values(find_robot("balancer"))["r"]
 
@@ -191,11 +193,11 @@ def test_the_balancer_stands_drives_a_line_and_stops():
         along = {"x": way, "theta_r": way / r, "theta_l": way / r, "speed": speed}
         return np.array([along.get(name, 0.0) for name in rest.names])
 
-    driven, _ = loop.run(np.zeros(9), 12.0, desired)
+    driven, _ = run(loop, np.zeros(9), 12.0, desired)
     off = driven - [desired(0.01 * k) for k in range(len(driven))]
     assert np.abs(off[-1]).max() < 1e-4 and np.abs(off[:, 0]).max() < 0.2
     assert np.abs(driven[:, rest.names.index("pitch")]).max() < 0.1 and np.abs(driven[:, 1]).max() < 1e-9
-    fell, _ = loop.run(6 * tilted, 6.0, lambda t: np.zeros(9))
+    fell, _ = run(loop, 6 * tilted, 6.0, lambda t: np.zeros(9))
     assert len(fell) < 601  # it falls: 4 N m are not enough from 1.2 rad
 
 
@@ -203,7 +205,7 @@ WITHOUT = ("theta_r", "theta_l")
 LQR = ["generate", "balancer", "--lqr", *(f"{name}={weight}" for name, weight in WEIGHTS.items()), "--effort", "0.2"]
 
 
-def in_c(scalar: str) -> tuple[AtRest, Balanced]:
+def in_c(scalar: str) -> tuple[Steady, Balanced]:
     """The balancer that does not use the angles of its wheels, with the feedback of the C."""
     rest, loop, _ = balanced()
     own = Balanced(rest, rest.without(loop.K, *WITHOUT), 4.0)
@@ -224,13 +226,13 @@ def test_the_balancer_turns_drives_and_stops_by_the_c(scalar):
         made[at["x"]], made[at["y"]], made[at["speed"]] = way * np.cos(2.0), way * np.sin(2.0), speed
         return made
 
-    run, inputs = loop.run(np.eye(9)[at["pitch"]] * 0.1, 18.0, desired)
-    end = run[-1] - desired(18.0)
+    driven, inputs = run(loop, np.eye(9)[at["pitch"]] * 0.1, 18.0, desired)
+    end = driven[-1] - desired(18.0)
     ahead, beside = np.array([[np.cos(2.0), np.sin(2.0)], [-np.sin(2.0), np.cos(2.0)]]) @ end[[at["x"], at["y"]]]
-    assert len(run) == 1801 and np.abs(inputs).max() <= 4.0 and abs(ahead) < 1e-5
+    assert len(driven) == 1801 and np.abs(inputs).max() <= 4.0 and abs(ahead) < 1e-5
     assert np.abs(end[[at[name] for name in ("phi", "pitch", "speed")]]).max() < 1e-5
     assert abs(beside) < 0.01  # no input moves it sideways at rest: what the turn while it rights itself left stays
-    assert np.abs(run[:, at["pitch"]]).max() < 0.2
+    assert np.abs(driven[:, at["pitch"]]).max() < 0.2
 
 
 def test_the_c_of_a_feedback_is_the_feedback():
@@ -241,7 +243,7 @@ def test_the_c_of_a_feedback_is_the_feedback():
     x = np.full(9, 0.05)
     assert BalanceInC(loop).step(x, 0 * x)[1] == pytest.approx(loop.step(x, 0 * x)[1], abs=1e-14)
     assert not np.abs(BalanceInC(loop).step(x, 0 * x)[1] - wrong.step(x, 0 * x)[1]).max() < 1e-12
-    turned = x + 2 * np.pi * (np.arange(9) == loop.rest.names.index("phi"))
+    turned = x + 2 * np.pi * (np.arange(9) == loop.steady.names.index("phi"))
     np.testing.assert_allclose(BalanceInC(loop).step(turned, 0 * x)[1], loop.step(x, 0 * x)[1], atol=1e-12)
     for state, status in ((20 * x, "ok"), (40 * x, "astray"), (x * np.nan, "nonfinite"), (1e9 * x, "range")):
         found, tau = BalanceInC(loop).step(state, 0 * x)
@@ -281,8 +283,8 @@ def test_the_command_writes_the_feedback(tmp_path, capsys, bad_input):
         assert subprocess.run([tmp_path / "main"]).returncode == 0
     for arguments, message in (
         (["generate", "labmate", "--lqr", "x=1"], "it is not underactuated"),
-        (["generate", "balancer", "--lqr", "pitch"], "give NAME=WEIGHT"),
-        (["generate", "balancer", "--lqr", "pitch=1", "pitch=2"], "pitch has a weight already"),
+        (["generate", "balancer", "--lqr", "pitch"], "give NAME=NUMBER"),
+        (["generate", "balancer", "--lqr", "pitch=1", "pitch=2"], "pitch has a number already"),
         ([*LQR, "--limit", "-2"], "--limit -2: must be positive"),
         ([*LQR, "--output", "type_i"], "--lqr does not go with --output"),
         ([*LQR, "--check", "--explain"], "--lqr does not go with --check, --explain"),
@@ -311,10 +313,10 @@ def test_a_region_of_attraction_by_sampling(count):
     found = region(loop, X, {"pitch": 0.8, "pitch_rate": 4.0}, count, 6.0)
     assert found.returned.any() and not found.returned.all()
     assert found.returned[found.cost < found.level].all() and found.inside >= 0.1 * count
-    of = [loop.rest.names.index(name) for name in ("pitch", "pitch_rate")]
+    of = [loop.steady.names.index(name) for name in ("pitch", "pitch_rate")]
     edge = found.boundary(*of)
     np.testing.assert_allclose(np.sum(edge @ X[np.ix_(of, of)] * edge, axis=1), found.level, rtol=1e-9)
-    (axes,) = found.draw(loop.rest.partial.system.state, *of).axes
+    (axes,) = found.draw(loop.steady.partial.system.state, *of).axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("pitch (rad)", "pitch_rate (rad/s)")
     shown = [len(line.get_xdata()) for line in axes.lines[:2]]
     assert shown == [found.returned.sum(), count - found.returned.sum()]
@@ -351,10 +353,12 @@ def test_starts_of_a_confirmation_are_uniform(monkeypatch):
     """All have a cost up to the level; half of it encloses 2^-3 of a ball in the 6 dimensions that the inputs reach."""
     loop, X = measured()
     starts: list[np.ndarray] = []
-    monkeypatch.setattr(Balanced, "returns", lambda self, start, duration, within: starts.append(start) or True)
+    monkeypatch.setattr(
+        "noslip.analysis.underactuated.returns", lambda balanced, start, duration, within: starts.append(start) or True
+    )
     confirm(loop, X, 0.7, 4000, 6.0)
     of = np.array(starts)
-    cost, T = np.sum((of @ X) * of, axis=1), loop.rest.reached
+    cost, T = np.sum((of @ X) * of, axis=1), loop.steady.reached
     assert cost.max() <= 0.7 * (1 + 1e-9) and np.abs(of - of @ T @ T.T).max() < 1e-12
     assert np.mean(cost < 0.35) == pytest.approx(1 / 8, abs=4 * math.sqrt(1 / 8 * 7 / 8 / 4000))
     assert np.abs((of @ X @ T).mean(axis=0)).max() < 0.05 * np.abs(of @ X @ T).max()  # on all sides alike
@@ -363,11 +367,11 @@ def test_starts_of_a_confirmation_are_uniform(monkeypatch):
 def test_wheels_that_roll_on_are_no_fall():
     """A start that is turned and moves: the wheels end turned, as gains without their angles let them; it returned."""
     loop, _ = measured()
-    start = np.zeros(len(loop.rest.names))
-    start[[loop.rest.names.index(name) for name in ("phi", "speed")]] = 0.4, 1.0
-    states, _ = loop.run(start, 6.0, lambda t: np.zeros(len(start)))
-    wheels = [loop.rest.names.index(name) for name in ("theta_r", "theta_l")]
-    assert np.abs(states[-1, wheels]).min() > 0.05 and loop.returns(start, 6.0, 1e-3)
+    start = np.zeros(len(loop.steady.names))
+    start[[loop.steady.names.index(name) for name in ("phi", "speed")]] = 0.4, 1.0
+    states, _ = run(loop, start, 6.0, lambda t: np.zeros(len(start)))
+    wheels = [loop.steady.names.index(name) for name in ("theta_r", "theta_l")]
+    assert np.abs(states[-1, wheels]).min() > 0.05 and returns(loop, start, 6.0, 1e-3)
 
 
 def test_bad_input():

@@ -44,6 +44,7 @@ from ...readers.reading import (
 )
 from ...readers.robots import beside, near
 from .floor import Floor
+from .given import functions_of_time
 from .scene import SceneSection
 
 if TYPE_CHECKING:
@@ -698,6 +699,9 @@ class Spec:
         "gains of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action; ko, "
         "ko_distance, ... disturbance observers",
     )
+    given: Mapping[str, str | float] = entry(
+        functions_of_time, {}, "what a robot is given as known functions of time (`Mechanism.given`), by name"
+    )
     output: OutputSection = entry(section(OutputSection))
     reference: Reference = entry(section(Reference))
     initial: Initial | None = entry(section(Initial), None)
@@ -785,6 +789,12 @@ class Spec:
         """Desired forward speed of type IV, m/s: by default that of a course."""
         course, speed = self.reference.course, self.reference.speed
         return speed if speed is not None else course.speed if course else 0.0
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """The sections of this SPEC that are not in the C of a sweep: each sample is then run by `noslip simulate`."""
+        sections = tuple(name for name in ("adaptation", "estimator", "given") if getattr(self, name))
+        return (*sections, *(["reference.course"] if self.output.along_course else []))
 
     @property
     def learned(self) -> tuple[str, ...]:

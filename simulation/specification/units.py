@@ -28,7 +28,9 @@ def check_units(spec: Spec, law: ControlLaw) -> None:
             raise BadInput(f'{name} = "{value.text}": write a number without a unit')
 
 
-NAMED = tuple(f"{sweep}{where}." for sweep in ("", "sweep.") for where in ("parameters", "plant", "gains", "output", "initial"))
+NAMED = tuple(
+    f"{sweep}{where}." for sweep in ("", "sweep.") for where in ("parameters", "plant", "gains", "given", "output", "initial")
+)
 
 
 def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
@@ -37,6 +39,7 @@ def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
     known = {name: [unit] for name, unit in units(Spec)}
     known |= {f"{where}.{q.name}": [q.unit] for where in ("parameters", "plant") for q in law.parameters}
     known |= {f"initial.{q.name}": [q.unit] for q in law.system.state}
+    known |= {f"given.{q.name}": [q.unit] for q in mechanism.coordinates}
     known |= {f"output.{'parameters' if spec.output.own else 'path'}.{q.name}": [q.unit] for q in law.config}
     gains = {q.name: q.unit for q in law.gains}
     degrees = dict(zip((row.name for row in rows), law.linearization.relative_degree, strict=True))

@@ -1,4 +1,4 @@
-"""State feedback about rest as C: a header with the gains of an LQR for noslip_balance.h, compiled and compared."""
+"""State feedback as C: a header with the gains of an LQR for noslip_balance.h, compiled and compared."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -6,11 +6,11 @@ from functools import cached_property
 import cffi
 import numpy as np
 
-from ..codegen.printing.layout import WIDTH, aside, fill, guard_name
-from ..codegen.printing.scalar import SCALARS, Scalar
-from ..controllers.runtime import InC, declarations, load
-from ..readers.errors import BadInput
-from .underactuated import Balanced
+from ...codegen.printing.layout import WIDTH, aside, fill, guard_name
+from ...codegen.printing.scalar import SCALARS, Scalar
+from ..runtime import InC, declarations, load
+from ...readers.errors import BadInput
+from .feedback import Balanced, Feedback
 
 HEADER = "noslip_balance.h"
 STATES, SEED, FAR = 200, 0, 2.0  # of a comparison; largest deviation of its states, SI: some have fallen
@@ -19,7 +19,7 @@ ROUNDING = {"double": 1e-12, "float": 1e-5}  # relative to the largest input
 
 def header(balanced: Balanced, about: str) -> str:
     """Return the text of ROBOT_lqr.h, for both scalars; `about` says how it was made, on one line."""
-    name, system = f"{balanced.name}_lqr", balanced.rest.partial.system
+    name, system = f"{balanced.name}_lqr", balanced.steady.partial.system
     upper, guard = name.upper(), guard_name(f"{name}.h")
     states = ", ".join(f"{q.name} ({q.unit})" for q in system.state)
     inputs = ", ".join(f"{q.name} ({q.unit})" for q in system.mechanism.inputs)
@@ -44,11 +44,11 @@ def _init(balanced: Balanced, name: str, scalar: Scalar) -> list[str]:
     """Return the function that initializes the feedback in one scalar."""
     tables: dict[str, Sequence[float] | np.ndarray] = {
         "K": balanced.K.ravel(),
-        "rest": balanced.rest.tau,
+        "rest": balanced.steady.tau,
         "limit": balanced.limits,
         "fallen": balanced.fallen,
     }
-    place = balanced.place or (0, 0, -1)
+    place = balanced.steady.place or (0, 0, -1)
     own = scalar.name
     return [
         "/* Initializes; returns the status of noslip_balance_init. */",
@@ -56,7 +56,7 @@ def _init(balanced: Balanced, name: str, scalar: Scalar) -> list[str]:
         "{",
         *[line for table, values in tables.items() for line in _table(scalar, table, values)],
         f"    {own('noslip_balance_options')} options;",
-        f"    options.states = {len(balanced.rest.names)};",
+        f"    options.states = {len(balanced.steady.names)};",
         f"    options.inputs = {len(balanced.K)};",
         *[f"    options.{table} = {table};" for table in tables],
         *[f"    options.{field} = {number};" for field, number in zip(("x", "y", "heading"), place, strict=True)],
@@ -103,7 +103,7 @@ class BalanceInC(InC):
         self._self = self.ffi.new(f"{own.name('noslip_balance')} *")
         if (status := self.lib.make(self._self)) != 0:
             raise BadInput(f"{name}: init returns {self.status(status)!r}")
-        sizes = len(balanced.rest.names), len(balanced.rest.names), len(balanced.K)
+        sizes = len(balanced.steady.names), len(balanced.steady.names), len(balanced.K)
         self._arrays = [self.ffi.new(f"{own.real}[]", size) for size in sizes]
 
     @cached_property
@@ -123,7 +123,7 @@ def differences(balanced: Balanced) -> dict[str, float]:
     infinite where a status differs.
     """
     random = np.random.default_rng(SEED)
-    size = (STATES, len(balanced.rest.names))
+    size = (STATES, len(balanced.steady.names))
     states, desired = random.uniform(-FAR, FAR, size), random.uniform(-FAR, FAR, size) * (random.uniform(size=(STATES, 1)) < 0.5)
     near = states * random.uniform(size=(STATES, 1)) ** 3 + desired
     expected = [balanced.step(x, x_d) for x, x_d in zip(near, desired, strict=True)]
