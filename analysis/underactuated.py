@@ -35,7 +35,9 @@ def verdicts(rest: Steady) -> list[str]:
         + (f"; {counted(len(growing), 'mode')} of these grow{'s' * (len(growing) == 1)}" if growing else ""),
         f"zero dynamics with the velocities at the inputs held at 0 (collocated): {listed(zero)} 1/s, "
         + (
-            "unstable: holding these velocities alone makes the robot fall" if np.any(zero.real > STILL) else "none of them grows"
+            "unstable: holding these velocities alone makes the robot fall"
+            if np.any(zero.real > STILL)
+            else "none of them grows"
         ),
         rest.verdict,
     ]

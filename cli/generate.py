@@ -173,9 +173,7 @@ def _generate_balance(args: argparse.Namespace) -> int:
     given += [] if args.limit is None else [f"--limit {args.limit:g}"]
     given += ["--motion", *args.motion] if args.motion else []
     folder, name = Path(args.out) / balanced.name, f"{balanced.name}_lqr.h"
-    about = (
-        f"{MARK}: state feedback of {balanced.name} {'at rest' if steady.rests else 'in steady motion'}, --lqr {' '.join(given)}"
-    )
+    about = f"{MARK}: state feedback of {balanced.name} {'at rest' if steady.rests else 'in steady motion'}, --lqr {' '.join(given)}"
     write_folder(folder, {name: header(balanced, about)}, stale=set())
     show(args, lambda: f"{folder / name}: compared at random states", lambda: {"folder": str(folder), "files": [name]})
     return 0

@@ -4,6 +4,7 @@ Types I to IV of the paper, for any vehicle that moves in a plane. P_l is a poin
 vehicle's point along its heading and, optionally, W to the left.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,10 +12,11 @@ import casadi as ca
 
 from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
+from .algebra.samples import Sampled
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .names import LawName, without_damping, without_extension, without_kinematic, without_offset
-from .paths import PATHS, Path, config, course
+from .names import LawName, without_arclength, without_damping, without_extension, without_kinematic, without_offset
+from .paths import PATHS, SMOOTH, Path, config, course
 from .reduction import ReducedSystem
 
 
@@ -262,6 +264,8 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     if (dynamic := without_kinematic(name)) != name:
         base_map = output_map(system, dynamic)
         return replace(base_map, name=name, about=f"{base_map.about}, kinematic", kinematic=True)
+    if (in_time := without_arclength(name)) != name:
+        return _by_arclength(system, on_axle(system, output_map(system, in_time)), name)
     if (plain := without_extension(name)) != name:
         base_map = output_map(system, plain)
         about = f"{base_map.about}, with dynamic extension"
@@ -274,6 +278,55 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     base = without_offset(name)
     standard = STANDARD[base](system, offset=base != name)
     return replace(standard, name=name, about=standard.about + (", P_l anywhere on the vehicle" if base != name else ""))
+
+
+PATH_GAIN = "path_gain_"  # names of the gains of a law along the way, with the order of the derivative
+
+
+def _by_arclength(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
+    """Return the outputs of a law along the way: how far the motion is from that which brings P_l onto the course, and the speed.
+
+    Derivatives of the distance e by the way of P_l along the parallel of the course through it are those by time over its speed
+    along the course. Of these e, e', ... depend on q only, up to an order k - 1. The rate of the last is g(q) nu, and P_l comes
+    onto the course as e^(k) + c_(k-1) e^(k-1) + ... + c_0 e = 0 says if (g + (c_(k-1) e^(k-1) + ... + c_0 e) a) nu = 0, where
+    a nu is that speed: this is the first output. It has a regular Phi at standstill too.
+    """
+    where, foot = f"{system.mechanism.name}, output {name}", output.foot
+    if foot is None:
+        raise ModelError(f"{where}: only laws of Type IV along a course can be along the way")
+    followed = following(system, output)
+    assert followed.foot is not None, "the output has a foot"
+    distance, curvature, rate = foot.distance, foot.symbols[2], foot.symbols[3]
+    along = canonical(ca.jacobian(followed.foot[1][2, :].T, rate).T * (1 - curvature * distance))  # d curvature/dt = rate ds/dt
+    errors, states = [distance], ca.vertcat(followed.moving, system.nu)
+    while True:
+        rates = canonical(ca.jacobian(errors[-1], followed.moving) @ followed.directions)
+        both = Sampled(ca.vertcat(rates, along), states, (*system.mechanism.parameters, *output.parameters), where)
+        if both.rank() == 2:
+            break
+        if len(errors) > SMOOTH:
+            raise ModelError(f"{where}: derivatives of the distance up to order {SMOOTH} by the way do not contain the steering")
+        column = next(k for k in range(system.dof) if not along[k].is_zero())
+        errors.append(canonical(rates[column] / along[column]))
+    k = len(errors)
+    gains = tuple(
+        config(
+            f"{PATH_GAIN}{j}",
+            float(math.comb(k, j)),
+            f"1/m^{k - j}" if k - j > 1 else "1/m",
+            f"on derivative {j} of the distance by the way",
+            "positive",
+        )
+        for j in range(k)
+    )
+    aim = sum((gain.symbol * error for gain, error in zip(gains, errors, strict=True)), start=ca.SX(0))
+    row = ca.densify((rates + aim * along) @ system.nu)
+    unit = {1: "m/s", 2: "1/s"}.get(k, f"1/(m^{k - 2} s)" if k > 3 else "1/(m s)")
+    steering = OutputRow(
+        "steering", unit, "how far the motion is from that which brings P_l onto the course", foot.at(row), of_foot=row
+    )
+    about = f"{output.about}, errors decay along the way"
+    return replace(output, name=name, about=about, rows=(steering, output.rows[1]), parameters=(*output.parameters, *gains))
 
 
 BAND = 0.2  # default; within 11.5 degrees of the normal to the path

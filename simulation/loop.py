@@ -6,6 +6,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import polynomial
 
 from ..controllers.approach import Approach, make_approach
 from ..controllers.backends import SCALAR, make_controller
@@ -24,7 +25,7 @@ from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
-from ..model.outputs import axle
+from ..model.outputs import PATH_GAIN, axle
 from ..model.vehicle import steered_axle
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
@@ -293,13 +294,13 @@ def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
 
 def _check_axle(law: ControlLaw, spec: Spec) -> None:
     """Raise BadInput if P_l of a law with a dynamic extension is not on the axle, where that law has it."""
-    if not law.output.extension or spec.output.own:
+    if spec.output.own or not (law.output.extension or spec.output.arclength):
         return
-    ahead = axle_at(law, spec.parameters)
+    ahead, given = axle_at(law, spec.parameters), "extension" if law.output.extension else "arclength"
     if abs(spec.output.L - ahead) > ON_AXLE:
         raise BadInput(
-            f"[output] extension = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: change it, or omit "
-            "extension; for another point that needs one, define an output of the robot's own"
+            f"[output] {given} = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: change it, or omit "
+            f"{given}; for another point that needs one, define an output of the robot's own"
         )
 
 
@@ -436,13 +437,18 @@ def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
     given = {"L": spec.output.L, "band": spec.output.band, **({"W": spec.output.W} if spec.output.W else {})}
     given = {name: value for name, value in given.items() if name in [c.name for c in law.config]}
     if path := spec.output.path:
-        own = ("L", "W", "band", *(COURSE_PARAMETERS if law.output.foot else ()))
+        along = [c.name for c in law.config if c.name.startswith(PATH_GAIN)]
+        own = ("L", "W", "band", *(COURSE_PARAMETERS if law.output.foot else ()), *along)
         names = [c.name for c in law.config if c.name not in own]
         check_keys(path.parameters, names, "[output] path")
         missing = [name for name in names if name not in path.parameters]
         if missing:
             raise BadInput(f"[output] path {missing[0]} is missing; a {path.kind} has {', '.join(names)}")
         given |= path.parameters
+        if (poles := spec.output.poles) is not None:
+            if len(poles) != len(along):
+                raise BadInput(f"[output] poles has {len(poles)} numbers; {law.name} has {len(along)} of this robot")
+            given |= dict(zip(along, polynomial.polyfromroots(poles)[:-1].tolist(), strict=True))
     return np.array(values_of(list(law.config), given, "[output]"))
 
 

@@ -15,6 +15,7 @@ from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import read_spec, spec_of
 from noslip.simulation.specification.vary import read_varied
+from scipy.integrate import cumulative_simpson
 from scipy.linalg import expm
 
 BACKING = Path(noslip.__file__).parent / "specs" / "backing"
@@ -49,7 +50,7 @@ def along(speed: float, text: str = AXLE) -> str:
     return text.replace("SPEED", str(speed)).replace("HEADING", "0.0" if speed > 0 else str(math.pi))
 
 
-@pytest.mark.parametrize("speed", [0.5, -0.5])
+@pytest.mark.parametrize("speed", [pytest.param(0.5, marks=pytest.mark.nightly), -0.5])
 def test_the_distance_has_the_poles_that_were_placed(speed):
     """Of the chain of three integrators, from 0.1 m beside a curve with ends of different curvature: (s + 0.5)(s + 2)^2."""
     run = simulate(spec_of(along(speed), "spec"))
@@ -187,3 +188,62 @@ def test_a_planned_course_is_followed(tmp_path, capsys):
     assert main(["simulate", str(tmp_path / "spec.toml"), "-o", str(tmp_path / "run.csv"), "--plot", str(out), "--json"]) == 0
     errors = json.loads(capsys.readouterr().out)["errors"]
     assert abs(errors["distance"]["final"]) < 1e-3 and out.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("speed", [pytest.param(0.5, marks=pytest.mark.nightly), -0.5])
+def test_errors_along_the_way_have_poles_per_metre_from_rest(speed):
+    """From standstill 0.1 m beside a bending course: (d/ds + 1)(d/ds + 2) e = 0 in the way s along the parallel through P_l."""
+    text = along(speed).replace("extension = true", "arclength = true\npoles = [-1.0, -2.0]").replace("extension = [0.0]\n", "")
+    begin, end = text.index("[initial]"), text.index("[simulation]")
+    text = text[:begin] + text[begin:end].replace(f"speed = {speed}", "speed = 0.0") + text[end:].replace("0.25", "0.02")
+    run = simulate(spec_of(text, "spec"))
+    assert run.stopped is None and run.law.linearization.relative_degree == (1, 1)
+    x_s, y_s, direction = run.config[:, :3].T
+    x, y = (run.q[:, :2] - 0.3 * np.column_stack([np.cos(run.q[:, 2]), np.sin(run.q[:, 2])])).T
+    distance = np.cos(direction) * (y - y_s) - np.sin(direction) * (x - x_s)
+    way = cumulative_simpson(run.y[:, 1] * np.cos(run.q[:, 2] - direction), x=run.t, initial=0.0)
+    assert way[-1] > 2.5 and np.ptp(run.config[:, 3]) > 1.2
+    assert np.abs(distance - 0.1 * (2.0 * np.exp(-way) - np.exp(-2.0 * way))).max() < 1e-6
+    assert np.abs(run.y[:, 1] - speed * (1.0 - np.exp(-2.0 * run.t))).max() < 1e-6
+
+
+def test_a_stop_is_regular_and_reverse_leads_back():
+    """At rest no motion is asked for across the course; backing along the reversed course, with the law of that."""
+    law = law_of(find_robot("labmate"), "type_iv_course_arclength")
+    params, gains = [q.default for q in law.parameters], [q.default for q in law.gains]
+    given = [0.0, 0.0, 0.2, 0.5, -0.3, 2.0, 3.0]
+    turned = [0.0, 0.0, 0.2 + math.pi, -0.5, -0.3, 2.0, 3.0]
+    still = np.array([0.3, 0.1, 0.25, 0.0, 0.0, 0.0, 0.0])
+    for config in (given, turned):
+        controller = make_controller("casadi", law, params, config, gains)
+        status, tau = controller.step(still, np.zeros(4))
+        assert status == "ok" and np.abs(tau).max() == 0.0
+        status, tau = controller.step(still, np.array([0.0, 0.0, 0.0, 0.5]))
+        assert status == "ok" and np.isfinite(tau).all() and np.abs(tau).max() > 0.0
+
+
+@pytest.mark.parametrize("name", [pytest.param("type_iv_course", marks=pytest.mark.nightly), "type_iv_course_arclength"])
+def test_the_c_of_laws_without_extension_is_the_model(name):
+    assert main(["check", "--robot", "labmate", "--output", name, "--states", "40"]) == 0
+
+
+@pytest.mark.nightly
+def test_the_rear_axle_along_the_way():
+    """Three poles per metre, of a car: C against CasADi at points of random courses."""
+    assert (
+        main(["check", "--robot", f"{BACKING / 'rear.py'}:rear", "--output", "type_iv_course_arclength", "--states", "20"]) == 0
+    )
+
+
+@pytest.mark.parametrize(
+    ("new", "says"),
+    [
+        ("arclength = true\nextension = true", "without extension"),
+        ("arclength = true\npoles = [1.0, -1.0]", "poles must be negative"),
+        ("arclength = true\npoles = [-1.0]", "poles has 1 numbers"),
+        ("poles = [-1.0]", "poles requires arclength"),
+    ],
+)
+def test_poles_along_the_way_that_are_wrong(new, says):
+    with pytest.raises(BadInput, match=says):
+        simulate(spec_of(along(0.5).replace("extension = true", new, 1).replace("extension = [0.0]\n", ""), "spec"))

@@ -353,9 +353,7 @@ def test_starts_of_a_confirmation_are_uniform(monkeypatch):
     """All have a cost up to the level; half of it encloses 2^-3 of a ball in the 6 dimensions that the inputs reach."""
     loop, X = measured()
     starts: list[np.ndarray] = []
-    monkeypatch.setattr(
-        "noslip.analysis.underactuated.returns", lambda balanced, start, duration, within: starts.append(start) or True
-    )
+    monkeypatch.setattr("noslip.analysis.underactuated.returns", lambda balanced, start, duration, within: starts.append(start) or True)
     confirm(loop, X, 0.7, 4000, 6.0)
     of = np.array(starts)
     cost, T = np.sum((of @ X) * of, axis=1), loop.steady.reached

@@ -443,10 +443,10 @@ def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSyste
 
 def _plain_row(stages: Stages, inner: ReducedSystem, row: OutputRow, degree: int) -> _Row:
     """Return a row differentiated from its expression."""
-    row_of_Phi, drift = derivative(inner, row.expression, degree)
+    row_of_Phi, drift = derivative(inner, row.in_motion, degree)
     Phi, Phidot = stages.exact(row_of_Phi), stages.exact(inner.along_motion(row_of_Phi))
     h = stages.step(row.name, stages.exact(row.in_motion))
-    rate = Phi @ inner.nu + stages.exact(carried_rate(inner, row.expression))
+    rate = Phi @ inner.nu + stages.exact(carried_rate(inner, row.in_motion))
     return _Row(h, stages.step(f"{row.name}_rate", rate), Phi, Phi, Phidot, stages.exact(drift))
 
 

@@ -193,6 +193,10 @@ class OutputSection:
         flag, False, "put integrators on inputs where outputs need it, such as those of a P_l in the middle of the axle"
     )
 
+    arclength: bool = entry(
+        flag, False, "errors along a course decay with the way of a P_l on the axle, not with time: regular at standstill too"
+    )
+    poles: tuple[float, ...] | None = entry(numbers, None, "of these errors, in 1/m, negative; by default all are -1")
     near_singular: str = entry(
         one_of("refuse", "damped"), "refuse", "what type IV does where the heading is nearly normal to the path"
     )
@@ -210,6 +214,12 @@ class OutputSection:
             )
         if self.extension and self.reversing != "allow":
             raise BadInput("[output] extension needs no reversing: P_l on the axle is followed forward and in reverse")
+        if self.arclength and (self.extension or not self.along_course):
+            raise BadInput('[output] arclength is for type IV with path = { kind = "course" }, without extension')
+        if self.poles is not None and not self.arclength:
+            raise BadInput("[output] poles requires arclength = true; gains of other laws are in [gains]")
+        if self.poles is not None and not all(pole < 0.0 for pole in self.poles):
+            raise BadInput("[output] poles must be negative, in 1/m: errors decay along the way")
         if self.along_course and self.near_singular == "damped":
             raise BadInput('[output] near_singular = "damped" does not go with a course')
         if self.type in TYPES and self.parameters:
@@ -243,7 +253,8 @@ class OutputSection:
         if self.own:
             return self.type + EXTENDED * self.extension
         path, damped = self.path.law if self.path else "", self.near_singular == "damped"
-        return str(LawName(self.type, path, offset=bool(self.W), damped=damped, extended=self.extension))
+        parts = {"offset": bool(self.W), "damped": damped, "extended": self.extension, "arclength": self.arclength}
+        return str(LawName(self.type, path, **parts))
 
 
 @dataclass(frozen=True, kw_only=True)
