@@ -1,8 +1,6 @@
 """`noslip plan`: plans a path of lines and arcs between poses or through waypoints, for a SPEC or as C."""
 
 import argparse
-import csv
-import io
 import itertools
 import json
 import math
@@ -13,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..readers.errors import BadInput
-from ..readers.files import check_targets, read_input, write_whole
+from ..readers.files import check_targets, write_whole
 from ..readers.quantities import Measured, quantity
 from .commands import show
 
@@ -138,6 +136,7 @@ def _hand_out(
 
 
 def _run_course(arguments: argparse.Namespace) -> int:
+    from ..planning.points import read_waypoints, reference_of
     from ..planning.smooth import fit_course  # slow to import
     from ..readers.printing import toml
 
@@ -147,9 +146,7 @@ def _run_course(arguments: argparse.Namespace) -> int:
         course = fit_course(points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings)
     except BadInput as error:
         raise BadInput(f"{arguments.points}: {error}") from error
-    names = ("speed", "heading", "lengths", "curvatures", *(["rounding"] if course.rounding else []))
-    table = {name: list(v) if isinstance(v := getattr(course, name), tuple) else v for name in names}
-    reference = {"position": [course.x, course.y], "course": table | {"follow": "path"}}
+    reference = reference_of(course)
     if arguments.json:
         written = json.dumps({"reference": reference}, indent=2) + "\n"
     else:
@@ -186,47 +183,13 @@ def _pose(values: list[float], option: str, degrees: bool) -> tuple[float, ...]:
 
 def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
     from ..planning import fit  # slow to import
+    from ..planning.points import read_waypoints
 
     points, headings = read_waypoints(arguments.points, arguments.degrees)
     try:
         return fit(points, arguments.tolerance, headings, arguments.closed, arguments.min_radius), points
     except BadInput as error:
         raise BadInput(f"{arguments.points}: {error}") from error
-
-
-def read_waypoints(file: str, degrees: bool = False) -> tuple[list[tuple[float, float]], list[float | None]]:
-    """Return waypoints (x, y) in m and headings in rad, None where the file has none. Raises BadInput naming the line."""
-    points: list[tuple[float, float]] = []
-    headings: list[float | None] = []
-    try:
-        text = read_input(file).decode("utf-8-sig")  # spreadsheet programs write a byte order mark
-        rows = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
-        for row in rows:
-            cells = [cell.strip() for cell in row]
-            if not any(cells) or cells[0].startswith("#"):
-                continue
-            if not points and cells in (["x", "y"], ["x", "y", "heading"]):
-                continue
-            numbers = _numbers(cells, f"{file} line {rows.line_num}")
-            points.append(numbers[:2])
-            headings.append(math.radians(numbers[2]) if degrees and numbers[2] is not None else numbers[2])
-    except OSError as error:
-        raise BadInput(f"{file}: {error.strerror}; check the path") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{file}: not a table of numbers: {error}") from error
-    return points, headings
-
-
-def _numbers(cells: list[str], where: str) -> tuple[float, float, float | None]:
-    if len(cells) not in (2, 3):
-        raise BadInput(f"{where} has {len(cells)} entries; give x, y or x, y, heading")
-    if not cells[-1]:
-        cells = cells[:-1]
-    try:
-        x, y, *heading = map(float, cells)
-    except ValueError as error:
-        raise BadInput(f"{where}: {', '.join(cells)} is not x, y or x, y, heading in numbers") from error
-    return x, y, heading[0] if heading else None
 
 
 def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:

@@ -215,12 +215,23 @@ class CompiledController:
 
     def adapt(self, params: Iterable[float]) -> None:
         """See Controller: by the init and update of the law."""
-        following, structs = self._library.instance(), [self._library.struct(self._library.robot_name("params"), params)]
-        status = self._library.function("init")(following, *structs, *self._given[1:])
+        self._given[0] = self._library.struct(self._library.robot_name("params"), params)
+        if (status := self._renewed()) != "ok":
+            raise BadInput(f"{self.law.name}: update to other parameters returns {status!r}")
+
+    def place(self, config: Iterable[float]) -> None:
+        """See Controller: by the init and update of the law."""
+        self._given[1] = self._library.struct(self._library.name("config"), config)
+        status = self._renewed()
+        self.refused = None if status == "ok" else status
+
+    def _renewed(self) -> str:
+        """Return the status of an update of the law to what is given now."""
+        following = self._library.instance()
+        status = self._library.function("init")(following, *self._given)
         with self._lock:
             status = status or self._library.function("update")(self._self, following)
-        if status:
-            raise BadInput(f"{self.law.name}: update to other parameters returns {self._library.status(status)!r}")
+        return self._library.status(status)
 
     @property
     def extension_rate(self) -> np.ndarray:

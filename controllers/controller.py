@@ -129,6 +129,11 @@ class Controller(Protocol):
     def adapt(self, params: Numbers) -> None:
         """Use other parameters of the robot from the next step on. Raises BadInput where that is not possible."""
 
+    def place(self, config: Numbers) -> None:
+        """Use another config, such as another point of a course, from the next step on; after one that is not valid, steps give
+        its status.
+        """
+
 
 def check_point(law: ControlLaw, state: np.ndarray, reference: np.ndarray) -> None:
     """Raise BadInput unless state and reference are one-dimensional and as long as those of the law."""

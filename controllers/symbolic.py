@@ -80,6 +80,11 @@ class CasadiController:
         if self._friction:
             self._grip = GripReference(self.law, self._fixed[0], self._friction, self._limits)
 
+    def place(self, config: Numbers) -> None:
+        """See Controller."""
+        params, _, gains = self._fixed
+        self._fixed = (params, np.array(config, dtype=float), gains)
+
     def _slope(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return np.asarray(slope_function(self.law)(*self._fixed, state, reference)).ravel()
 

@@ -89,7 +89,7 @@ class Integrators:
 
     def sampled(self, matrix: ca.SX, of: OutputMap) -> Sampled:
         """Return a matrix at random states."""
-        states = ca.vertcat(self.system.mechanism.q, self.system.nu, self.xi)
+        states = ca.vertcat(self.system.moving, self.system.nu, self.xi)
         return Sampled(matrix, states, (*self.system.mechanism.parameters, *of.parameters), _where(self.system, of))
 
     def on(self, chains: Sequence[Chain], choice: Choice, states: Sequence[Quantity], of: OutputMap) -> "Extended":
@@ -135,8 +135,8 @@ def extend(system: ReducedSystem, chains: Sequence[Chain], of: OutputMap) -> Ext
     """
     extended, added = _begin(system, chains)
     while (choice := _choice(extended, added, of)) is not None:
-        derivatives = ca.vertcat(*[row.expression for row in of.rows], *[rate for chain in extended for rate in chain.rates])
-        states = ca.vertcat(system.mechanism.q, system.nu, added.xi)
+        derivatives = ca.vertcat(*[row.in_motion for row in of.rows], *[rate for chain in extended for rate in chain.rates])
+        states = ca.vertcat(system.moving, system.nu, added.xi)
         if added.sampled(ca.jacobian(derivatives, states), of).rank() < derivatives.numel():
             names = ", ".join(row.name for row in of.rows)
             raise ModelError(
@@ -187,7 +187,7 @@ def _choice(chains: Sequence[Chain], integrators: Integrators, of: OutputMap) ->
         return None
     dependent = next(dependent_sets(values))
     shared = max(rank(value[dependent]) for value in values)
-    q = integrators.system.mechanism.q
+    q = integrators.system.moving
     try:
         straight = integrators.sampled(ca.substitute(Phi, q, ca.SX.zeros(q.shape)), of).values
     except ModelError:  # it is not finite there

@@ -179,7 +179,7 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     return ControlLaw(
         linearization=linearization,
         parameters=tuple(system.mechanism.parameters),
-        config=tuple(output.parameters),
+        config=tuple(linearization.output.parameters),
         gains=gains,
         reference=reference,
         virtual_input=virtual_input,

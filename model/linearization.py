@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -16,7 +16,8 @@ from .algebra.samples import Sampled, dependent_sets, rank
 from .errors import ModelError
 from .extension import Chain, Integrators, extend
 from .mechanism import Quantity
-from .outputs import OutputMap, OutputRow
+from .outputs import OutputMap, OutputRow, following
+from .paths import SMOOTH
 from .reduction import ReducedSystem
 from .vehicle import velocity_map
 
@@ -212,24 +213,41 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     if len(output.rows) != system.dof:
         raise ModelError(f"{where}: {_not_square(system, output)}")
     output.check(system)
-    output_chains, integrators = chains(system, output), None
-    if output.extension and _sampled(system, output, _rows(output_chains)).rank() < system.dof:
-        output_chains, integrators = extend(system, output_chains, output)
+    followed = following(system, output)
+    output_chains, integrators = chains(followed, output), None
+    if output.extension and _sampled(followed, output, _rows(output_chains)).rank() < system.dof:
+        output_chains, integrators = extend(followed, output_chains, output)
+    if output.foot and max(chain.degree for chain in output_chains) > SMOOTH + 2:
+        raise ModelError(f"{where}: the distance has a relative degree above {SMOOTH + 2}, and a course no more derivatives")
     Phi = _rows(output_chains)
-    _check_regular(system, output, Phi, integrators)
+    _check_regular(followed, output, Phi, integrators)
     if output.kinematic:
         return _kinematic(system, output, output_chains)
-    return Linearization(
+    if integrators:
+        at = output.at_foot_values(integrators.drift), output.at_foot_values(integrators.effect)
+        integrators = replace(integrators, drift=at[0], effect=at[1])
+    found = Linearization(
         system,
         output,
         tuple(chain.degree for chain in output_chains),
         ca.vertcat(*[row.expression for row in output.rows]),
-        ca.vertcat(*[rate for chain in output_chains for rate in chain.rates]),
-        ca.densify(Phi),
-        ca.SX(0, 0) if integrators else ca.densify(system.along_motion(Phi)),
-        ca.vertcat(*[chain.drift for chain in output_chains]),
+        output.at_foot_values(ca.vertcat(*[rate for chain in output_chains for rate in chain.rates])),
+        output.at_foot_values(ca.densify(Phi)),
+        ca.SX(0, 0) if integrators else output.at_foot_values(ca.densify(followed.along_motion(Phi))),
+        output.at_foot_values(ca.vertcat(*[chain.drift for chain in output_chains])),
         integrators,
     )
+    return _with_needed(found)
+
+
+def _with_needed(found: Linearization) -> Linearization:
+    """Return the linearization without the parameters of a course that it does not use, derivatives of high order."""
+    if found.output.foot is None:
+        return found
+    used = ca.vertcat(found.h, found.rate, ca.vec(found.Phi), ca.vec(found.Phidot), found.drift)
+    needed = tuple(q for q in found.output.parameters if ca.depends_on(used, q.symbol))
+    foot = found.output.foot.up_to(sum(q.name.startswith("curvature") for q in needed))
+    return replace(found, output=replace(found.output, parameters=needed, foot=foot))
 
 
 def _kinematic(system: ReducedSystem, output: OutputMap, output_chains: Sequence[Chain]) -> Linearization:
@@ -246,13 +264,13 @@ def _kinematic(system: ReducedSystem, output: OutputMap, output_chains: Sequence
             )
         drift.append(ca.SX(0) if degree else canonical(ca.substitute(row.expression, system.nu, still)))
     h, none = ca.vertcat(*[row.expression for row in output.rows]), ca.SX(0, 1)
-    Phi = ca.densify(_rows(output_chains))
-    return Linearization(system, output, degrees, h, none, Phi, ca.SX(0, 0), ca.vertcat(*drift))
+    Phi = output.at_foot_values(ca.densify(_rows(output_chains)))
+    return _with_needed(Linearization(system, output, degrees, h, none, Phi, ca.SX(0, 0), ca.vertcat(*drift)))
 
 
 def chains(system: ReducedSystem, output: OutputMap) -> list[Chain]:
     """Return each output as a chain of integrators, of degree 1 or 2. Raises ModelError for one that no input affects."""
-    return [_chain(system, output, row, row.expression) for row in output.rows]
+    return [_chain(system, output, row, row.in_motion) for row in output.rows]
 
 
 def _chain(system: ReducedSystem, output: OutputMap, row: OutputRow, expression: ca.SX) -> Chain:
@@ -284,7 +302,7 @@ def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[c
     if degree == 1:
         slope = ca.jacobian(expression, system.nu)
         return system.simplified("a row of Phi", slope, (slope,), lambda slope: slope), system.along_motion(expression)
-    J, S = ca.jacobian(expression, system.mechanism.q), system.S
+    J, S = ca.jacobian(expression, system.moving), system.directions
     row = system.simplified("a row of Phi", J @ S, (J, S), lambda J, S: J @ S)
     return row, system.along_motion(row) @ system.nu + system.along_motion(carried_rate(system, expression))
 
@@ -301,7 +319,7 @@ def _vanishes(system: ReducedSystem, output: OutputMap, row: ca.SX) -> bool:
 
 def _sampled(system: ReducedSystem, output: OutputMap, matrix: ca.SX) -> Sampled:
     where = f"{system.mechanism.name}, output {output.name}"
-    return Sampled(matrix, ca.vertcat(system.mechanism.q, system.nu), (*system.mechanism.parameters, *output.parameters), where)
+    return Sampled(matrix, ca.vertcat(system.moving, system.nu), (*system.mechanism.parameters, *output.parameters), where)
 
 
 def _not_square(system: ReducedSystem, output: OutputMap) -> str:

@@ -12,6 +12,7 @@ TYPE = "type_"  # prefix of the names of Types I to IV
 OFFSET = "_offset"  # suffix of the name of a law whose P_l may lie beside the vehicle's axis
 DAMPED = "_damped"  # suffix of the name of a law whose inverse is damped where Phi is nearly singular
 EXTENDED = "_extended"  # suffix of the name of a law with a dynamic extension
+ARCLENGTH = "_arclength"  # suffix of the name of a law whose errors along a course decay with the way, not with time
 KINEMATIC = "_kinematic"  # suffix of the name of a law that commands quasi-velocities
 TYPES = ("I", "II", "III", "IV")
 FLOAT = "_f"  # suffix of every name in float
@@ -97,7 +98,8 @@ def is_reserved(name: str) -> bool:
 @dataclass(frozen=True)
 class LawName:
     """The name of a law of Types I to IV: one of TYPES, the kind of path of IV, whether P_l may lie aside of the axis, whether
-    its inverse is damped, whether it is on the axle, with a dynamic extension, and whether the law is kinematic.
+    its inverse is damped, whether it is on the axle, with a dynamic extension, whether the law is kinematic, and whether errors
+    decay along the way.
     """
 
     type: str
@@ -106,20 +108,25 @@ class LawName:
     damped: bool = False
     extended: bool = False
     kinematic: bool = False
+    arclength: bool = False
 
     def __str__(self) -> str:
         path = f"_{self.path}" if self.path else ""
-        after = OFFSET * self.offset + DAMPED * self.damped + EXTENDED * self.extended + KINEMATIC * self.kinematic
+        after = OFFSET * self.offset + DAMPED * self.damped + EXTENDED * self.extended + ARCLENGTH * self.arclength
+        after += KINEMATIC * self.kinematic
         return f"{TYPE}{self.type.lower()}{path}{after}"
 
     @classmethod
     def parse(cls, name: str) -> "LawName | None":
         """The parts of a name; None of an output of the robot's own."""
         dynamic = without_kinematic(name)
-        plain = without_extension(dynamic)
+        in_time = without_arclength(dynamic)
+        plain = without_extension(in_time)
         exact = without_damping(plain)
         number, _, path = without_offset(exact).removeprefix(TYPE).partition("_")
-        law = cls(number.upper(), path, exact.endswith(OFFSET), exact != plain, plain != dynamic, dynamic != name)
+        law = cls(
+            number.upper(), path, exact.endswith(OFFSET), exact != plain, plain != in_time, dynamic != name, in_time != dynamic
+        )
         return law if law.type in TYPES and str(law) == name else None
 
 
@@ -136,6 +143,11 @@ def without_damping(name: str) -> str:
 def without_extension(name: str) -> str:
     """The name of the law of the same outputs without a dynamic extension."""
     return name.removesuffix(EXTENDED)
+
+
+def without_arclength(name: str) -> str:
+    """The name of the law of the same outputs whose errors decay with time."""
+    return name.removesuffix(ARCLENGTH)
 
 
 def without_kinematic(name: str) -> str:
@@ -158,7 +170,12 @@ def refuse_output(name: str, others: Iterable[str], where: str) -> None:
     """Raise ModelError for an output whose C would share a name with that of another output or of the robot."""
     if name.startswith(TYPE):
         raise ModelError(f"{where}: the name has a meaning already: {TYPE} begins the names of Types I to IV; choose another")
-    for ending, laws in ((DAMPED, "damped laws"), (EXTENDED, "laws with an extension"), (KINEMATIC, "kinematic laws")):
+    for ending, laws in (
+        (DAMPED, "damped laws"),
+        (EXTENDED, "laws with an extension"),
+        (KINEMATIC, "kinematic laws"),
+        (ARCLENGTH, "laws along the way"),
+    ):
         if name.endswith(ending):
             raise ModelError(f"{where}: the name has a meaning already: {ending} ends those of {laws}; choose another")
     defined = set(_law_names(name))

@@ -4,6 +4,7 @@ Types I to IV of the paper, for any vehicle that moves in a plane. P_l is a poin
 vehicle's point along its heading and, optionally, W to the left.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,10 +12,11 @@ import casadi as ca
 
 from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
+from .algebra.samples import Sampled
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .names import LawName, without_damping, without_extension, without_kinematic, without_offset
-from .paths import PATHS, Path, config
+from .names import LawName, without_arclength, without_damping, without_extension, without_kinematic, without_offset
+from .paths import PATHS, SMOOTH, Path, config, course
 from .reduction import ReducedSystem
 
 
@@ -42,6 +44,46 @@ class OutputRow:
     about: str
     expression: ca.SX
     through: Through | None = None
+    of_foot: ca.SX | None = None  # the same in z of a CourseFoot and nu
+
+    @property
+    def in_motion(self) -> ca.SX:
+        """Return the expression that is differentiated along the motion: in z of a CourseFoot, if there is one."""
+        return self.expression if self.of_foot is None else self.of_foot
+
+
+@dataclass(frozen=True, eq=False)
+class CourseFoot:
+    """The point of a course nearest to P_l, at `place` (m), and what moves with it, z: distance of P_l, heading relative to the
+    direction of the course, curvature and its derivatives. `values` are z as functions of q and the parameters of the course.
+    """
+
+    place: ca.SX
+    symbols: ca.SX
+    values: ca.SX
+
+    @property
+    def distance(self) -> ca.SX:
+        """The distance of P_l from the course, m."""
+        return self.symbols[0]
+
+    def at(self, expression: ca.SX) -> ca.SX:
+        """Return an expression in z as a function of q and parameters."""
+        return ca.substitute(expression, self.symbols, self.values)
+
+    def up_to(self, curvatures: int) -> "CourseFoot":
+        """Return the foot without curvature and derivatives of it, but for the first of these, at least one."""
+        count = 2 + max(1, curvatures)
+        return replace(self, symbols=self.symbols[:count], values=self.values[:count])
+
+    def rates(self, along: ca.SX, aside: ca.SX, turning: ca.SX) -> ca.SX:
+        """Return dz/dt from the velocity of P_l along the course and to its left (m/s), and the yaw rate of the heading.
+
+        The last derivative of the curvature, which changes too, is taken to be constant: nothing that is used contains its rate.
+        """
+        distance, _, curvature, *others = ca.vertsplit(self.symbols)
+        progress = along / (1 - curvature * distance)
+        return ca.vertcat(aside, turning - curvature * progress, *[each * progress for each in others], 0)
 
 
 FOOT = (
@@ -69,6 +111,11 @@ class OutputMap:
     extension: bool = False
     kinematic: bool = False
     band: Quantity | None = None
+    foot: CourseFoot | None = None
+
+    def at_foot_values(self, expression: ca.SX) -> ca.SX:
+        """Return an expression in z of the foot, if there is one, as a function of q and parameters."""
+        return self.foot.at(expression) if self.foot else expression
 
     @property
     def required_path(self) -> Path:
@@ -149,11 +196,42 @@ def type_iii(system: ReducedSystem, offset: bool = False) -> OutputMap:
 def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMap:
     """Return Type IV: signed distance of P_l from a path, and the forward speed."""
     point = body_point(offset)
-    about = "signed distance of P_l from the path"
+    about, foot = "signed distance of P_l from the path", None
     distance = at_point(system, point, "distance", about, path.distance, path.unit_normal)
+    if path.moving:
+        foot = _foot(system, point, path)
+        distance = OutputRow(distance.name, distance.unit, distance.about, distance.expression, of_foot=foot.distance)
     speed = OutputRow("speed", "m/s", "forward speed", forward_speed(system))
     name, about = LawName("IV", path.kind), f"Type IV: path following, {path.about}"
-    return OutputMap(str(name), about, (distance, speed), (*point, *path.parameters), path.conditions, path)
+    return OutputMap(str(name), about, (distance, speed), (*point, *path.parameters), path.conditions, path, foot=foot)
+
+
+def _foot(system: ReducedSystem, point: tuple[Quantity, ...], path: Path) -> CourseFoot:
+    """Return the foot of P_l on a path whose parameters are those of its point nearest to P_l."""
+    x, y = place = reference_point(system, point)
+    _, _, direction, *curvatures = (q.symbol for q in path.parameters)
+    names = ("distance", "relative_heading", *(q.name for q in path.parameters[3:]))
+    symbols = ca.vertcat(*[ca.SX.sym(f"foot.{name}") for name in names])
+    heading = system.mechanism.required_vehicle.heading - direction
+    return CourseFoot(ca.vertcat(*place), symbols, ca.vertcat(path.distance(x, y), heading, *curvatures))
+
+
+def following(system: ReducedSystem, output: OutputMap) -> ReducedSystem:
+    """Return the system with the foot of the output on a course, which moves with it; the system itself if there is none.
+
+    Raises ModelError where surfaces move.
+    """
+    if (foot := output.foot) is None:
+        return system
+    if why := system.mechanism.why_carried:
+        raise ModelError(f"{system.mechanism.name}, output {output.name}: {why}, as a course requires")
+    heading = system.mechanism.required_vehicle.heading
+    x_rate, y_rate = ca.vertsplit(system.along_motion(foot.place))
+    cosine, sine = ca.cos(heading), ca.sin(heading)
+    ahead, left = canonical(cosine * x_rate + sine * y_rate), canonical(cosine * y_rate - sine * x_rate)
+    cosine, sine = ca.cos(foot.symbols[1]), ca.sin(foot.symbols[1])
+    rates = foot.rates(cosine * ahead - sine * left, sine * ahead + cosine * left, system.along_motion(heading))
+    return replace(system, foot=(foot.symbols, ca.densify(ca.jacobian(rates, system.nu))))
 
 
 OUTPUTS: dict[str, Callable[..., OutputMap]] = {
@@ -165,6 +243,8 @@ OUTPUTS: dict[str, Callable[..., OutputMap]] = {
         for kind, path in PATHS.items()
     },
 }
+COURSE = str(LawName("IV", "course"))
+STANDARD = OUTPUTS | {COURSE: lambda system, offset=False: type_iv(system, course(), offset)}  # those with a path that moves too
 
 
 def output_names(robot: Mechanism) -> tuple[str, ...]:
@@ -184,6 +264,8 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     if (dynamic := without_kinematic(name)) != name:
         base_map = output_map(system, dynamic)
         return replace(base_map, name=name, about=f"{base_map.about}, kinematic", kinematic=True)
+    if (in_time := without_arclength(name)) != name:
+        return _by_arclength(system, on_axle(system, output_map(system, in_time)), name)
     if (plain := without_extension(name)) != name:
         base_map = output_map(system, plain)
         about = f"{base_map.about}, with dynamic extension"
@@ -194,8 +276,57 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     if name in own:
         return _own(system, own[name])
     base = without_offset(name)
-    standard = OUTPUTS[base](system, offset=base != name)
+    standard = STANDARD[base](system, offset=base != name)
     return replace(standard, name=name, about=standard.about + (", P_l anywhere on the vehicle" if base != name else ""))
+
+
+PATH_GAIN = "path_gain_"  # names of the gains of a law along the way, with the order of the derivative
+
+
+def _by_arclength(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
+    """Return the outputs of a law along the way: how far the motion is from that which brings P_l onto the course, and the speed.
+
+    Derivatives of the distance e by the way of P_l along the parallel of the course through it are those by time over its speed
+    along the course. Of these e, e', ... depend on q only, up to an order k - 1. The rate of the last is g(q) nu, and P_l comes
+    onto the course as e^(k) + c_(k-1) e^(k-1) + ... + c_0 e = 0 says if (g + (c_(k-1) e^(k-1) + ... + c_0 e) a) nu = 0, where
+    a nu is that speed: this is the first output. It has a regular Phi at standstill too.
+    """
+    where, foot = f"{system.mechanism.name}, output {name}", output.foot
+    if foot is None:
+        raise ModelError(f"{where}: only laws of Type IV along a course can be along the way")
+    followed = following(system, output)
+    assert followed.foot is not None, "the output has a foot"
+    distance, curvature, rate = foot.distance, foot.symbols[2], foot.symbols[3]
+    along = canonical(ca.jacobian(followed.foot[1][2, :].T, rate).T * (1 - curvature * distance))  # d curvature/dt = rate ds/dt
+    errors, states = [distance], ca.vertcat(followed.moving, system.nu)
+    while True:
+        rates = canonical(ca.jacobian(errors[-1], followed.moving) @ followed.directions)
+        both = Sampled(ca.vertcat(rates, along), states, (*system.mechanism.parameters, *output.parameters), where)
+        if both.rank() == 2:
+            break
+        if len(errors) > SMOOTH:
+            raise ModelError(f"{where}: derivatives of the distance up to order {SMOOTH} by the way do not contain the steering")
+        column = next(k for k in range(system.dof) if not along[k].is_zero())
+        errors.append(canonical(rates[column] / along[column]))
+    k = len(errors)
+    gains = tuple(
+        config(
+            f"{PATH_GAIN}{j}",
+            float(math.comb(k, j)),
+            f"1/m^{k - j}" if k - j > 1 else "1/m",
+            f"on derivative {j} of the distance by the way",
+            "positive",
+        )
+        for j in range(k)
+    )
+    aim = sum((gain.symbol * error for gain, error in zip(gains, errors, strict=True)), start=ca.SX(0))
+    row = ca.densify((rates + aim * along) @ system.nu)
+    unit = {1: "m/s", 2: "1/s"}.get(k, f"1/(m^{k - 2} s)" if k > 3 else "1/(m s)")
+    steering = OutputRow(
+        "steering", unit, "how far the motion is from that which brings P_l onto the course", foot.at(row), of_foot=row
+    )
+    about = f"{output.about}, errors decay along the way"
+    return replace(output, name=name, about=about, rows=(steering, output.rows[1]), parameters=(*output.parameters, *gains))
 
 
 BAND = 0.2  # default; within 11.5 degrees of the normal to the path
@@ -204,8 +335,8 @@ LEAST_BAND = 0.01  # far above SINGULAR, where P_l has no acceleration
 
 def _damped(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
     """Return the outputs of a damped law: the same, with the width of the band."""
-    if output.path is None:
-        raise ModelError(f"{system.mechanism.name}, output {name}: only laws of Type IV can be damped")
+    if output.path is None or output.foot:
+        raise ModelError(f"{system.mechanism.name}, output {name}: only laws of Type IV can be damped, not along a course")
     band = config("band", BAND, "1", "cosine of the angle of heading and path up to which the inverse is damped", "positive")
     between = (1 - band.symbol) * (band.symbol - LEAST_BAND)
     conditions = (*output.conditions, (between, f"the band is not between {LEAST_BAND:g} and 1: it is a cosine"))
@@ -241,8 +372,10 @@ def on_axle(system: ReducedSystem, output: OutputMap) -> OutputMap:
         )
         for row in output.rows
     ]
-    about = f"{output.about}, P_l on the axle"
-    return replace(output, about=about, rows=tuple(rows), parameters=tuple(others))
+    about, foot = f"{output.about}, P_l on the axle", output.foot
+    if foot:
+        foot = replace(foot, place=moved(foot.place), values=moved(foot.values))
+    return replace(output, about=about, rows=tuple(rows), parameters=tuple(others), foot=foot)
 
 
 def is_own(system: ReducedSystem, name: str) -> bool:

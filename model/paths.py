@@ -23,6 +23,7 @@ class Path:
     `from_foot(distance, curvature)`, for a path with a unit normal, returns the parameters of the path in the frame at a foot,
     with x along the path and y in the direction of increasing distance, such that the parallel curve at that distance has that
     curvature. For other paths it raises ModelError.
+    `moving`: the parameters are those of the path's point nearest to P_l, and change as it moves along the path.
     """
 
     kind: str
@@ -32,6 +33,7 @@ class Path:
     conditions: tuple[tuple[ca.SX, str], ...] = ()  # (expression that must be positive, what it means)
     unit_normal: Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]] | None = None
     from_foot: Callable[[ca.SX, ca.SX], tuple[ca.SX, ...]] = _no_foot
+    moving: bool = False
 
 
 def config(name: str, default: float, unit: str, about: str, sign: str = "any") -> Quantity:
@@ -128,6 +130,29 @@ def ellipse() -> Path:
         return (x**2 + a.symbol**2 / b.symbol**2 * y**2 - a.symbol**2) / 2
 
     return implicit("ellipse", "ellipse, f / |grad f|", (a, b), f)
+
+
+SMOOTH = 4  # derivatives of the curvature of a course that are continuous; see planning/course.py
+
+
+def course() -> Path:
+    """Return a curve of any curvature, given at its point nearest to P_l: place, direction, curvature and its derivatives by the
+    length along it. These are parameters that change with every step. The distance is exact there, and positive to the left.
+    """
+    x_s = config("x_s", 0.0, "m", "the point of the course nearest to P_l")
+    y_s = config("y_s", 0.0, "m", "the point of the course nearest to P_l")
+    direction = config("direction", 0.0, "rad", "direction of travel there")
+    curvature = config("curvature", 0.2, "1/m", "curvature there, positive turns left")
+    rates = [
+        config(f"curvature_{k}", 0.0, f"1/m^{k + 1}", f"derivative {k} of the curvature by the length along the course")
+        for k in range(1, SMOOTH + 1)
+    ]
+    cosine, sine = ca.cos(direction.symbol), ca.sin(direction.symbol)
+
+    def distance(x: ca.SX, y: ca.SX) -> ca.SX:
+        return cosine * (y - y_s.symbol) - sine * (x - x_s.symbol)
+
+    return Path("course", "course of changing curvature", (x_s, y_s, direction, curvature, *rates), distance, moving=True)
 
 
 PATHS: dict[str, Callable[[], Path]] = {"line": line, "circle": circle, "ellipse": ellipse, "segment": segment}

@@ -32,6 +32,7 @@ class ReducedSystem:
     S: ca.SX
     reduced: Reduced | None = None  # the equations body by body, if computed together with S
     particular: ca.SX | None = None  # s, n x 1; None: zero, because no surface moves
+    foot: tuple[ca.SX, ca.SX] | None = None  # z, k x 1, which are no coordinates but move with them, and Z: dz/dt = Z nu
 
     @property
     def nu(self) -> ca.SX:
@@ -70,9 +71,20 @@ class ReducedSystem:
         rate = self.Sdot @ self.nu
         return rate if self.particular is None else rate + self.along_motion(self.particular)
 
+    @property
+    def moving(self) -> ca.SX:
+        """What moves with nu: q, and z of the foot on a path, if any."""
+        return self.mechanism.q if self.foot is None else ca.vertcat(self.mechanism.q, self.foot[0])
+
+    @property
+    def directions(self) -> ca.SX:
+        """The derivatives of the rates of `moving` by nu: S, and Z of the foot on a path, if any."""
+        return self.S if self.foot is None else ca.vertcat(self.S, self.foot[1])
+
     def along_motion(self, expression: ca.SX) -> ca.SX:
-        """Return the time derivative of an expression in q along (9)."""
-        return time_derivative(expression, self.mechanism.q, self.qdot)
+        """Return the time derivative of an expression in q, and in z of a foot, along (9)."""
+        rate = self.qdot if self.foot is None else ca.vertcat(self.qdot, self.foot[1] @ self.nu)
+        return time_derivative(expression, self.moving, ca.densify(rate))
 
     @cached_property
     def Sdot(self) -> ca.SX:
@@ -129,7 +141,7 @@ class ReducedSystem:
 
         Raises ModelError if it has a pole that the robot does not have.
         """
-        moving = ca.vertcat(self.mechanism.q, self.nu)
+        moving = ca.vertcat(self.moving, self.nu)
         return without_pole(self.mechanism.name, name, expression, parts, combined, moving)
 
     def acceleration(self, tau: ca.SX) -> ca.SX:

@@ -115,6 +115,8 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
     if loop.observers.rows:
         raise BadInput("gains: ko: these systems have no disturbance observers; leave it out, or take ki")
     law, controller = loop.law, loop.guidance.leg.controller
+    if law.output.foot:
+        raise BadInput(f"{law.name} follows a course, whose parameters change with every step: not in these systems")
     if law.extension and loop.integral.rows:
         raise BadInput(f"{law.name} has a dynamic extension: its closed loop has no integral action here; leave ki out")
     if law.extension:

@@ -139,10 +139,10 @@ class SmoothCurve:
         stretch = self.stretches[self._part(length)]
         return stretch.direction(length - stretch.begin)
 
-    def bend(self, length: float) -> float:
-        """Return the curvature, 1/m, at `length` m."""
+    def bend(self, length: float, order: int = 0) -> float:
+        """Return the derivative of an order of the curvature, 1/m^(1 + order), at `length` m."""
         stretch = self.stretches[self._part(length)]
-        return stretch.curvature(length - stretch.begin)
+        return stretch.curvature(length - stretch.begin, order)
 
     def position(self, length: float) -> complex:
         """Return x + i y at a length along the course, m."""

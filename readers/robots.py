@@ -17,8 +17,16 @@ from weakref import WeakKeyDictionary
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
-from ..model.names import KINEMATIC, without_damping, without_extension, without_kinematic, without_offset
-from ..model.outputs import OUTPUTS, output_map, output_names
+from ..model.names import (
+    ARCLENGTH,
+    KINEMATIC,
+    without_arclength,
+    without_damping,
+    without_extension,
+    without_kinematic,
+    without_offset,
+)
+from ..model.outputs import COURSE, STANDARD, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS, UNDERACTUATED
 from .errors import BadInput, suggestion
@@ -104,11 +112,14 @@ def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
 def check_law(robot: Mechanism, law_name: str) -> None:
     """Raise BadInput unless the name is one of Types I to IV or of the robot's own outputs."""
     dynamic = without_kinematic(law_name)
-    names, plain = output_names(robot), without_extension(dynamic)
+    in_time = without_arclength(dynamic)
+    names, plain = output_names(robot), without_extension(in_time)
     exact = without_damping(plain)
-    if exact not in names and without_offset(exact) not in OUTPUTS:
+    if exact not in names and without_offset(exact) not in STANDARD:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, names)}")
-    if plain != dynamic != law_name:
+    if in_time != dynamic and in_time != COURSE:
+        raise BadInput(f"{law_name}: only {COURSE}{ARCLENGTH} is along the way")
+    if plain != in_time and dynamic != law_name:
         raise BadInput(f"{law_name}: a kinematic law has no dynamic extension: it has no accelerations; take {plain}{KINEMATIC}")
     if plain != law_name and exact != plain:
         other = "kinematic" if plain == dynamic else "extended"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -19,13 +20,15 @@ from ..model.algebra.portable import portable
 from ..model.algebra.trigonometry import cosine
 from ..model.law import ControlLaw, symbols
 from ..model.outputs import forward_speed
+from ..model.paths import course
 from ..model.reduction import ReducedSystem
+from ..planning.course import SmoothCurve
 from ..readers.errors import BadInput
+from .specification.spec import CourseSection, Spec
 
 if TYPE_CHECKING:
     from ..controllers.approach import Approach
     from ..controllers.tracking import Guide, Tracker, TrackerOptions
-    from ..planning.course import SmoothCurve
     from ..planning.profile import SpeedProfile
 
 
@@ -43,6 +46,12 @@ class Side:
 
     def __call__(self, x: np.ndarray) -> float:
         return self._sign * self._function(x, *self._fixed)[0][0]
+
+    def at(self, config: np.ndarray) -> Side:
+        """Return the same for another config."""
+        other = copy(self)
+        other._fixed = (self._fixed[0], config)
+        return other
 
     def relative(self, x: np.ndarray) -> float:
         """Return |det Phi| divided by the product of Phi's row norms, between 0 and 1."""
@@ -76,6 +85,9 @@ class Guidance(Protocol):
     @property
     def leg(self) -> Leg:
         """The controller in use."""
+
+    def leg_at(self, x: np.ndarray) -> Leg:
+        """Return the controller in use, told what it must know of the path at a state."""
 
     @property
     def piece(self) -> int:
@@ -126,6 +138,10 @@ class OnePath:
     def __init__(self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay):
         self.leg, self._desired, self._prepare = leg, reference, prepare
 
+    def leg_at(self, x: np.ndarray) -> Leg:
+        """Return the controller."""
+        return self.leg
+
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference at t."""
         return self._prepare(x, self._desired(t))
@@ -171,6 +187,81 @@ class OnCourse(OnePath):
 
     def _point(self, x: np.ndarray) -> complex:
         return complex(*self._prepare.outputs(x)[:2])
+
+
+class AlongCourse(OnePath):
+    """A course that a law of Type IV follows: the parameters of its path are those of the course's point nearest to P_l."""
+
+    def __init__(
+        self,
+        law: ControlLaw,
+        parameters: np.ndarray,
+        config: np.ndarray,
+        reference: Callable[[float], np.ndarray],
+        course: SmoothCurve,
+        make_leg: LegMaker,
+        start: np.ndarray,
+    ):
+        """`config` is that of the law besides the path, `start` the state that the controller sees at first. Raises BadInput if
+        no point of the course is the nearest.
+        """
+        self._place, self._parameters, self._course = Direct(point_followed(law)), parameters, course
+        names = [c.name for c in law.config]
+        first = names.index("x_s")
+        self._entries = slice(first, first + sum(c.name in COURSE_PARAMETERS for c in law.config))
+        self._config, self._unknown = np.array(config), np.full(len(law.reference), math.nan)
+        self._along = course.nearest(self._point(start))
+        if math.isnan(self._along):
+            raise BadInput("[initial]: the robot is as far from the course as the centre of its curvature; move it")
+        at = self._at(self._along)
+        super().__init__(make_leg(at, start), reference, ShortWay(law, parameters, at))
+
+    def leg_at(self, x: np.ndarray) -> Leg:
+        """Return the controller, with the point of the course nearest to a state."""
+        along = self._nearest(x)
+        if not math.isnan(along):
+            config = self._at(along)
+            self.leg.controller.place(config)
+            self.leg = Leg(config, self.leg.controller, self.leg.side.at(config))
+        return self.leg
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Return the reference at t; NaN if no point of the course is the nearest."""
+        return self._unknown if math.isnan(self._nearest(x)) else self._desired(t)
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """Search from the nearest point next time."""
+        along = self._nearest(x)
+        self._along = self._along if math.isnan(along) else along
+
+    def _at(self, along: float) -> np.ndarray:
+        """Return the config of the law for the point at a length along the course."""
+        config = self._config.copy()
+        place, curvatures = self._course.position(along), self._entries.stop - self._entries.start - 3
+        bends = [self._course.bend(along, order) for order in range(curvatures)]
+        config[self._entries] = [place.real, place.imag, self._course.direction(along), *bends]
+        return config
+
+    def _nearest(self, x: np.ndarray) -> float:
+        return self._course.nearest(self._point(x), self._along)
+
+    def _point(self, x: np.ndarray) -> complex:
+        return complex(*self._place(x, self._parameters, self._config)[0])
+
+
+COURSE_PARAMETERS = frozenset(q.name for q in course().parameters)
+
+
+def course_of(spec: Spec) -> SmoothCurve:
+    """Return the course of a SPEC that has one, from its place on."""
+    x, y, *_ = spec.reference.position or (0.0, 0.0)
+    assert spec.reference.course is not None, "the caller has a course"
+    return smooth_curve(spec.reference.course, x, y)
+
+
+def smooth_curve(course: CourseSection, x: float = 0.0, y: float = 0.0) -> SmoothCurve:
+    """Return the curve of a course that begins at (x, y), m."""
+    return SmoothCurve(x, y, course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
 
 
 @dataclass(frozen=True)
@@ -246,6 +337,10 @@ class Approaching:
     def piece(self) -> int:
         """See Guidance; of the other guidance."""
         return self.guidance.piece
+
+    def leg_at(self, x: np.ndarray) -> Leg:
+        """See Guidance; of the other guidance."""
+        return self.guidance.leg_at(x)
 
     @property
     def arrived(self) -> bool:
@@ -330,6 +425,10 @@ class Route:
             raise BadInput(f"[initial]: {reason}")
         self.update(0.0, start)
 
+    def leg_at(self, x: np.ndarray) -> Leg:
+        """Return the controller of the segment."""
+        return self.leg
+
     @property
     def options(self) -> TrackerOptions:
         """Options of path following."""
@@ -394,6 +493,14 @@ def approached_from(law: ControlLaw) -> ca.Function:
     """Return the function from state, parameters and config to all outputs, and the rates of those of relative degree 2."""
     found = law.linearization
     return portable(law.at_state(ca.vertcat(found.h, found.rate)))
+
+
+@lru_cache(maxsize=16)
+def point_followed(law: ControlLaw) -> ca.Function:
+    """Return the function from state, parameters and config to x and y (m) of P_l, which follows a course."""
+    foot, given = law.output.foot, [symbols(group) for group in (law.system.state, law.parameters, law.config)]
+    assert foot is not None, "the law follows a course"
+    return portable(ca.Function(law.name, given, [ca.densify(foot.place)]))
 
 
 @lru_cache(maxsize=16)

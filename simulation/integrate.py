@@ -217,7 +217,7 @@ def _crossing(loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.nda
     def after(s: float) -> np.ndarray:
         return loop.drive.step(x, given, s, tolerance, t)[0]
 
-    s = _root(lambda s: loop.guidance.leg.side(np.append(after(s), xi)), h, SHORTEST)
+    s = _root(lambda s: loop.side(after(s), xi), h, SHORTEST)
     return Refused("singular", t + s, after(s))
 
 
@@ -227,7 +227,7 @@ def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: 
     tau = np.zeros(len(loop.law.system.mechanism.inputs)) if given is None else drive.torque(x, given)
     command = np.zeros(drive.commands) if given is None else drive.command(given)
     extra = z, xi, command, _noticed(loop), loop.learned
-    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, loop.reference(t, seen), *extra)
+    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg_at(x).config, loop.reference(t, seen), *extra)
 
 
 def _noticed(loop: Loop) -> np.ndarray:

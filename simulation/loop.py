@@ -6,6 +6,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial import polynomial
 
 from ..controllers.approach import Approach, make_approach
 from ..controllers.backends import SCALAR, make_controller
@@ -24,9 +25,8 @@ from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
-from ..model.outputs import axle
+from ..model.outputs import PATH_GAIN, axle
 from ..model.vehicle import steered_axle
-from ..planning.course import SmoothCurve
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
@@ -35,11 +35,27 @@ from ..verification.cases import gain_entries, integral_entries, observer_entrie
 from .contact import friction_accelerations
 from .drive import Drive, make_drive
 from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
-from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
+from .guidance import (
+    COURSE_PARAMETERS,
+    AlongCourse,
+    Approaching,
+    Guidance,
+    Leg,
+    LegMaker,
+    OnCourse,
+    OnePath,
+    Route,
+    ShortWay,
+    Side,
+    accelerations,
+    course_of,
+    led_units,
+    smooth_curve,
+)
 from .plant import Plant
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
 from .specification.given import at_start, known_functions
-from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
+from .specification.spec import AdaptationSection, ApproachSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
@@ -153,7 +169,11 @@ class Loop:
 
     def beyond(self, x: np.ndarray, xi: np.ndarray) -> bool:
         """Return whether the robot has crossed the singular set; only checked if the controller sees the true state."""
-        return not self.sensing and self.guidance.leg.side(np.append(x, xi)) <= 0
+        return not self.sensing and self.side(x, xi) <= 0
+
+    def side(self, x: np.ndarray, xi: np.ndarray) -> float:
+        """Return on which side of the singular set a state is, see Side."""
+        return self.guidance.leg_at(x).side(np.append(x, xi))
 
 
 class ControllerCall:
@@ -163,7 +183,8 @@ class ControllerCall:
     """
 
     def __init__(self, loop: Loop, t: float, x: np.ndarray, xi: np.ndarray):
-        self._loop, self._leg, self.seen = loop, loop.guidance.leg, loop.seen(x)
+        self._loop, self.seen = loop, loop.seen(x)
+        self._leg = loop.guidance.leg_at(self.seen)
         self._known, self.reference = np.append(self.seen, xi), loop.reference(t, self.seen)
 
     @cached_property
@@ -242,14 +263,7 @@ def make_loop(spec: Spec) -> Loop:
         spec, warnings = _facing(spec, law, believed)
         assert spec.initial is not None, "only a composite path defines its own start"
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
-        leg = make_leg(_config(law, spec), start)
-        followed = leg, _reference(law, spec), ShortWay(law, believed, leg.config)
-        if (course := spec.reference.course) and course.follow == "path":
-            _check_along(law, gains)
-            x, y, *_ = spec.reference.position or ()
-            guidance = OnCourse(*followed, smooth_curve(course, x, y), start)
-        else:
-            guidance = OnePath(*followed)
+        guidance = _one_path(law, spec, believed, gains, make_leg, start)
     sensing: Sensing | None = None
     if spec.sensors:
         seen = (plant.parameters, believed, start)
@@ -326,13 +340,13 @@ def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
 
 def _check_axle(law: ControlLaw, spec: Spec) -> None:
     """Raise BadInput if P_l of a law with a dynamic extension is not on the axle, where that law has it."""
-    if not law.output.extension or spec.output.own:
+    if spec.output.own or not (law.output.extension or spec.output.arclength):
         return
-    ahead = axle_at(law, spec.parameters)
+    ahead, given = axle_at(law, spec.parameters), "extension" if law.output.extension else "arclength"
     if abs(spec.output.L - ahead) > ON_AXLE:
         raise BadInput(
-            f"[output] extension = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: change it, or omit "
-            "extension; for another point that needs one, define an output of the robot's own"
+            f"[output] {given} = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: change it, or omit "
+            f"{given}; for another point that needs one, define an output of the robot's own"
         )
 
 
@@ -442,7 +456,7 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
 
 def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
     """Return the SPEC with P_l on the side of the axle that the speed requires, if configured; else a warning."""
-    output, speed = spec.output, spec.reference.speed
+    output, speed = spec.output, spec.desired_speed
     if output.type != "IV" or not speed:
         return spec, ()
     try:
@@ -469,12 +483,18 @@ def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
     given = {"L": spec.output.L, "band": spec.output.band, **({"W": spec.output.W} if spec.output.W else {})}
     given = {name: value for name, value in given.items() if name in [c.name for c in law.config]}
     if path := spec.output.path:
-        names = [c.name for c in law.config if c.name not in ("L", "W", "band")]
+        along = [c.name for c in law.config if c.name.startswith(PATH_GAIN)]
+        own = ("L", "W", "band", *(COURSE_PARAMETERS if law.output.foot else ()), *along)
+        names = [c.name for c in law.config if c.name not in own]
         check_keys(path.parameters, names, "[output] path")
         missing = [name for name in names if name not in path.parameters]
         if missing:
             raise BadInput(f"[output] path {missing[0]} is missing; a {path.kind} has {', '.join(names)}")
         given |= path.parameters
+        if (poles := spec.output.poles) is not None:
+            if len(poles) != len(along):
+                raise BadInput(f"[output] poles has {len(poles)} numbers; {law.name} has {len(along)} of this robot")
+            given |= dict(zip(along, polynomial.polyfromroots(poles)[:-1].tolist(), strict=True))
     return np.array(values_of(list(law.config), given, "[output]"))
 
 
@@ -483,7 +503,7 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     rows, degrees = len(law.output.rows), law.linearization.relative_degree
     position, velocity = spec.reference.position or (), spec.reference.velocity
     if spec.output.type == "IV":
-        position = (0.0, spec.reference.speed or 0.0)
+        position = (0.0, spec.desired_speed)
     if velocity is None:
         velocity = (0.0,) * rows
     for name, given in (("position", position), ("velocity", velocity)):
@@ -495,7 +515,7 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
         offset += [start, rate, *[0.0] * (degree - 1)][: degree + 1]
         slope += [rate, *[0.0] * degree]
     begin, rates = np.array(offset), np.array(slope)
-    if not (kind := spec.reference.moves):
+    if not (kind := spec.reference.moves) or law.output.foot:
         return lambda t: begin + rates * t
     if [row.unit for row in law.output.rows[:2]] != ["m", "m"]:
         raise BadInput(f"[reference] {kind}: the first two outputs of {law.name} are not a point: give position and velocity")
@@ -509,9 +529,20 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     return at
 
 
-def smooth_curve(course: CourseSection, x: float = 0.0, y: float = 0.0) -> SmoothCurve:
-    """Return the curve of a course that begins at (x, y), m."""
-    return SmoothCurve(x, y, course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
+def _one_path(
+    law: ControlLaw, spec: Spec, believed: np.ndarray, gains: Sequence[float], make_leg: LegMaker, start: np.ndarray
+) -> OnePath:
+    """Return the guidance of a path that is not a composite one, or of none."""
+    config, reference, course = _config(law, spec), _reference(law, spec), spec.reference.course
+    if course is None or (law.output.foot is None and course.follow == "time"):
+        leg = make_leg(config, start)
+        return OnePath(leg, reference, ShortWay(law, believed, leg.config))
+    curve = course_of(spec)
+    if law.output.foot:
+        return AlongCourse(law, believed, config, reference, curve, make_leg, start)
+    _check_along(law, gains)
+    leg = make_leg(config, start)
+    return OnCourse(leg, reference, ShortWay(law, believed, leg.config), curve, start)
 
 
 def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:

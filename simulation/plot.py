@@ -16,7 +16,7 @@ from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .drawing import at_times, draw_floor, draw_implicit, evenly_spread, implicit_path, is_outline, legend_below, outlines
 from .engine.measured import SLIPS, FloorMeasurements
-from .guidance import vehicle_motion
+from .guidance import course_of, vehicle_motion
 from .run import Run
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
@@ -152,6 +152,8 @@ def _draw_plane(axes: Axes, run: Run) -> None:
         axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired $P_l$", zorder=0)
     if run.composite:
         _draw_pieces(axes, run.spec.output.segments)
+    elif run.spec.output.along_course:
+        _draw_course(axes, run)
     elif run.law.output.path:
         _draw_followed(axes, run, run.law.output.path, p_l)
     else:
@@ -211,6 +213,16 @@ def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
     x, y = np.linspace(*axes.get_xlim(), 400), np.linspace(*axes.get_ylim(), 400)
     style = {"color": FOLLOWED, "linewidth": 4, "alpha": 0.6}
     draw_implicit(axes, function, config, x, y, f"path to follow: {path.kind}", **style)
+
+
+def _draw_course(axes: Axes, run: Run) -> None:
+    """Draw the course of the reference, which Type IV follows, up to its end or as far as the run came."""
+    course, feet = course_of(run.spec), run.config[:, [c.name in ("x_s", "y_s") for c in run.law.config]]
+    lengths = np.linspace(0.0, sum(course.lengths), 400)
+    places = np.array([course.position(length) for length in lengths])
+    axes.plot(places.real, places.imag, color=FOLLOWED, linewidth=4, alpha=0.6, label="path to follow: course", zorder=0)
+    axes.plot(*feet.T, color=FOLLOWED, linewidth=4, alpha=0.3, zorder=0)
+    _make_square(axes)
 
 
 def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:

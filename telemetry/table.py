@@ -85,7 +85,7 @@ def _followed(loop: Loop, t: np.ndarray, x: np.ndarray) -> dict[str, np.ndarray]
     for time, state in zip(t, x, strict=True):
         guidance.update(time, state)
         found["y_d"].append(guidance.reference(time, state)[entries])
-        found["config"].append(guidance.leg.config)
+        found["config"].append(guidance.leg_at(state).config)
         found["piece"].append(guidance.piece)
     return {name: np.array(values) for name, values in found.items()}
 

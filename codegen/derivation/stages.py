@@ -21,7 +21,7 @@ from ...model.extension import Integrators, extended_alike
 from ...model.law import ControlLaw, outer_loop
 from ...model.linearization import ASIDE, SINGULAR, SINGULAR_SQUARED, carried_rate, chains, derivative
 from ...model.mechanism import Quantity, derivative_name, quantity
-from ...model.outputs import OutputMap, OutputRow, Through
+from ...model.outputs import OutputMap, OutputRow, Through, following
 from ...model.reduction import ReducedSystem
 from ...model.vehicle import VELOCITIES, velocity_map
 from .taylor import Taylor
@@ -249,15 +249,19 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     for q, speed in zip(inner.quasi_velocities, ca.vertsplit(to_inner @ law.system.nu), strict=True):
         stages.steps.append(Step(q.symbol, speed, q.name))
     output = _in_velocities(outputs or law.output, law.system, inner, W)
+    followed = following(inner, output)
+    if output.foot:
+        for symbol, value in zip(ca.vertsplit(output.foot.symbols), ca.vertsplit(output.foot.values), strict=True):
+            stages.steps.append(Step(symbol, stages.exact(value), str(symbol).rpartition(".")[2]))
     degree, integrators = law.linearization.relative_degree, law.linearization.integrators
     if integrators:
-        rows, integrators = _extended_rows(stages, inner, output, integrators)
+        rows, integrators = _extended_rows(stages, followed, output, integrators)
         to_inner = W = ca.SX.eye(inner.dof)  # the columns of Phi are the inputs of the integrators
     else:
         rows = [
             _point_row(stages, inner, row.name, row.through)
             if row.through and not law.system.mechanism.carried
-            else _plain_row(stages, inner, row, k + law.kinematic)
+            else _plain_row(stages, followed, row, k + law.kinematic)
             for row, k in zip(output.rows, degree, strict=True)
         ]
     if law.kinematic:
@@ -432,19 +436,23 @@ class _Row:
 def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSystem, W: ca.SX) -> OutputMap:
     """Return the outputs as functions of q and w."""
     nu_of_w = solve(W, inner.nu)
+
+    def moved(expression: ca.SX) -> ca.SX:
+        return canonical(ca.substitute(expression, system.nu, nu_of_w))
+
     rows = [
-        OutputRow(row.name, row.unit, row.about, canonical(ca.substitute(row.expression, system.nu, nu_of_w)), row.through)
+        replace(row, expression=moved(row.expression), of_foot=None if row.of_foot is None else moved(row.of_foot))
         for row in output.rows
     ]
-    return OutputMap(output.name, output.about, tuple(rows), output.parameters, output.conditions, output.path)
+    return replace(output, rows=tuple(rows))
 
 
 def _plain_row(stages: Stages, inner: ReducedSystem, row: OutputRow, degree: int) -> _Row:
     """Return a row differentiated from its expression."""
-    row_of_Phi, drift = derivative(inner, row.expression, degree)
+    row_of_Phi, drift = derivative(inner, row.in_motion, degree)
     Phi, Phidot = stages.exact(row_of_Phi), stages.exact(inner.along_motion(row_of_Phi))
-    h = stages.step(row.name, stages.exact(row.expression))
-    rate = Phi @ inner.nu + stages.exact(carried_rate(inner, row.expression))
+    h = stages.step(row.name, stages.exact(row.in_motion))
+    rate = Phi @ inner.nu + stages.exact(carried_rate(inner, row.in_motion))
     return _Row(h, stages.step(f"{row.name}_rate", rate), Phi, Phi, Phidot, stages.exact(drift))
 
 
@@ -594,7 +602,7 @@ def _extended_rows(
     none, rows = ca.SX(0, 0), []
     for row, chain in zip(output.rows, extended, strict=True):
         rates = [stages.step(derivative_name(row.name, k), stages.exact(rate)) for k, rate in enumerate(chain.rates, start=1)]
-        Phi, h = stages.exact(chain.row), stages.step(row.name, stages.exact(row.expression))
+        Phi, h = stages.exact(chain.row), stages.step(row.name, stages.exact(row.in_motion))
         rows.append(_Row(h, ca.vertcat(*rates), Phi, Phi, none, stages.exact(chain.drift)))
     return rows, replace(added, drift=stages.exact(added.drift), effect=stages.exact(added.effect))
 

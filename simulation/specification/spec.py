@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...controllers import DRIVES
+from ...controllers import BACKENDS, DRIVES
 from ...model.names import EXTENDED, KINEMATIC, TYPES, LawName
 from ...model.outputs import BAND
 from ...model.paths import PATHS
@@ -113,6 +113,7 @@ COMPOSITE: dict[str, dict[str, Reader]] = {  # kind -> its keys besides stop and
     "dubins": BETWEEN,
     "reeds_shepp": BETWEEN,
 }
+COURSE = "course"  # kind of the path that [reference] course describes
 KIND = "kind of curve; the other keys are its parameters"
 OPTIONS = {
     "stop": one_of("point", "axle").about("what stops at the end and at cusps: P_l, or the middle of the axle"),
@@ -131,7 +132,7 @@ def _path_schema() -> Schema:
     return {
         "type": "object",
         "description": "the curve that type IV follows, by its kind",
-        "properties": {"kind": {**text.about(KIND).schema(), "examples": [*PATHS, *COMPOSITE]}},
+        "properties": {"kind": {**text.about(KIND).schema(), "examples": [*PATHS, *COMPOSITE, COURSE]}},
         "required": ["kind"],
         "allOf": [*of_kind, others],
     }
@@ -197,6 +198,10 @@ class OutputSection:
         flag, False, "put integrators on inputs where outputs need it, such as those of a P_l in the middle of the axle"
     )
 
+    arclength: bool = entry(
+        flag, False, "errors along a course decay with the way of a P_l on the axle, not with time: regular at standstill too"
+    )
+    poles: tuple[float, ...] | None = entry(numbers, None, "of these errors, in 1/m, negative; by default all are -1")
     near_singular: str = entry(
         one_of("refuse", "damped"), "refuse", "what type IV does where the heading is nearly normal to the path"
     )
@@ -214,6 +219,14 @@ class OutputSection:
             )
         if self.extension and self.reversing != "allow":
             raise BadInput("[output] extension needs no reversing: P_l on the axle is followed forward and in reverse")
+        if self.arclength and (self.extension or not self.along_course):
+            raise BadInput('[output] arclength is for type IV with path = { kind = "course" }, without extension')
+        if self.poles is not None and not self.arclength:
+            raise BadInput("[output] poles requires arclength = true; gains of other laws are in [gains]")
+        if self.poles is not None and not all(pole < 0.0 for pole in self.poles):
+            raise BadInput("[output] poles must be negative, in 1/m: errors decay along the way")
+        if self.along_course and self.near_singular == "damped":
+            raise BadInput('[output] near_singular = "damped" does not go with a course')
         if self.type in TYPES and self.parameters:
             raise BadInput(f"[output] parameters apply to a robot's own output; type {self.type} has L, W and path")
         if self.own and (self.L or self.W or self.path):
@@ -230,6 +243,11 @@ class OutputSection:
         return self.type not in TYPES
 
     @property
+    def along_course(self) -> bool:
+        """Whether the path is that of [reference] course."""
+        return self.path is not None and self.path.kind == COURSE
+
+    @property
     def segments(self) -> tuple[Segment, ...]:
         """The lines and arcs of a composite path; empty for other outputs."""
         return self.path.segments if self.path else ()
@@ -240,7 +258,8 @@ class OutputSection:
         if self.own:
             return self.type + EXTENDED * self.extension
         path, damped = self.path.law if self.path else "", self.near_singular == "damped"
-        return str(LawName(self.type, path, offset=bool(self.W), damped=damped, extended=self.extension))
+        parts = {"offset": bool(self.W), "damped": damped, "extended": self.extension, "arclength": self.arclength}
+        return str(LawName(self.type, path, **parts))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,6 +315,16 @@ class CourseSection:
             raise BadInput(f"[reference] course: rounding = {self.rounding:g} must be at most the shortest of the lengths")
 
 
+def _course_schema() -> Schema:
+    return {"anyOf": [section(CourseSection).schema(), {"type": "string", "description": "file of a course, or of points"}]}
+
+
+def _read_course(value: Any, where: str) -> CourseSection:
+    """Read a course; one in a file has been read before, with the SPEC."""
+    return section(CourseSection)(value, where)
+
+
+_course = Reader(_read_course, _course_schema, kind=CourseSection)
 FASTEST = math.inf  # m/s: as fast as the accelerations allow
 
 
@@ -329,7 +358,7 @@ class Reference:
     velocity: tuple[float, ...] | None = entry(numbers, None, "rates of these desired outputs, one for each")
     approach: ApproachSection | None = entry(section(ApproachSection), None)
     circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
-    course: CourseSection | None = entry(section(CourseSection), None, "along which a desired point moves, in addition")
+    course: CourseSection | None = entry(_course, None, "along which a desired point moves, in addition, or a P_l of type IV")
     commands: tuple[Command, ...] | None = entry(
         list_of(Command, "{ distance = 2, time = 6 }"), None, "of [feedback]: parts of the desired motion, one after the other"
     )
@@ -775,7 +804,11 @@ class Spec:
             raise BadInput("[reference] has both circle and course: give one of them")
         if self.reference.velocity and self.reference.course and self.reference.course.follow == "path":
             raise BadInput('[reference] velocity does not go with a course with follow = "path", which does not depend on time')
+        if self.output.along_course:
+            self._check_course()
         required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle", "course"))
+        if self.output.along_course:
+            required, optional = "course", ("speed", "position")
         for name in ("speed", "position", "velocity", "circle", "course"):
             given = getattr(self.reference, name) is not None
             if given and name not in (required, *optional):
@@ -790,9 +823,16 @@ class Spec:
         return self.drive is not None and self.drive.kinematic
 
     @property
+    def desired_speed(self) -> float:
+        """Desired forward speed of type IV, m/s: by default that of a course."""
+        course, speed = self.reference.course, self.reference.speed
+        return speed if speed is not None else course.speed if course else 0.0
+
+    @property
     def simulated(self) -> tuple[str, ...]:
         """The sections of this SPEC that are not in the C of a sweep: each sample is then run by `noslip simulate`."""
-        return tuple(name for name in ("adaptation", "estimator", "given", "feedback", "push") if getattr(self, name))
+        sections = tuple(name for name in ("adaptation", "estimator", "given", "feedback", "push") if getattr(self, name))
+        return (*sections, *(["reference.course"] if self.output.along_course else []))
 
     @property
     def learned(self) -> tuple[str, ...]:
@@ -844,6 +884,17 @@ class Spec:
             raise BadInput(f'{without} [limits] mode = "{self.limits.mode}"; give torque, and mode = "cut"')
         if sensors and (sensors.pose != "true" or sensors.counts or sensors.gyro or sensors.accelerometer):
             raise BadInput(f'{without} dead reckoning: [sensors] has noise, seed and period there, and pose = "true"')
+
+    def _check_course(self) -> None:
+        """Raise BadInput for what there is not with a path of kind course."""
+        without = '[output] path = { kind = "course" } does not go with'
+        if self.reference.approach:
+            raise BadInput(f"{without} [reference] approach; start the robot near the course")
+        if self.reference.position is not None and len(self.reference.position) != 2:
+            raise BadInput(f"[reference] position has {len(self.reference.position)} numbers; a course begins at [x, y]")
+        if self.simulation.backend not in BACKENDS:
+            known = ", ".join(BACKENDS)
+            raise BadInput(f"{without} [simulation] backend = {self.simulation.backend!r}; known are {known}")
 
     def _check_extension(self) -> None:
         """Raise BadInput for what a dynamic extension is not there for yet."""
@@ -901,9 +952,19 @@ def spec_of(text: str, name: Path | str) -> Spec:
 
 def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:
     """Return the SPEC of a table of the file `name`; its files are looked up beside it first. Raises BadInput."""
-    spec: Spec = section(Spec)(table, "")
+    spec: Spec = section(Spec)(_with_course(table, name), "")
     scene = spec.scene and dataclasses.replace(spec.scene, file=near(spec.scene.file, name))
     return dataclasses.replace(spec, robot=beside(spec.robot, name), scene=scene)
+
+
+def _with_course(table: Mapping[str, Any], name: Path | str) -> Mapping[str, Any]:
+    """Return the table with the course, and where it begins, that [reference] course names as a file."""
+    reference = table.get("reference")
+    if not (isinstance(reference, dict) and isinstance(file := reference.get("course"), str)):
+        return table
+    from ...planning.points import read_reference  # slow to import
+
+    return {**table, "reference": {**read_reference(near(file, name)), **{k: v for k, v in reference.items() if k != "course"}}}
 
 
 def read_spec(file: Path | str) -> Spec:

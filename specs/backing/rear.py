@@ -5,7 +5,9 @@ from noslip.model.robots.steered import car
 
 
 def rear() -> Mechanism:
-    """The middle of the rear axle is a flat output of a car: it leaves no zero dynamics in either direction."""
+    """The middle of the rear axle is a flat output of a car: it leaves no zero dynamics in either direction. It is P_l too."""
     robot = car()
-    robot.output("rear", "middle of the rear axle", [("x_r", "m", robot["x"]), ("y_r", "m", robot["y"])])
+    x, y, phi = robot["x"], robot["y"], robot["phi"]
+    robot.output("rear", "middle of the rear axle", [("x_r", "m", x), ("y_r", "m", y)])
+    robot.moves_in_plane(x, y, phi)
     return robot
