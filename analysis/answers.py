@@ -150,9 +150,7 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
         if spec.feedback:
             raise BadInput("[feedback]: starts are certified for laws of outputs; noslip analyse ROBOT judges its steady motions")
-        refuse_extension(spec.law, "analyse --start")
-        refuse_damping(spec.law, "analyse --start")
-        if kind := spec.reference.moves:
+        if (kind := spec.reference.moves) and not spec.output.extension:
             raise BadInput(f"[reference] {kind}: starts are certified along lines and paths; leave it out")
         loop = make_loop(spec)
         return certify(loop, spec, of_each(uncertainty, loop))
@@ -176,6 +174,8 @@ def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, pro
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
     try:
+        refuse_extension(spec.law, "analyse --table")
+        refuse_damping(spec.law, "analyse --table")
         return safe_offsets(spec, of_each(uncertainty, make_loop(spec)), progress=progress)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{file}: {error}") from error

@@ -46,6 +46,15 @@ COSTS = {
 }
 
 
+BYTES = 7  # of code for an operation with what it loads and stores, on a Cortex-M4F
+LONG = 4096  # bytes of code from which a function is not copied into its callers, and repeated steps become a loop
+
+
+def code_bytes(roots: Iterable[Node]) -> int:
+    """Return the estimated bytes of the code that computes the roots, without those of sines and other functions."""
+    return BYTES * sum(isinstance(node, Applied) for node in executed(roots))
+
+
 def cycles(roots: Iterable[Node], costs: Costs) -> float:
     """Return the estimated cycles of what a step computes: its operations, in the order of the graph, and what they load."""
     total, last = 0.0, None

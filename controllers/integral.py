@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.law import gain_names
 from ..readers.errors import BadInput
-from .controller import Controller
+from .controller import Evaluation
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
@@ -161,13 +161,11 @@ class IntegralAction(ActingRows):
         """Return one integrator for each of the rows, at zero."""
         return [make_integral(backend, ki, limit, self._law) for ki, limit in zip(self.ki, self.limit, strict=True)]
 
-    def error(self, controller: Controller, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """Return y_d - y (K), with y computed by the law at a state; of an angle the smallest difference.
+    def error(self, found: Evaluation, reference: np.ndarray) -> np.ndarray:
+        """Return y_d - y (K), with y as the law evaluates it; of an angle the smallest difference.
 
-        `state` ends with the states of a dynamic extension. Zeros if the law returns an error, as it then does for the inputs
-        too.
+        Zeros if the law returns an error, as it then does for the inputs too.
         """
-        found = controller.evaluate(state, reference)
         if found.status != "ok":
             return np.zeros(len(self.rows))
         errors = reference[self.desired] - found.values["h"][self.acting]

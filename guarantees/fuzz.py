@@ -23,6 +23,7 @@ RUNTIME = (
     "slip",
     "course",
     "balance",
+    "disturbance",
 )
 SCALARS = {"double": "", "float": "_f"}
 CORPUS = HERE / "corpus.txt"  # one input per line, base64

@@ -12,8 +12,10 @@ BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers generate
 MOST_STACK, MOST_OF_LARGE = 384, 512  # bytes; LARGE
 LARGE = ("_follower_", "_ekf_")
 EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
-MODULES = "adaptation approach balance course odometry ekf encoder integral motor nearest_angle profile reversing slip velocity"
-IN_HEADERS = tuple(f"noslip_{name}" for name in MODULES.split())
+MODULES = """
+    adaptation approach balance course disturbance odometry ekf encoder integral motor nearest_angle profile reversing slip velocity
+""".split()
+IN_HEADERS = tuple(f"noslip_{name}" for name in MODULES)
 
 
 def symbols(task: Task, target: Machine = HOST) -> str:

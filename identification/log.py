@@ -16,6 +16,8 @@ from .smoothing import velocities
 
 GAP = 1.5  # times the usual interval: a longer one separates two stretches
 FEWEST = 20  # rows
+SLOWEST = 2.0  # s from row to row; of a longer time it is said that it may be in another unit
+PARTS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +195,10 @@ def _cleaned(file: str, rows: np.ndarray, dense: int, fewest: int) -> tuple[np.n
     if step.min() <= 0:
         k = int(np.argmax(step <= 0))
         raise BadInput(f"{file}: t goes from {rows[k, 0]:g} s to {rows[k + 1, 0]:g} s; times must increase")
+    if (usual := float(np.median(step))) > SLOWEST:
+        likely = next((unit for unit, part in PARTS.items() if usual * part <= SLOWEST), "ns")
+        there = f"call its column 't [{likely}]', or say --map 't=t [{likely}]'"
+        remarks.append(f"t goes on by {usual:g} s from row to row; if it is in {likely}, {there}")
     ends = [0, *(np.flatnonzero(step > GAP * np.median(step)) + 1), len(rows)]
     if len(ends) > 2:
         remarks.append(f"{len(ends) - 2} gaps in t, the longest {step.max():.3g} s; the rows on both sides are not connected")

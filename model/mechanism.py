@@ -197,6 +197,7 @@ class Mechanism:
         self.constraint_names: list[str] = []
         self.contacts: list[Contact] = []
         self.supports: list[Contact] = []
+        self.givens: list[str] = []
         self.vehicle: Vehicle | None = None
         self.outputs: list[Output] = []
         self.lines: list[ca.SX] = []
@@ -331,10 +332,11 @@ class Mechanism:
     def given(self, name: str, unit: str, about: str = "") -> ca.SX:
         """Add a known function of time; return its symbol. Its value and its rate are coordinates, which every state contains.
 
-        The law takes both from the state at each step. A simulation goes on from the rate at its start, which stays as it is; for
-        a rate that changes, write the function in `time`.
+        The law takes both from the state at each step. In a simulation they follow the function of [given] in the SPEC; without
+        one the rate stays as it is at the start.
         """
         value = self.coordinate(name, unit, about)
+        self.givens.append(name)
         rate = self.coordinate(f"{name}_rate", per_second(unit), f"rate of {name}")
         self._knows(name, f"{name} is given", rate)
         self._knows(f"{name}_rate", f"{name}_rate is given", 0.0)

@@ -86,7 +86,7 @@ def integral_system(
     n, desired = len(law.system.state), [q.name for q in law.reference]
 
     def update(t: float, z: np.ndarray, u: np.ndarray, params: dict) -> np.ndarray:
-        error = action.error(controller, u[:n], u[n:])
+        error = action.error(controller.evaluate(u[:n], u[n:]), u[n:])
         return z + period * error if period else error
 
     def references(t: float, z: np.ndarray, u: np.ndarray, params: dict) -> np.ndarray:

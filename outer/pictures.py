@@ -22,6 +22,7 @@ from .robustness import Loops, one_by_one
 CONTINUOUS, SAMPLED = COLOURS[0], COLOURS[1]
 AMOUNTS = 21  # plotted sizes of each error
 PERIODS = 160
+WIDER = 4.0  # times the periods drawn: channels that alone are stable up to so much longer ones are in the view
 SHOWN = 3.2  # range of the Nyquist plot
 MARKERS = "osD^vP*X"
 OUTLIERS = 0.02  # part of the fastest eigenvalues that may be left of the view
@@ -147,12 +148,13 @@ def draw_period(report: OuterLoopReport) -> Figure:
             size.annotate(
                 f"{1e3 * limit:.4g} ms", (1e3 * limit, 1), (0, 10), textcoords="offset points", ha="right", color=colour
             )
-    for channel in report.channels.values():
-        limit = channel.longest_period(False)
-        where = f"{1e3 * limit:.4g} ms" + (" (beyond the view)" if limit > end else "")
-        size.axvline(1e3 * limit, color=FAINT, linewidth=0.8, linestyle=":") if limit <= end else None
-        size.plot([], [], ":", color=FAINT, linewidth=0.8, label=f"channel {channel.name} alone: {where}")
-    size.set(xlabel="period T (ms)", ylabel="largest |z|", title="stable while below 1", xlim=(0, 1e3 * end), ylim=(0.5, 1.6))
+    alone = {name: channel.longest_period(False) for name, channel in report.channels.items()}
+    view = max([end, *(1.05 * limit for limit in alone.values() if limit < WIDER * end)])
+    for name, limit in alone.items():
+        where = f"{1e3 * limit:.4g} ms" + (" (beyond the view)" if limit > view else "")
+        size.axvline(1e3 * limit, color=FAINT, linewidth=0.8, linestyle=":") if limit <= view else None
+        size.plot([], [], ":", color=FAINT, linewidth=0.8, label=f"channel {name} alone: {where}")
+    size.set(xlabel="period T (ms)", ylabel="largest |z|", title="stable while below 1", xlim=(0, 1e3 * view), ylim=(0.5, 1.6))
     legend_below(size)
     return figure
 

@@ -22,6 +22,7 @@ from .quantities import in_base_units
 LARGEST = 256  # MB
 FORMATS = (".csv", ".parquet", ".mcap")
 WITH_UNIT = re.compile(r"(.*\S)\s*\[([^]]*)\]")
+DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
 NANOSECONDS = 1e9  # per second, of the times of MCAP
 
 
@@ -45,7 +46,8 @@ class Column:
             try:
                 values[k] = math.nan if entry is None or entry == "" else float(entry)
             except (TypeError, ValueError) as error:
-                raise BadInput(f"{self.where} row {k + 2}: {str(entry)[:40]!r} is not a number") from error
+                hint = ": write a point, not a comma, before decimals" if DECIMAL_COMMA.fullmatch(str(entry)) else ""
+                raise BadInput(f"{self.where} row {k + 2}: {str(entry)[:40]!r} is not a number{hint}") from error
         if self.unit is None:
             return values
         try:
@@ -58,7 +60,8 @@ class Column:
 
 
 def read_table(file: str | Path) -> dict[str, Column]:
-    """Return the columns of a table by name; the format is that of the file's suffix, CSV for any other.
+    """Return the columns of a table by name; the format is that of the file's suffix, CSV for any other. What separates the names
+    of the columns of a CSV, commas, semicolons or tabs, separates its entries.
 
     A unit in brackets at the end of a name, "phi [deg]", is not part of it. Raises BadInput if the file is not such a table,
     or the library that reads it is missing; and OSError.
@@ -80,7 +83,7 @@ def _csv(file: str | Path) -> dict[str, list[str]]:
         text = read_input(file, LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"{file}: not a text file (byte {error.start}); logs are CSV, .parquet or .mcap") from error
-    lines = list(csv.reader(io.StringIO(text)))
+    lines = list(csv.reader(io.StringIO(text), delimiter=_separator(text)))
     lines = [line for line in lines if line and not line[0].startswith("#")]
     if not lines:
         raise BadInput(f"{file} is empty")
@@ -92,6 +95,12 @@ def _csv(file: str | Path) -> dict[str, list[str]]:
         if len(line) != len(head):
             raise BadInput(f"{file} row {k}: {len(line)} entries, but the first row names {len(head)} columns")
     return {name: [line[k] for line in lines[1:]] for k, name in enumerate(head)}
+
+
+def _separator(text: str) -> str:
+    """Return what separates the names of the columns: a comma; a semicolon or a tab where they have no comma."""
+    head = next((line for line in text.splitlines() if line and not line.startswith("#")), "")
+    return next((mark for mark in ",;\t" if mark in head), ",")
 
 
 def _parquet(file: str | Path) -> dict[str, Sequence[Any]]:

@@ -149,11 +149,27 @@ def summary(run: Run) -> str:
     if run.floor:
         ground = run.floor.summary(run.t, run.law.system.mechanism)
     else:
-        ground, peaks = grip(run).summary(), f"{peaks}; worst ||A qdot|| {values['residual']:.1e}"
+        residual = "||A qdot - b||" if run.plant.system.mechanism.carried else "||A qdot||"
+        ground, peaks = grip(run).summary(), f"{peaks}; worst {residual} {values['residual']:.1e}"
     lines.append(f"  peak {peaks}")
+    if energy := values.get("energy"):
+        lines.append(
+            f"  energy {energy['gained']:+.4g} J: inputs and forces {energy['inputs']:+.4g} J, drive of the ground "
+            f"{energy['ground']:+.4g} J, largest difference {energy['difference']:.1e} J"
+        )
     return "\n".join([*lines, *[f"  {line}" for line in ground.splitlines()]])
 
 
 def _rolls(run: Run) -> dict[str, Any]:
-    """Return the residual of the constraints, and whether each contact rolls, of a run that assumes it."""
-    return {"residual": np.linalg.norm(run.plant.slip(run.x), axis=1).max(), "rolling": grip(run).as_json()}
+    """Return the residual of the constraints, and whether each contact rolls, of a run that assumes it; on ground that moves
+    also the balance of energy.
+    """
+    made = {"residual": np.linalg.norm(run.plant.slip(run.x), axis=1).max(), "rolling": grip(run).as_json()}
+    return {**made, **({"energy": _energy(run)} if run.balanced else {})}
+
+
+def _energy(run: Run) -> dict[str, float]:
+    """Return the energy gained and the works at the end, J, and the largest difference between both sides at any row."""
+    gained, inputs, ground = run.works
+    difference = np.abs(gained - inputs - ground).max()
+    return {"gained": gained[-1], "inputs": inputs[-1], "ground": ground[-1], "difference": difference}

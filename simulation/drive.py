@@ -15,8 +15,8 @@ from ..controllers.velocity import VehicleLimits, make_acceleration, make_veloci
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from . import runge_kutta
-from .plant import Plant
+from .plant import Plant, motion
+from .specification.given import Given
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
@@ -38,7 +38,7 @@ class Drive(Protocol):
     def take(self, x: np.ndarray, status: str, tau: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and what is given until the next call: from the state that the controller sees and its result."""
 
-    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
+    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float, t: float = 0.0) -> tuple[np.ndarray, float]:
         """Return the state after h seconds, as Plant.step."""
 
     def torque(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -102,7 +102,8 @@ class VelocityDrive:
         self._velocity = make_velocity(simulation.backend, limits, period, law)
         self._acceleration = None if section.kinematic else make_acceleration(simulation.backend, law, believed)
         self._period, self._inputs = period, len(system.mechanism.inputs)
-        step, torque = driven(system, section.feeds)
+        step, torque = driven(system, section.feeds, plant.given)
+        self._time = plant.time
         self._step, self._torque = Direct(step), Direct(torque)
         self._own = (plant.parameters, section.omega, np.array(acceleration))
 
@@ -121,9 +122,9 @@ class VelocityDrive:
         status, command = self._velocity.step(u, x[-self.commands :], status if caused in RUNNING else caused, self._period)
         return status, np.concatenate([command, tau])
 
-    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
+    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float, t: float = 0.0) -> tuple[np.ndarray, float]:
         """See Drive."""
-        after, error = self._step(x, given, *self._own, h, tolerance)
+        after, error = self._step(x, given, *self._own, h, tolerance, *self._time(t))
         return after, float(error[0])
 
     def torque(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -150,22 +151,19 @@ def make_drive(
 
 
 @lru_cache(maxsize=16)
-def driven(system: ReducedSystem, feeds: bool) -> tuple[ca.Function, ca.Function]:
+def driven(system: ReducedSystem, feeds: bool, known: Given = ()) -> tuple[ca.Function, ca.Function]:
     """Return the functions from state, given, parameters, omega (1/s) and largest accelerations: to the state after h seconds and
-    its error norm (with h and tolerance as further arguments), and to the torque of the drives.
+    its error norm (with h, tolerance and, if something is `known`, t as further arguments), and to the torque of the drives.
     """
     mechanism = system.mechanism
     x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p
     command, tau = ca.SX.sym("command", system.dof), ca.SX.sym("tau", len(mechanism.inputs))
     omega, most = ca.SX.sym("omega"), ca.SX.sym("most", system.dof)
-    h, tolerance = ca.SX.sym("h"), ca.SX.sym("tolerance")
     fed = system.acceleration(tau) if feeds else ca.SX.zeros(system.dof)
     nudot = ca.fmax(-most, ca.fmin(most, fed + omega * (command - system.nu)))
-    given = [x, ca.vertcat(command, tau), p, omega, most]
-    rate = portable(ca.Function("rate", given, [ca.densify(ca.vertcat(system.qdot, nudot))]))
-    step = runge_kutta.step(lambda _, x: rate(x, *given[1:]), ca.SX(0), x, rate(*given), h, tolerance)
-    torque = portable(ca.Function("torque", given, [ca.densify(system.first_feedback(nudot))]))
-    return ca.Function("step", [*given, h, tolerance], [ca.densify(s) for s in step]), torque
+    given = [ca.vertcat(command, tau), p, omega, most]
+    torque = portable(ca.Function("torque", [x, *given], [ca.densify(system.first_feedback(nudot))]))
+    return motion(system, nudot, given, known)[1], torque
 
 
 def whole_periods(delay: float, period: float) -> tuple[int, float]:

@@ -56,13 +56,14 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
     n, m = len(loop.start), len(loop.start) + len(ki)
 
     def command(t: float, state: np.ndarray) -> tuple[str, np.ndarray]:
-        return loop.command(t, state[:n], ki * state[n:m], state[m:])
+        return loop.call(t, state[:n], state[m:]).command(ki * state[n:m])
 
     def rate(t: float, state: np.ndarray) -> np.ndarray:
-        status, tau = command(t, state)
+        call = loop.call(t, state[:n], state[m:])
+        status, tau = call.command(ki * state[n:m])
         if status not in RUNNING:
             raise Refused(status, t, state[:n])
-        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n], state[m:]), loop.extension_rate])
+            return np.concatenate([loop.plant.rate(state[:n], tau, t), call.error(), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
     solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance)
@@ -126,12 +127,13 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
             xi = xi + period * loop.extension_rate
         loop.sense(t, x)
         loop.guidance.update(t, loop.seen(x))
-        add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x, xi), strict=True)])
+        call = loop.call(t, x, xi)
+        add = np.array([one.step(e, period, status) for one, e in zip(integrators, call.error(), strict=True)])
         before = status if loop.guidance.piece == piece else OTHER_OUTPUT
-        piece, observed = loop.guidance.piece, zip(observers, *loop.observed(t, x, add), strict=True)
+        piece, observed = loop.guidance.piece, zip(observers, *call.observed(add), strict=True)
         less = np.array([one.step(measured, v, period, before) for one, measured, v in observed])
         z = np.array([*[one.z for one in integrators], *[one.estimate for one in observers]])
-        status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add, xi, less))
+        status, given = loop.drive.take(call.seen, *call.command(add, less))
         if status not in RUNNING:
             yield _row(loop, t, x, None, status, z, xi)
             return
@@ -197,7 +199,7 @@ def _hold(
         if left <= 0:
             return x
         h = min(h, left)
-        after, error = loop.drive.step(x, given, h, tolerance)
+        after, error = loop.drive.step(x, given, h, tolerance, t + duration - left)
         if not error <= 1:  # also when it is NaN
             if h <= SHORTEST and not np.isfinite(error):
                 raise Refused("nonfinite", t + duration - left, x)
@@ -213,7 +215,7 @@ def _crossing(loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.nda
     """Where a step of h seconds from x at t goes through the singular set."""
 
     def after(s: float) -> np.ndarray:
-        return loop.drive.step(x, given, s, tolerance)[0]
+        return loop.drive.step(x, given, s, tolerance, t)[0]
 
     s = _root(lambda s: loop.guidance.leg.side(np.append(after(s), xi)), h, SHORTEST)
     return Refused("singular", t + s, after(s))

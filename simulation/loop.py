@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from ..controllers.approach import Approach, make_approach
 from ..controllers.backends import SCALAR, make_controller
-from ..controllers.controller import RUNNING, Controller, Friction, Limits
+from ..controllers.controller import RUNNING, Controller, Evaluation, Friction, Limits
 from ..controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from ..controllers.estimation.disturbance import DisturbanceObservers
 from ..controllers.ground.slip import Noticed
@@ -36,7 +37,12 @@ from .drive import Drive, make_drive
 from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
 from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
+<<<<<<< HEAD
+from .sensing import Estimating, Sensing, SlipSensing
+from .specification.given import at_start, known_functions
+=======
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
+>>>>>>> under
 from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
@@ -121,42 +127,9 @@ class Loop:
         if self.learning:
             self.learning.step(t, self.seen(x), self.guidance.leg.controller)
 
-    def error(self, t: float, x: np.ndarray, xi: np.ndarray) -> np.ndarray:
-        """Return y_d - y of the outputs with integral action, as the controller sees it; `xi` as for `command`."""
-        if not self.integral.rows:
-            return np.zeros(0)
-        seen = self.seen(x)
-        return self.integral.error(self.guidance.leg.controller, np.append(seen, xi), self.reference(t, seen))
-
-    def observed(self, t: float, x: np.ndarray, add: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what the observers of disturbances compare: y^(r-1) and v without the estimates; `add` as for `command`."""
-        if not self.observers.rows:
-            return np.zeros(0), np.zeros(0)
-        seen = self.seen(x)
-        return self.observers.seen(self.guidance.leg.controller, seen, self.integral.added(self.reference(t, seen), add))
-
-    def command(
-        self, t: float, x: np.ndarray, add: np.ndarray, xi: np.ndarray, less: np.ndarray | None = None
-    ) -> tuple[str, np.ndarray]:
-        """Return status and inputs (N, N m) of the controller at time t in state x; zeros on an error.
-
-        `add`: value of integral action for each output that has it; `xi`: states of the dynamic extension, if any; `less`: minus
-        the estimate for each output that has an observer.
-        """
-        seen, leg = self.seen(x), self.guidance.leg
-        known, noticed = np.append(seen, xi), self.noticed
-        if noticed:
-            leg.controller.believe(noticed.mu)
-        reference = self.reference(t, seen)
-        if np.isnan(reference).any():  # no point of the course is the nearest
-            return "singular", np.zeros(len(self.law.inputs))
-        reference = self.integral.added(reference, add)
-        status, tau = leg.controller.step(known, reference if less is None else self.observers.added(reference, less))
-        if self.learning:
-            self.learning.applied = tau if status in RUNNING else None
-        if status in RUNNING and leg.side(known) <= 0:
-            return "singular", np.zeros_like(tau)
-        return noticed.status if noticed and noticed.status != "ok" and status in RUNNING else status, tau
+    def call(self, t: float, x: np.ndarray, xi: np.ndarray) -> "ControllerCall":
+        """Return what a call of the controller at time t in state x sees; `xi`: states of the dynamic extension, if any."""
+        return ControllerCall(self, t, x, xi)
 
     def reference(self, t: float, seen: np.ndarray) -> np.ndarray:
         """Return the reference for a state that the controller sees; the speed along a path is less where slip was noticed."""
@@ -187,6 +160,48 @@ class Loop:
         return not self.sensing and self.guidance.leg.side(np.append(x, xi)) <= 0
 
 
+class ControllerCall:
+    """A call of the controller: the state `seen`, the `reference` and the law's outputs there are found once.
+
+    `add` is the value of integral action for each output that has it, `less` minus the estimate for each that has an observer.
+    """
+
+    def __init__(self, loop: Loop, t: float, x: np.ndarray, xi: np.ndarray):
+        self._loop, self._leg, self.seen = loop, loop.guidance.leg, loop.seen(x)
+        self._known, self.reference = np.append(self.seen, xi), loop.reference(t, self.seen)
+
+    @cached_property
+    def _outputs(self) -> Evaluation:
+        return self._leg.controller.evaluate(self._known, self.reference)
+
+    def error(self) -> np.ndarray:
+        """Return y_d - y of the outputs with integral action."""
+        rows = self._loop.integral
+        return rows.error(self._outputs, self.reference) if rows.rows else np.zeros(0)
+
+    def observed(self, add: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the observers of disturbances compare: y^(r-1) and v without the estimates."""
+        rows = self._loop.observers
+        if not rows.rows:
+            return np.zeros(0), np.zeros(0)
+        return rows.seen(self._outputs, self._loop.integral.added(self.reference, add))
+
+    def command(self, add: np.ndarray, less: np.ndarray | None = None) -> tuple[str, np.ndarray]:
+        """Return status and inputs (N, N m) of the controller; zeros on an error."""
+        loop, controller, noticed = self._loop, self._leg.controller, self._loop.noticed
+        if noticed:
+            controller.believe(noticed.mu)
+        if np.isnan(self.reference).any():  # no point of the course is the nearest
+            return "singular", np.zeros(len(loop.law.inputs))
+        reference = loop.integral.added(self.reference, add)
+        status, tau = controller.step(self._known, reference if less is None else loop.observers.added(reference, less))
+        if loop.learning:
+            loop.learning.applied = tau if status in RUNNING else None
+        if status in RUNNING and self._leg.side(self._known) <= 0:
+            return "singular", np.zeros_like(tau)
+        return noticed.status if noticed and noticed.status != "ok" and status in RUNNING else status, tau
+
+
 def make_loop(spec: Spec) -> Loop:
     """Return the loop of a SPEC: controller, plant, guidance and start.
 
@@ -203,7 +218,8 @@ def make_loop(spec: Spec) -> Loop:
         check_keys(getattr(spec, where), names, where)
     check_units(spec, law)
     believed = np.array(mechanism.parameter_values(spec.parameters))
-    plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
+    given = known_functions(mechanism, spec.given, spec.simulation.duration)
+    plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"), given)
     used = believed.copy()
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
     limits, integral = _limits(spec, len(mechanism.inputs)), _integral(spec, law, gains)
@@ -550,19 +566,24 @@ def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
 
 
 def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
-    """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed."""
+    """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed; known functions have their values."""
     system = plant.system
-    n, dof = len(system.mechanism.coordinates), system.dof
+    n, dof, known = len(system.mechanism.coordinates), system.dof, at_start(system.mechanism, plant.given)
     if initial.q is not None:
         nu = (0.0,) * dof if initial.nu is None else initial.nu
         for name, given, needed in (("q", initial.q, n), ("nu", nu, dof)):
             if len(given) != needed:
                 raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {needed}")
-        return np.array([*initial.q, *nu])
+        for k, value in known.items():
+            if initial.q[k] not in (0.0, value):
+                name = system.mechanism.coordinates[k].name
+                raise BadInput(f"[initial] q: {name} is {initial.q[k]:g}, but {value:g} by [given]: write 0 or that")
+        return np.array([*(known.get(k, value) for k, value in enumerate(initial.q)), *nu])
     if system.mechanism.vehicle is None:
         raise BadInput(f"[initial] point: {system.mechanism.name} is not a vehicle (moves_in_plane); give q and nu instead")
     pose, speed = np.array([[*(initial.point or ()), initial.heading or 0.0]]), np.array([initial.speed or 0.0])
-    (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed)
+    begin = np.array([[known.get(k, 0.0) for k in range(n)]])
+    (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed, begin)
     for part, where in ((found[:n], "point and heading"), (found[n:], "speed")):
         if np.isnan(part).any():
             raise BadInput(f"[initial] {where}: the robot cannot reach this state; give q and nu instead")
@@ -583,7 +604,7 @@ def _extension(law: ControlLaw, spec: Spec, believed: np.ndarray, guidance: Guid
 
 def _check_start(loop: Loop) -> None:
     """Raise BadInput with the reason if the controller returns an error at the start."""
-    status, _ = loop.command(0.0, loop.start, np.zeros(len(loop.integral.rows)), loop.extension)
+    status, _ = loop.call(0.0, loop.start, loop.extension).command(np.zeros(len(loop.integral.rows)))
     if status in RUNNING:
         return
     if status != "singular":

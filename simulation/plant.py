@@ -12,24 +12,35 @@ from ..model.algebra.portable import portable
 from ..model.contacts import combination, shift_by_forces
 from ..model.reduction import ReducedSystem
 from . import runge_kutta
+from .specification.given import Given, accelerations
 
 
 class Plant:
-    """A robot with its true parameters (SI, in the order of mechanism.parameters). State x = [q; nu] (11)."""
+    """A robot with its true parameters (SI, in the order of mechanism.parameters). State x = [q; nu] (11).
 
-    def __init__(self, system: ReducedSystem, parameters: Sequence[float]):
+    `given`: expressions in t of the coordinates that are known functions of time; the rates of the others stay as they are.
+    """
+
+    def __init__(self, system: ReducedSystem, parameters: Sequence[float], given: Given = ()):
         self.system = system
         self.parameters = np.array(parameters, float)
-        self._functions = functions(system)
+        self.given = given
+        self._functions = functions(system, given)
         self._rate, self._step = Direct(self._functions["rate"]), Direct(self._functions["step"])
 
-    def rate(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """xdot = [S nu; (S'MS)^-1 (S'E tau - S'(M Sdot nu + V))] (11)."""
-        return self._rate(x, tau, self.parameters)[0]
+    def time(self, t: float) -> tuple[float, ...]:
+        """Return the last arguments of functions of motion at t, s: none unless something is given."""
+        return (t,) if self.given else ()
 
-    def step(self, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
-        """Return the state after h seconds of constant tau by one DOP853 step, and its error norm: 1 is the tolerance."""
-        after, error = self._step(x, tau, self.parameters, h, tolerance)
+    def rate(self, x: np.ndarray, tau: np.ndarray, t: float = 0.0) -> np.ndarray:
+        """xdot = [S nu + s; (S'MS)^-1 (S'E tau - S'(M Sdot nu + V))] (11), at t (s)."""
+        return self._rate(x, tau, self.parameters, *self.time(t))[0]
+
+    def step(self, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float, t: float = 0.0) -> tuple[np.ndarray, float]:
+        """Return the state after h seconds of constant tau from t (s) by one DOP853 step, and its error norm: 1 is the
+        tolerance.
+        """
+        after, error = self._step(x, tau, self.parameters, h, tolerance, *self.time(t))
         return after, float(error[0])
 
     def energy(self, x: np.ndarray) -> np.ndarray:
@@ -41,6 +52,10 @@ class Plant:
         and tau: the rate of the energy.
         """
         return self._rows("power", x, tau)[:, 0]
+
+    def ground_power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Return the power of the drives of moving surfaces alone, -lambda' b, W, for each row of x and tau."""
+        return self._rows("ground_power", x, tau)[:, 0]
 
     def pushed(self, x: np.ndarray, impulse: np.ndarray) -> np.ndarray:
         """Return the state after an impulse (n-m) along the quasi-velocities, N s or N m s."""
@@ -74,26 +89,29 @@ class Plant:
 
 
 @lru_cache(maxsize=16)
-def functions(system: ReducedSystem) -> dict[str, ca.Function]:
-    """Return what the methods of Plant evaluate, by name; arguments are columns, in the order of the method, then parameters."""
+def functions(system: ReducedSystem, given: Given = ()) -> dict[str, ca.Function]:
+    """Return what the methods of Plant evaluate, by name; arguments are columns, in the order of the method, then parameters.
+
+    Those of motion, `rate` and `step`, have the time as the last argument if something is given.
+    """
     mechanism = system.mechanism
     x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p
-    tau, h, tolerance = ca.SX.sym("tau", len(mechanism.inputs)), ca.SX.sym("h"), ca.SX.sym("tolerance")
+    tau = ca.SX.sym("tau", len(mechanism.inputs))
     acceleration = system.acceleration(tau)
-    rate = portable(ca.Function("rate", [x, tau, p], [ca.densify(ca.vertcat(system.qdot, acceleration))]))
-    step = runge_kutta.step(lambda _, x: rate(x, tau, p), ca.SX(0), x, rate(x, tau, p), h, tolerance)
+    rate, step = motion(system, acceleration, [tau, p], given)
     energy = ca.substitute(mechanism.energy(), mechanism.qdot, system.qdot)
     power = ca.dot(tau, mechanism.E.T @ mechanism.qdot) + sum(
         (force * velocity for force, velocity in mechanism.forces), ca.SX(0)
     )
     forces = system.constraint_forces(tau, acceleration)
-    power -= ca.dot(forces, mechanism.surface_velocity)
+    ground = -ca.dot(forces, mechanism.surface_velocity)
     places = ca.vertcat(*[c.mass for c in mechanism.standing], *[c.left for c in mechanism.standing])
     contacts = ca.vertcat(ca.vec(combination(mechanism)), places)
     impulse = ca.SX.sym("impulse", system.dof)
     others = {
         "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
-        "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot))]),
+        "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot) + ground)]),
+        "ground_power": ca.Function("ground_power", [x, tau, p], [ca.densify(ground)]),
         "jump": ca.Function("jump", [x, impulse, p], [ca.densify(solve(system.Mbar, impulse))]),
         "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot - mechanism.surface_velocity)]),
         "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
@@ -102,6 +120,18 @@ def functions(system: ReducedSystem) -> dict[str, ca.Function]:
     }
     return {
         "rate": rate,
-        "step": ca.Function("step", [x, tau, p, h, tolerance], [ca.densify(s) for s in step]),
+        "step": step,
         **{name: portable(function) for name, function in others.items()},
     }
+
+
+def motion(system: ReducedSystem, nudot: ca.SX, given: list[ca.SX], known: Given) -> tuple[ca.Function, ca.Function]:
+    """Return the functions from the state, what is `given` with it and, if something is a known function of time, t (s): to the
+    rate of the state, and to the state after h seconds and its error norm (with h and tolerance before t).
+    """
+    x, t, h, tolerance = ca.vertcat(system.mechanism.q, system.nu), *(ca.SX.sym(name) for name in ("t", "h", "tolerance"))
+    time = [t] if known else []
+    qdot = system.qdot + accelerations(system.mechanism, known, t) if known else system.qdot
+    rate = portable(ca.Function("rate", [x, *given, *time], [ca.densify(ca.vertcat(qdot, nudot))]))
+    step = runge_kutta.step(lambda at, x: rate(x, *given, *([at] if known else [])), t, x, rate(x, *given, *time), h, tolerance)
+    return rate, ca.Function("step", [x, *given, h, tolerance, *time], [ca.densify(s) for s in step])

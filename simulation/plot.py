@@ -31,12 +31,13 @@ TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after
 
 def draw(run: Run) -> Figure:
     """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over time on the right.
-    SI units. A run in a physics engine has the slip of each contact as well, one that learns parameters these.
+    SI units. A run in a physics engine has the slip of each contact as well, one that learns parameters these, one on ground that
+    moves the balance of energy.
 
     For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
     """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
-    grid = figure.add_gridspec(3 + bool(run.floor) + bool(run.spec.adaptation), 2, width_ratios=(1.25, 1))
+    grid = figure.add_gridspec(3 + bool(run.floor) + bool(run.spec.adaptation) + run.balanced, 2, width_ratios=(1.25, 1))
     figure.suptitle(_title(run), fontsize=11)
     plane = figure.add_subplot(grid[:, 0])
     errors = figure.add_subplot(grid[0, 1])
@@ -53,8 +54,11 @@ def draw(run: Run) -> Figure:
         below.append(figure.add_subplot(grid[3, 1], sharex=errors))
         _draw_slip(below[-1], run, run.floor)
     if run.spec.adaptation:
-        below.append(figure.add_subplot(grid[-1, 1], sharex=errors))
+        below.append(figure.add_subplot(grid[2 + len(below), 1], sharex=errors))
         _draw_learned(below[-1], run, run.spec.adaptation.bounds)
+    if run.balanced:
+        below.append(figure.add_subplot(grid[2 + len(below), 1], sharex=errors))
+        _draw_energy(below[-1], run)
     below[-1].set_xlabel("time t (s)")
     for axes in (errors, speed, *below[:-1]):
         axes.tick_params(labelbottom=False)
@@ -267,6 +271,10 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     for row, desired in zip(run.law.output.rows, run.y_d.T, strict=True):
         if row.name == "speed":
             axes.plot(run.t, desired, color=FOLLOWED, linewidth=3, alpha=0.6, label="desired", zorder=0)
+    for name, text in run.plant.given:
+        place = [c.name for c in run.plant.system.mechanism.coordinates].index(name)
+        if run.plant.system.mechanism.coordinates[place].unit == "m/s":
+            axes.plot(run.t, run.q[:, place], "--", color=SECOND, linewidth=1.2, label=f"{name} = {text}")
     low, high = axes.get_ylim()
     spread = 0.05 * np.abs(speed).max()  # so that a constant speed looks constant
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))
@@ -294,6 +302,15 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     axes.axhline(0.0, color="black", linewidth=0.8)
     units = {i.unit for i in inputs}
     axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
+    axes.legend(loc="best", fontsize=9)
+
+
+def _draw_energy(axes: Axes, run: Run) -> None:
+    """Draw the energy gained, and the works of inputs and of the ground's drive, whose sum it is."""
+    names = ("energy gained", "work of inputs and forces", "work of the ground's drive")
+    for name, values, colour in zip(names, run.works, COLOURS, strict=False):
+        axes.plot(run.t, values, color=colour, label=name)
+    axes.set_ylabel("energy (J)")
     axes.legend(loc="best", fontsize=9)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -87,6 +87,36 @@ class Run(Outputs):
         return [
             (truth[name][0], used, float(truth[name][1])) for name, used in zip(self.spec.learned, self.learned.T, strict=True)
         ]
+
+    @property
+    def balanced(self) -> bool:
+        """Whether `works` are known on ground that moves: rows show all inputs, which are continuous, or held for `output_step`
+        or longer.
+        """
+        simulation = self.spec.simulation
+        shown = not simulation.period or simulation.output_step <= simulation.period and not self.command.size
+        return self.plant.system.mechanism.carried and shown and not self.floor
+
+    @property
+    def works(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return, since the start at each row, J: the energy gained, the work of inputs and forces, and that of the drives of
+        moving ground, if `balanced`. The energy is the sum of both. Works are integrals of the powers at the rows: of cubic
+        splines, or with the inputs held from each row to the next in a loop with a period.
+        """
+        energy = self.plant.energy(self.x)
+        by_ground = self._integral(self.plant.ground_power)
+        return energy - energy[0], self._integral(self.plant.power) - by_ground, by_ground
+
+    def _integral(self, power: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return the work of a power (W) of states and inputs since the start, J."""
+        if len(self.t) < 2:
+            return np.zeros(len(self.t))
+        if self.spec.simulation.period:
+            held = power(self.x[:-1], self.tau[:-1]) + power(self.x[1:], self.tau[:-1])
+            return np.append(0.0, np.cumsum(held / 2 * np.diff(self.t)))
+        from scipy.interpolate import CubicSpline  # slow to import
+
+        return CubicSpline(self.t, power(self.x, self.tau)).antiderivative()(self.t)
 
     @property
     def columns(self) -> list[str]:

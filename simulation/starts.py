@@ -22,21 +22,24 @@ def starts(
     place: tuple[np.ndarray, np.ndarray],
     pose: np.ndarray,
     speed: np.ndarray,
+    begin: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return [q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), such that the point P_l, L ahead and W to the
     left as in `place` (N, N), is at `pose` (N, 3): x, y (m) and heading (rad), with a forward `speed` (N) m/s and no turning.
 
-    Of the remaining degrees of freedom, the solution of least norm is used; coordinates on which the reduced mass matrix
-    depends stay zero if possible: a vehicle starts with its wheels straight. NaN if the robot cannot be there.
+    Of the remaining degrees of freedom, the solution of least distance from `begin` (N, n) is used, by default zeros;
+    coordinates on which the reduced mass matrix depends stay as they are there if possible: a vehicle starts with its wheels
+    straight. NaN if the robot cannot be there.
     """
     where, motion, shape = _functions(system)
     known = [*place, *parameters.T]
-    q = _solved(where, pose, known, ~shape)
+    first = np.zeros((len(pose), len(shape))) if begin is None else begin
+    q = _solved(where, pose, known, ~shape, first)
     lost = np.isnan(q).any(axis=1)
     if lost.any() and shape.any():
-        q[lost] = _solved(where, pose[lost], [k[lost] for k in known], np.ones_like(shape))
+        q[lost] = _solved(where, pose[lost], [k[lost] for k in known], np.ones_like(shape), first[lost])
     target = np.column_stack([speed, np.zeros(len(speed))])
-    nu = _solved(motion, target, [*q.T, *parameters.T], np.ones(system.dof, bool))
+    nu = _solved(motion, target, [*q.T, *parameters.T], np.ones(system.dof, bool), np.zeros((len(q), system.dof)))
     return np.hstack([q, nu])
 
 
@@ -116,12 +119,14 @@ def _rows(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     return made
 
 
-def _solved(function: ca.Function, target: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:
-    """Solve function(unknown, given) = target, (N, .), by Newton's method with least-norm steps from zero; NaN if it does not
+def _solved(
+    function: ca.Function, target: np.ndarray, given: list[np.ndarray], moves: np.ndarray, begin: np.ndarray
+) -> np.ndarray:
+    """Solve function(unknown, given) = target, (N, .), by Newton's method with least-norm steps from `begin`; NaN if it does not
     converge.
     """
     known = np.column_stack(given)
-    found = np.zeros((len(target), len(moves)))
+    found = begin.copy()
     enough = ENOUGH * np.maximum(1.0, np.abs(target).max(axis=1, initial=0.0))
     left = np.flatnonzero(np.isfinite(target).all(axis=1) & np.isfinite(known).all(axis=1))
     solved = np.zeros(len(target), bool)

@@ -73,10 +73,8 @@ class Batch:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
         if kind := spec.reference.moves:
             raise BadInput(f"[reference] {kind}: a sweep does not have it yet; use noslip simulate, or leave it out")
-        if spec.adaptation or spec.estimator or spec.feedback or spec.push:
-            raise BadInput(
-                "[adaptation], [estimator], [feedback] and [[push]] are not in the C of a sweep: `Simulated` runs them"
-            )
+        if spec.simulated:
+            raise BadInput(f"[{spec.simulated[0]}] is not in the C of a sweep: `Simulated` runs it")
         self.loop = make_loop(spec)
         self._notices = spec.limits is not None and spec.limits.notice_slip is not None
         self.law = law = self.loop.law

@@ -16,7 +16,7 @@ from .inputs import inputs_of
 
 
 class Simulated:
-    """Closed loops of a SPEC with [adaptation], [estimator], [feedback] or [[push]]: inputs and outcomes are as in `Batch`, and
+    """Closed loops of a SPEC with sections that are not in the C of a sweep: inputs and outcomes are named as in `Batch`, and
 
     learned.NAME  of each learned parameter: its value in use at the end
     outside     largest distance of a learned parameter in use from its bounds, relative to the distance of these: 0 within them

@@ -108,7 +108,7 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
     try:
         spec = as_sampled(spec_of(text, name))
         sweep = sweep_of(spec)
-        runs = Simulated if spec.adaptation or spec.estimator or spec.feedback or spec.push else Batch
+        runs = Simulated if spec.simulated else Batch
         batch = runs(spec, band=sweep.band, instants=instants)
         return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch), instants)
     except BadInput as error:

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -272,3 +273,13 @@ def test_a_wrong_damped_inverse_is_found_before_it_is_written(monkeypatch, tmp_p
     law_program.cache_clear()
     library.cache_clear()
     assert found and "tau by" in found[0] and "differ" in found[0]
+
+
+@pytest.mark.nightly
+def test_the_picture_of_the_page_is_drawn():
+    """docs/normal.py, with short runs: eight paths and the line; of the inverse three bands and both branches."""
+    draw = runpy.run_path(str(Path(__file__).parents[1] / "docs" / "normal.py"))["draw"]
+    paths, inverse = draw(0.1).axes
+    assert len(paths.get_lines()) == 10 and len(inverse.get_lines()) == 5
+    for line, band in zip(inverse.get_lines(), (0.1, 0.2, 0.4), strict=False):
+        assert abs(line.get_ydata()[-1] - 1 / band) < 1e-12

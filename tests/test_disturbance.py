@@ -6,6 +6,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import BACKENDS
 from noslip.controllers.estimation.disturbance import CompiledObserver, Observer, make_observer
 from noslip.controllers.runtime import runtime
@@ -182,6 +183,14 @@ def test_segments_of_a_composite_path():
     run = simulate(spec_of(composite(ARC_LINE_ARC), duration=12.0, gains={"ko": 2.0}))
     assert set(run.piece) == {0, 1, 2} and set(run.status) == {"ok"}
     assert np.abs(run.disturbance).max() < 0.01
+
+
+def test_a_call_evaluates_the_outputs_once(monkeypatch):
+    """For integral action and observers together."""
+    evaluate, calls = CompiledController.evaluate, []
+    monkeypatch.setattr(CompiledController, "evaluate", lambda self, *at: calls.append(1) or evaluate(self, *at))
+    run = simulate(spec_of(CIRCLE, duration=1.0, period=0.1, gains={"ko": 2.0, "ki_speed": 0.2}))
+    assert set(run.status) == {"ok"} and len(calls) == 11  # at 0, 0.1, ..., 1 s
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -306,6 +307,37 @@ def test_random_check_sees_a_difference(monkeypatch, capsys):
     monkeypatch.setattr(check, "make_controller", wrong)
     assert main(["check", "--states", "5", "--output", "type_i", "--backend", "c"]) == 1
     assert "type_i, c: Phi has an error of 1.0e-03" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("off", [0.0, 0.1])
+def test_random_check_leaves_out_what_rounding_the_state_changes_as_much(off, monkeypatch, capsys):
+    """Beside the centre of an ellipse the first-order distance grows without bound, and so does its gradient; its rate is what is
+    left of large terms. A difference that is larger than rounding explains is still one."""
+    from noslip.verification import check, sampling
+
+    law = law_of(find_robot("labmate"), "type_iv_ellipse")
+    numbers = [[q.default for q in group] for group in (law.parameters, law.config, law.gains)]
+    model, reference = make_controller("casadi", law, *numbers), np.zeros(5)
+    states = [np.array([3.0, 1.0, 0.4 + 0.01 * k, 0.0, 0.0, 3.0, 1.0]) for k in range(19)]
+    by_right, by_left = model.evaluate(at := np.array([-0.05, -0.02, 0.4, 0, 0, 0, 0]), reference).values["Phi"][0]
+    states.append(at + 10 * np.array([0, 0, 0, 0, 0, 1.0, -by_right / by_left]))
+    points = [sampling.RandomPoint(k, x, reference, model.evaluate(x, reference)) for k, x in enumerate(states)]
+    monkeypatch.setattr(sampling, "random_plants", lambda *_: [sampling.RandomPlant(*map(tuple, (*numbers, points)))])
+
+    def shifted(backend, *given):
+        made = make_controller(backend, *given)
+        evaluate = made.evaluate
+        more = off if backend == "cf" else 0.0
+        made.evaluate = lambda *at: (
+            (found := evaluate(*at)) and replace(found, values=found.values | {"ydot": found.values["ydot"] + more})
+        )
+        return made
+
+    monkeypatch.setattr(check, "make_controller", shifted)
+    code = main(["check", "--states", "20", "--output", "type_iv_ellipse", "--backend", "cf", "--json"])
+    answer = json.loads(capsys.readouterr().out)
+    assert (code, answer["ok"]) == ((1, False) if off else (0, True))
+    assert [line.rpartition(",")[0] for line in answer["left_out"]] == ([] if off else ["type_iv_ellipse, cf: ydot in state 19"])
 
 
 # -- bad input ----------------------------------------------------------------------------------------------------------

@@ -397,6 +397,11 @@ FUZZ_FINDS = {  # a change of the runtime, with all laws or none, and what is to
         False,
         r"not isfinite\(added\)",
     ),
+    "an estimate beyond its limit": (
+        ("noslip_disturbance.inc", "estimate = NOSLIP_NAME(noslip_clip)(found, self->limit);", "estimate = found;"),
+        False,
+        r"not !ready \|\| limit == 0 \|\| fabs\(\(double\)self.estimate",
+    ),
     "a command that changes too fast": (
         ("noslip_velocity.inc", "if (!(most > 1)) {", "if (!(most > 3)) {"),
         False,

@@ -14,11 +14,12 @@ from noslip.cli.main import main
 from noslip.identification.bounds import bounded_least_squares
 from noslip.identification.dynamics import Dynamics, combinations
 from noslip.identification.fit import identify, predicted
-from noslip.identification.log import FEWEST, Log, read_log
+from noslip.identification.log import FEWEST, Log, _cleaned, read_log
 from noslip.identification.result import Estimate
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
+from noslip.readers.tables import read_table
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.drawing import panels
 from noslip.simulation.run import Run
@@ -417,6 +418,30 @@ def test_bad_files(tmp_path, bad_input):
         (tmp_path / name).write_bytes(content)
         assert message in bad_input(["identify", str(tmp_path / name), "--robot", "labmate", "--fit", "m_c"])
     assert "No such file" in bad_input(["identify", str(tmp_path / "none.csv"), "--robot", "labmate", "--fit", "m_c"])
+
+
+@pytest.mark.parametrize(("name", "mark"), [("a.csv", ";"), ("b.csv", "\t"), ("c.csv", ",")])
+def test_what_separates_names_separates_entries(name, mark, tmp_path, bad_input):
+    """Commas, semicolons and tabs; a decimal comma, which a program for tables may write, is named."""
+    lines = ["# a log", "t;tau_r;x", "0.0;1.5;-2e-3", "0.1;1.6;"]
+    (tmp_path / name).write_text("\n".join(lines).replace(";", mark))
+    columns = read_table(tmp_path / name)
+    assert {key: column.numbers().tolist()[:1] for key, column in columns.items()} == {"t": [0.0], "tau_r": [1.5], "x": [-0.002]}
+    assert np.isnan(columns["x"].numbers()[1])
+    if mark == ",":
+        return
+    (tmp_path / name).write_text("\n".join(lines).replace(".", ",").replace(";", mark))
+    with pytest.raises(BadInput, match="'0,0' is not a number: write a point, not a comma, before decimals"):
+        read_table(tmp_path / name)["t"].numbers()
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns"), (1.0, "")])
+def test_times_in_another_unit_are_noticed(factor, unit):
+    """Rows every 10 ms or 0.5 s whose times are not in s: it is said, with the unit that they may be in."""
+    for step in (0.01, 0.5):
+        rows = np.column_stack([factor * step * np.arange(30), np.zeros(30)])
+        remarks = _cleaned("log.csv", rows, 2, 2)[2]
+        assert len(remarks) == bool(unit) and (not unit or f"--map 't=t [{unit}]'" in remarks[0])
 
 
 # -- logs of the physics engine --------------------------------------------------------------------------------------------

@@ -295,7 +295,7 @@ def test_a_heading_with_integral_action():
 @pytest.mark.parametrize("turns", [-1, 0, 2])
 def test_a_heading_goes_the_short_way_round(turns):
     loop = make_loop(heading_spec(0.4, (0.5, 0.1 + 2 * math.pi * turns), ki=0.5))
-    assert loop.error(0.0, loop.start, loop.extension) == pytest.approx((0.5, -0.3), abs=1e-12)
+    assert loop.call(0.0, loop.start, loop.extension).error() == pytest.approx((0.5, -0.3), abs=1e-12)
 
 
 # -- figure 9 (b) ----------------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Constraints that move, A qdot = b: the ball on a turntable against closed forms, a vehicle on a belt, what is refused."""
 
 import dataclasses
+import re
 
 import casadi as ca
 import numpy as np
@@ -15,9 +16,12 @@ from noslip.model.robots.labmate import labmate
 from noslip.model.robots.turntable_ball import turntable_ball
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
-from noslip.simulation.closed_loop import simulate
+from noslip.simulation.closed_loop import simulate, summary
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.spec import spec_of
+from noslip.simulation.specification.vary import read_varied
+from noslip.sweeping.batch import Batch
+from noslip.sweeping.simulated import Simulated
 from scipy.integrate import solve_ivp
 
 BALL = """
@@ -361,3 +365,73 @@ def test_the_c_of_a_law_takes_the_speed_of_the_ground_and_its_rate(tmp_path, cap
 def test_a_surface_at_rest_changes_nothing():
     system = reduce(labmate())
     assert system.particular is None and not system.mechanism.carried and find_robot("turntable_ball").carried
+
+
+@pytest.mark.parametrize("backend", ["c", pytest.param("casadi", marks=pytest.mark.nightly)])
+def test_the_labmate_crosses_a_conveyor_whose_speed_swings(backend):
+    """The shipped SPEC: d'' + 2.5 d' + d = 0 and speed' = -2 (speed - 1) in the world; the conveyor moves as [given] says, and
+    what the robot gains is the work of its motors and of the conveyor's drive, which both count.
+    """
+    spec = read_varied("specs/moving/conveyor.toml", {"simulation.duration": 3.0, "simulation.backend": backend})
+    run = simulate(spec)
+    t, (d, speed) = run.t, (run.y_d - run.y).T
+    belt = 0.4 + 0.2 * np.sin(2 * np.pi * t / 5)
+    np.testing.assert_allclose(run.q[:, 5], belt, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.q[:, 6], 0.08 * np.pi * np.cos(2 * np.pi * t / 5), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(speed, 0.5 * np.exp(-2 * t), rtol=0, atol=1e-8)
+    rate = -0.4 * np.sin(np.pi / 4)  # it heads along the line, and the conveyor carries it sideways towards it
+    a = (rate + 2.0 * d[0]) / 1.5
+    np.testing.assert_allclose(d, a * np.exp(-0.5 * t) + (d[0] - a) * np.exp(-2 * t), rtol=0, atol=1e-8)
+    gained, inputs, ground = run.works
+    np.testing.assert_allclose(gained, inputs + ground, rtol=0, atol=1e-5)
+    assert min(np.ptp(inputs), np.ptp(ground)) > 1.0, "J, both work"
+    assert "drive of the ground +3.318 J" in summary(run)
+
+
+def test_a_known_function_in_loops_with_a_period_with_drives_and_in_sweeps(tmp_path):
+    """The state follows it as well; works are stated where rows show all inputs; samples of a sweep are runs of `simulate`."""
+    short = {"simulation.duration": 0.4, "simulation.output_step": 0.02, "simulation.period": 0.02, "given.belt": "0.1 + t**2/2"}
+    drive = {"drive": {"kind": "velocity", "bandwidth": 5.0}}
+    for more, balanced in ({}, True), (drive, False), ({"simulation.period": 0.01}, False):
+        run = simulate(read_varied("specs/moving/conveyor.toml", short | more))
+        np.testing.assert_allclose(run.q[:, 5:7], np.column_stack([0.1 + run.t**2 / 2, run.t]), rtol=0, atol=1e-12)
+        assert run.balanced == balanced == ("drive of the ground" in summary(run))
+        if balanced:
+            assert np.abs(run.works[0] - run.works[1] - run.works[2]).max() < 1e-3, "J, of 6"
+    spec = read_varied("specs/moving/conveyor.toml", short)
+    batch = Simulated(spec, band=0.1)
+    (outcomes,) = batch.run(batch.table({"plant.m_c": np.array([33.0])}, 1))
+    heavier = simulate(read_varied("specs/moving/conveyor.toml", short | {"plant.m_c": 33.0}))
+    found = dict(zip(batch.outcomes, outcomes, strict=True))
+    assert found["final.speed"] == heavier.error[-1, 1] and found["end.belt"] == heavier.q[-1, 5]
+    with pytest.raises(BadInput, match=r"\[given\] is not in the C of a sweep"):
+        Batch(spec, band=0.1)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"belt": "0.4 +"}, "is not an expression in t; use t"),
+        ({"belt": "x + 1"}, "'x' is not understood; use t"),
+        ({"belt": "__import__('os')"}, "is not understood"),
+        ({"belt": "t**t"}, "is not understood"),
+        ({"belt": "9**9**9**9"}, "is not understood"),
+        ({"belt": "(" * 200 + "t" + ")" * 200 + "+t" * 60}, "nested more than 50 deep"),
+        ({"belt": "t" * 2000}, "more than 1000 characters"),
+        ({"belt": "sqrt(t)"}, "is not finite at t = 0 s"),
+        ({"belt": "3 kg"}, "wrong dimension"),
+        ({"belt": True}, "is not a number"),
+        ({"bel": 0.1}, "unknown key 'bel'; did you mean 'belt'"),
+        ({"belt_rate": 0.1}, "unknown key 'belt_rate'"),
+    ],
+)
+def test_known_functions_that_are_refused(given, says):
+    with pytest.raises(BadInput, match=re.escape(says)):
+        simulate(read_varied("specs/moving/conveyor.toml", {"given": given}))
+
+
+def test_what_is_given_and_the_start_agree():
+    with pytest.raises(BadInput, match="belt is 0.3, but 0.4 by"):
+        simulate(read_varied("specs/moving/conveyor.toml", {"initial": {"q": [0.0, 0.6, 1.2, 0.0, 0.0, 0.3, 0.2]}}))
+    with pytest.raises(BadInput, match="labmate has nothing that is given"):
+        simulate(read_varied("line", {"given": {"belt": 0.1}}))

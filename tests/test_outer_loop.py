@@ -594,7 +594,10 @@ def test_the_eigenvalues_drawn_over_the_period_are_those_of_the_loop_asked_for(d
     law = law_of(find_robot("labmate"), "type_iv_line")
     gains = {"distance": Gains(2, 1.0, 2.5), "speed": Gains(1, 2.0)}
     report = OuterLoopReport(law, default_spec("labmate", law), gains, Loops(0.05, delay), Required(), 0.2)
-    plane = draw_period(report).axes[0]
+    plane, size = draw_period(report).axes[:2]
+    upright = [line.get_xdata()[0] for line in size.get_lines() if len(line.get_xdata()) == 2 and len(set(line.get_xdata())) == 1]
+    assert upright == pytest.approx([800.0, 1000.0], rel=1e-6)
+    assert size.get_xlim()[1] > 1000.0
     (dots,) = plane.collections
     drawn, periods = dots.get_offsets() @ [1, 1j], np.asarray(dots.get_array()) / 1e3
     own = drawn[periods == periods[-1]]

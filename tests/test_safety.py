@@ -328,3 +328,87 @@ def test_no_verdict_is_wrong_of_many():
     counts = compare(range(1000))
     assert counts[SAFE] > 500 and counts[SINGULAR] >= 50, counts
     assert counts[NOT_PROVED] <= 100, counts
+
+
+EXTENDED = {
+    "initial": {"point": [-0.1, 0.05], "heading": 0.1, "speed": 0.5},
+    "simulation": {"duration": 8.0, "backend": "casadi"},
+}
+POINT = {"output": {"type": "I", "L": -0.3, "extension": True}, "reference": {"position": [0.0, 0.0], "velocity": [0.6, 0.0]}}
+ALONG = {
+    "output": {"type": "IV", "L": -0.3, "extension": True, "path": {"kind": "line", "A": 0.0, "B": 1.0, "C": 0.0}},
+    "reference": {"speed": 0.8},
+}
+ROUND = {
+    "output": {"type": "IV", "L": -0.3, "extension": True, "path": {"kind": "circle", "x_f": 0.0, "y_f": -3.0, "R": 3.0}},
+    "reference": {"speed": 0.8},
+}
+CIRCLING = {"reference": {"position": [0.0, -1.0], "circle": {"radius": 1.0, "rate": 0.5, "angle": "90 deg"}}}
+
+
+def what_must_not_vanish(run) -> np.ndarray:
+    """Of a law whose P_l is on the axle: its speed, along a path that less the rate of the distance; from the pose alone."""
+    heading, speed = run.q[:, 2], 0.15 * run.nu.mean(axis=1)
+    if run.law.output.path is None:
+        return np.abs(speed)
+    normal = np.column_stack([np.zeros(len(run.t)), np.ones(len(run.t))])
+    if run.law.output.path.kind == "circle":
+        from_centre = run.q[:, :2] - 0.3 * np.column_stack([np.cos(heading), np.sin(heading)]) - [0.0, -3.0]
+        normal = from_centre / np.linalg.norm(from_centre, axis=1)[:, None]
+    across = normal[:, 0] * np.cos(heading) + normal[:, 1] * np.sin(heading)
+    return np.abs(speed) * (1 - np.abs(across))
+
+
+@pytest.mark.parametrize("chosen", [(3, 7, 9), pytest.param(range(40), marks=pytest.mark.nightly)], ids=["few", "many"])
+def test_starts_of_laws_with_a_dynamic_extension(chosen):
+    """Verdicts on random starts against runs: what is said to stay above a bound does, closely; what stops is not safe."""
+    random, found = np.random.default_rng(21), []
+    for k in range(max(chosen) + 1):
+        tables = [POINT, ALONG, POINT | CIRCLING, ROUND][k % 4]
+        speed = random.choice([-1.0, 1.0]) * random.uniform(0.2, 1.0)
+        start = {"point": random.uniform(-1, 1, 2).tolist(), "heading": random.uniform(-1.2, 1.2), "speed": speed}
+        if k not in chosen:
+            continue
+        spec = spec_of(**EXTENDED | tables | {"initial": start})
+        verdict, run = certify(make_loop(spec), spec), simulate(spec)
+        found.append(verdict.kind)
+        if verdict.kind == SAFE:
+            least = float(verdict.reason.split("above ")[1].split(" m/s")[0])
+            sizes = what_must_not_vanish(run)
+            assert run.stopped is None and 0.3 * sizes.min() - 1e-3 < least < sizes.min(), k
+        elif verdict.kind == SINGULAR:
+            assert run.stopped == "singular" and abs(run.t[-1] - verdict.t) < 1e-3, k
+        else:
+            assert "may vanish" in verdict.reason and run.stopped is None, k
+    assert found.count(SAFE) >= len(chosen) / 2 and found.count(SINGULAR) >= 1, found
+
+
+def test_what_is_not_proved_of_an_extended_law_is_said():
+    period = {"simulation": EXTENDED["simulation"] | {"period": 0.02, "duration": 1.0}}
+    short = {"simulation": EXTENDED["simulation"] | {"duration": 1.0}}
+    cases = [
+        (EXTENDED | POINT | period, {}, "the loop is sampled"),
+        (EXTENDED | POINT | short, {"m_c": 0.1}, "the robot's parameters differ"),
+        (EXTENDED | POINT | short | {"plant": {"m_c": 31.0}}, {}, "the robot's parameters differ"),
+        (EXTENDED | POINT | short | {"gains": {"ki": 0.1}}, {}, "the loop has integral action"),
+        (EXTENDED | POINT | short | {"limits": {"torque": 5.0, "mode": "cut"}}, {}, "the inputs are limited"),
+    ]
+    for tables, uncertainty, why in cases:
+        spec = spec_of(**tables)
+        verdict = certify(make_loop(spec), spec, uncertainty)
+        assert verdict.kind == NOT_PROVED and verdict.reason.startswith(why) and "begins here" in verdict.reason, why
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("line", SAFE), ("circle", NOT_PROVED)])
+def test_a_damped_law_begins_from_every_start(kind, expected):
+    """Also with the heading normal to the path, where the law without a band has no verdict but singular."""
+    paths = {"line": {"A": 0.0, "B": 1.0, "C": 0.0}, "circle": {"x_f": 0.0, "y_f": -3.0, "R": 3.0}}
+    start = {"point": [0.0, 2.0], "heading": "90 deg"}
+    output = {"type": "IV", "near_singular": "damped", "path": {"kind": kind, **paths[kind]}}
+    tables = {"reference": {"speed": 1.0}, "initial": start, "simulation": {"duration": 2.0, "backend": "casadi", "period": 0.02}}
+    spec = spec_of(output=output, **tables)
+    verdict = certify(make_loop(spec), spec, {"m_c": 0.2})
+    assert verdict.kind == expected and "begins from every start" in verdict.reason
+    assert expected == NOT_PROVED or simulate(spec).stopped is None
+    with pytest.raises(BadInput, match="singular at the start"):
+        make_loop(spec_of(output={name: value for name, value in output.items() if name != "near_singular"}, **tables))

@@ -4,10 +4,14 @@ from collections.abc import Callable, Iterable, Sequence
 
 import casadi as ca
 import mpmath
+import numpy as np
 
 from ..model.algebra.expression import fold
 
 DIGITS = 40
+ROUNDING = {"double": 2.0**-53, "float": 2.0**-24}
+RESPONSE = 30.0  # a difference up to this times the change of the model with rounded inputs is not an error
+TRIES = 4  # inputs are rounded up and down at random so often
 
 FUNCTIONS: dict[int, Callable] = {
     ca.OP_ASSIGN: lambda a: a,
@@ -65,3 +69,21 @@ def evaluate(expression: ca.SX, symbols: Sequence[ca.SX], values: Iterable[float
     with mpmath.workdps(DIGITS):
         numbers = [value if isinstance(value, mpmath.mpf) else mpmath.mpf(float(value)) for value in values]
         return fold(expression, symbols, numbers.__getitem__, mpmath.mpf, lambda code, arguments: FUNCTIONS[code](*arguments))
+
+
+def due_to_rounding(off: float, expression: ca.SX, groups: Sequence[ca.SX], inputs: Sequence[np.ndarray], scalar: str) -> bool:
+    """Return whether a difference `off` from the model is explained by the condition of the expression at these inputs, by group.
+
+    It is if the model itself, in extended precision, differs as much where its inputs are rounded to the scalar, or in double.
+    """
+    symbols, values = [symbol for group in groups for symbol in ca.vertsplit(group)], np.concatenate([*map(np.ravel, inputs)])
+
+    def exact(at: np.ndarray) -> np.ndarray:
+        return np.array(evaluate(expression, symbols, at), float)
+
+    expected, response = exact(values), 0.0
+    for seed in range(TRIES):
+        rounded = values * (1 + ROUNDING[scalar] * np.random.default_rng(seed).choice((-1, 1), len(values)))
+        response = max(response, np.abs(exact(rounded) - expected).max(initial=0.0))
+    in_double = ca.Function("in_double", list(groups), [ca.densify(expression)])(*inputs).full().ravel(order="F")
+    return bool(off <= RESPONSE * response + 2 * np.abs(in_double - expected).max(initial=0.0))

@@ -42,14 +42,12 @@ from ..readers.errors import BadInput
 from ..readers.kept import keep, kept
 from ..readers.progress import Reported, silent
 from .check import RANDOM_LIMITS, TYPICAL, deviations_of, relative
-from .extended import evaluate
+from .extended import due_to_rounding
 from .sampling import REGULAR, RandomPlant, as_held, random_motions, random_plants
 
 STATES, SEED = 200, 1992
 MARK = ".compared"  # suffix of the file that records a comparison
 LIMIT = {"double": RANDOM_LIMITS["c"].worst, "float": RANDOM_LIMITS["cf"].worst}  # as `noslip check`
-ROUNDING = {"double": 2.0**-53, "float": 2.0**-24}
-RESPONSE = 30.0  # a difference up to this times the change of the model with rounded inputs is not an error
 SINGULAR_STATES = 8  # of each law, at most
 HALVINGS = 60  # bisections to find one
 SAYS_SINGULAR = "singular"  # a status
@@ -203,20 +201,9 @@ class _InC(ABC):
         """
         if sample.quantity not in self.expressions:
             return False
-        places = [symbol for group in self.groups.values() for symbol in ca.vertsplit(group)]
-        values = np.concatenate([np.ravel(sample.inputs[group]) for group in self.groups])
-
-        def exact(inputs: np.ndarray) -> np.ndarray:
-            return np.array(evaluate(self.expressions[sample.quantity], places, inputs), float)
-
-        expected, response = exact(values), 0.0
-        for seed in range(4):
-            rounded = values * (1 + ROUNDING[self.scalar] * np.random.default_rng(seed).choice((-1, 1), len(values)))
-            response = max(response, np.abs(exact(rounded) - expected).max(initial=0.0))
         off = np.abs(value.ravel(order="F") - sample.expected.ravel(order="F")).max(initial=0.0)
-        plain = self.right(sample.inputs)[sample.quantity].ravel(order="F")
-        # the latter: error of the model in double
-        return bool(off <= RESPONSE * response + 2 * np.abs(plain - expected).max(initial=0.0))
+        inputs = [sample.inputs[group] for group in self.groups]
+        return due_to_rounding(off, self.expressions[sample.quantity], list(self.groups.values()), inputs, self.scalar)
 
     def about(self, sample: Sample) -> str:
         """Return the description of a difference: both values, and the inputs on which it depends."""

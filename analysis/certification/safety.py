@@ -12,7 +12,7 @@ in the loop that `simulate` runs: sampled or continuous, delayed, limited, with 
 A start that is not proved is tried again in parts: the range of the parameter that widens the enclosure most is halved, and each
 half again where needed. It is safe or singular if all parts are.
 
-`BASIS` says what is bounded and what is estimated.
+`BASIS` says what is bounded and what is estimated. Damped laws and those with a dynamic extension are judged by `regularity`.
 """
 
 from collections.abc import Mapping
@@ -27,6 +27,7 @@ from ...simulation.loop import RUNNING, Loop, make_loop
 from ...simulation.specification.spec import Spec
 from .certificate import Certificate, Course
 from .enclosed_loop import EnclosedLoop
+from .regularity import begins_everywhere, centres, proof_of_motion, why_no_closed_form
 
 SAFE, SINGULAR, NOT_PROVED, UNSTABLE = KINDS = ("safe", "singular", "not proved", "unstable equilibrium")
 BASIS = {
@@ -68,6 +69,10 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
     """
     uncertainty = dict(uncertainty or {})
     check_uncertainty(uncertainty, loop)
+    if loop.law.linearization.damping is not None:
+        return _damped(loop, spec)
+    if loop.law.extension:
+        return _extended(loop, spec, uncertainty)
     doubts = [
         (loop.law.output.path is None, "the outputs are not those of path following"),
         (loop.sensing is not None, "the controller does not see the true state"),
@@ -89,6 +94,43 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
     verdict = _verdict(enclosed, spec, proof)
     parts = _parts(enclosed, spec, proof, HALVINGS) if verdict.kind == NOT_PROVED else {}
     return _together(spec, parts, verdict) if len(parts) == 1 else verdict
+
+
+def _damped(loop: Loop, spec: Spec) -> Verdict:
+    """Return the verdict on a start of a damped law, which has no singular set: whether the distance has a gradient."""
+    margin = loop.guidance.leg.side.relative(loop.start)
+    if not begins_everywhere(loop.law):
+        return Verdict(NOT_PROVED, "what the damped law inverts depends on the state, which this proof does not cover")
+    if centres(loop, spec):
+        reason = "the damped law begins from every start but where the distance has no gradient, as in the centre of a circle"
+        return Verdict(NOT_PROVED, f"{reason}; that the motion does not meet such a point is not proved", None, margin)
+    reason = (
+        "the damped law begins from every start: what it inverts is the same in all states; whether it reaches the path is not "
+    )
+    return Verdict(SAFE, reason + "judged", None, margin, np.inf)
+
+
+def _extended(loop: Loop, spec: Spec, uncertainty: Mapping[str, float]) -> Verdict:
+    """Return the verdict on a start of a law with a dynamic extension."""
+    margin = loop.guidance.leg.side.relative(np.append(loop.start, loop.extension))
+    along = loop.law.output.path is not None
+    what = "|speed| - |rate of the distance|" if along else "the speed of P_l"
+    if not (why := why_no_closed_form(loop, spec, uncertainty)):
+        proof = proof_of_motion(loop, spec)
+        if not proof.lost:
+            when = "for ever" if np.isinf(proof.until) else f"for the {proof.until:.6g} s of the run"
+            reason = f"{what} stays above {np.floor(1e4 * proof.least) / 1e4:.4f} m/s {when}"
+            return Verdict(SAFE, reason, None, None, proof.until)
+        why = f"{what}: {proof.lost}"
+    last = _run(spec, {}, spec.simulation.duration)
+    if last.status == "singular":
+        where = ", or the heading becomes normal to the path," if along else ""
+        exact = not any(uncertainty.values())
+        reason = f"P_l stands still{where} at t = {last.t:.4g} s{'' if exact else ' with the given parameters'}"
+        return Verdict(SINGULAR if exact else NOT_PROVED, reason, last.t if exact else None, 0.0, last.t)
+    covers = "" if ":" in why else ", which this proof does not cover"
+    goes_on = "the law begins here, and the run with the given parameters stays regular"
+    return Verdict(NOT_PROVED, f"{why}{covers}; {goes_on} up to t = {last.t:.4g} s", None, margin)
 
 
 def _verdict(enclosed: EnclosedLoop, spec: Spec, proof: Course) -> Verdict:

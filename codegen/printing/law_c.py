@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from ...model.mechanism import Quantity, per_second
 from ...model.names import in_c
 from ...model.outputs import FOOT
+from ..costs import LONG, code_bytes
 from ..derivation.grip import is_wide
 from ..derivation.stages import Result
 from ..graph import Group, Leaf, Node, angles, executed, headers, reachable
@@ -460,7 +461,8 @@ class LawC(ProgramC[Program]):
         self.write(writer, entry, self.places(entry))
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
-        kind = "NOSLIP_HOT" if entry == GROUND else "static NOSLIP_BESIDE" if entry.near else "static"
+        beside = entry.near or (entry == GROUND and code_bytes(law.roots) > LONG)
+        kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry == GROUND else "static"
         head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...model.law import gain_names
 from ...readers.errors import BadInput
 from .. import BACKENDS, SCALAR
-from ..controller import Controller
+from ..controller import Evaluation
 from ..integral import ActingRows
 
 if TYPE_CHECKING:
@@ -132,11 +132,10 @@ class DisturbanceObservers(ActingRows):
         """Return one observer for each of the rows, with an estimate of 0."""
         return [make_observer(backend, ko, limit) for ko, limit in zip(self.ko, self.limit, strict=True)]
 
-    def seen(self, controller: Controller, state: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return y^(r-1) (K) and v (K) without the estimates, as the law computes them at a state; zeros if it returns an error,
-        as it then does for the inputs too.
+    def seen(self, found: Evaluation, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return y^(r-1) (K) as the law evaluates it, and v (K) without the estimates, as it computes it; zeros if it returns an
+        error, as it then does for the inputs too.
         """
-        found = controller.evaluate(state, reference)
         if found.status != "ok":
             return np.zeros(len(self.rows)), np.zeros(len(self.rows))
         measured, v = [], []

@@ -46,6 +46,7 @@ from ...readers.reading import (
 from ...readers.robots import beside, near
 from .feedback import Command, FeedbackSection, Push
 from .floor import Floor
+from .given import functions_of_time
 from .scene import SceneSection
 
 if TYPE_CHECKING:
@@ -695,9 +696,17 @@ class Spec:
         "gains of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action; ko, "
         "ko_distance, ... disturbance observers",
     )
+<<<<<<< HEAD
+    given: Mapping[str, str | float] = entry(
+        functions_of_time, {}, "what a robot is given as known functions of time (`Mechanism.given`), by name"
+    )
+    output: OutputSection = entry(section(OutputSection))
+    reference: Reference = entry(section(Reference))
+=======
     output: OutputSection = entry(section(OutputSection), OutputSection(type=FEEDBACK))
     feedback: FeedbackSection | None = entry(section(FeedbackSection), None)
     reference: Reference = entry(section(Reference), Reference())
+>>>>>>> under
     initial: Initial | None = entry(section(Initial), None)
     limits: LimitsSection | None = entry(section(LimitsSection), None)
     sensors: Sensors | None = entry(section(Sensors), None)
@@ -788,6 +797,11 @@ class Spec:
     def kinematic(self) -> bool:
         """Whether the law is kinematic: the drives then take its commands."""
         return self.drive is not None and self.drive.kinematic
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """The sections of this SPEC that are not in the C of a sweep: each sample is then run by `noslip simulate`."""
+        return tuple(name for name in ("adaptation", "estimator", "given", "feedback", "push") if getattr(self, name))
 
     @property
     def learned(self) -> tuple[str, ...]:

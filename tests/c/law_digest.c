@@ -9,6 +9,7 @@
 #include "labmate_ekf_f.h"
 #include "noslip_adaptation.h"
 #include "noslip_balance.h"
+#include "noslip_disturbance.h"
 #include "lanes/labmate_type_i_steps.h"
 #include "lanes/labmate_type_i_steps_f.h"
 #include "lanes/labmate_type_ii_steps.h"
@@ -88,20 +89,22 @@ static double any_value(uint64_t *random)
 #include "noslip_course.h"
 #include "route_bits.inc"
 
-/* The last: a vehicle on a path, its filter, its masses, a course, a feedback about rest. */
+/* The last: a vehicle on a path, its filter, its masses, a course, a feedback about rest, disturbances. */
 typedef void law_runner(uint32_t n, law_bits *bits);
 static law_runner *const in_float[] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
                                        bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
                                        bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f,
                                        bits_labmate_type_iv_segment_f, bits_route_f,
                                        bits_ekf_f,                     bits_adaptation_f,
-                                       bits_course_f,                  bits_balance_f};
+                                       bits_course_f,                  bits_balance_f,
+                                       bits_disturbance_f};
 static law_runner *const in_double[] = {bits_labmate_type_i,          bits_labmate_type_ii,
                                         bits_labmate_type_iii,        bits_labmate_type_iv_circle,
                                         bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line,
                                         bits_labmate_type_iv_segment, bits_route,
                                         bits_ekf,                     bits_adaptation,
-                                        bits_course,                  bits_balance};
+                                        bits_course,                  bits_balance,
+                                        bits_disturbance};
 #define LAWS ((int)(sizeof in_float / sizeof in_float[0]))
 typedef char as_many_in_double[sizeof in_float == sizeof in_double ? 1 : -1];
 

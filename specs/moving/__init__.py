@@ -1,0 +1,1 @@
+"""A vehicle on ground that moves: its robot and a SPEC."""
