@@ -37,12 +37,8 @@ from .drive import Drive, make_drive
 from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
 from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
-<<<<<<< HEAD
-from .sensing import Estimating, Sensing, SlipSensing
-from .specification.given import at_start, known_functions
-=======
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
->>>>>>> under
+from .specification.given import at_start, known_functions
 from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
@@ -303,7 +299,7 @@ def _feedback_loop(mechanism: Mechanism, spec: Spec) -> Loop:
     guidance = make_guidance(law, balanced, spec, desired)
     pushes = _pushes(spec, plant)
     loop = Loop(law, plant, np.array(believed), np.zeros(0), None, guidance, start, *parts, np.zeros(0), pushes=pushes)
-    status, _ = loop.command(0.0, loop.start, np.zeros(0), np.zeros(0))
+    status, _ = loop.call(0.0, loop.start, loop.extension).command(np.zeros(0))
     if status == "astray":
         raise BadInput("[initial]: the robot has fallen at the start: a coordinate is more than 1.57 (m or rad) off; move it")
     _check_start(loop)

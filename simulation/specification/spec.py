@@ -696,17 +696,12 @@ class Spec:
         "gains of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action; ko, "
         "ko_distance, ... disturbance observers",
     )
-<<<<<<< HEAD
     given: Mapping[str, str | float] = entry(
         functions_of_time, {}, "what a robot is given as known functions of time (`Mechanism.given`), by name"
     )
-    output: OutputSection = entry(section(OutputSection))
-    reference: Reference = entry(section(Reference))
-=======
     output: OutputSection = entry(section(OutputSection), OutputSection(type=FEEDBACK))
     feedback: FeedbackSection | None = entry(section(FeedbackSection), None)
     reference: Reference = entry(section(Reference), Reference())
->>>>>>> under
     initial: Initial | None = entry(section(Initial), None)
     limits: LimitsSection | None = entry(section(LimitsSection), None)
     sensors: Sensors | None = entry(section(Sensors), None)
@@ -828,7 +823,7 @@ class Spec:
     def _check_feedback(self) -> None:
         """Raise BadInput for what there is not with a state feedback."""
         without = "[feedback] does not go with"
-        sections = ("gains", "correction", "estimator", "adaptation", "drive", "contact", "floor", "scene")
+        sections = ("gains", "given", "correction", "estimator", "adaptation", "drive", "contact", "floor", "scene")
         given = [f"[{name}]" for name in sections if getattr(self, name)]
         given += ["[output]"] if self.output != OutputSection(type=FEEDBACK) else []
         known = ("position", "commands", "course")

@@ -38,14 +38,10 @@ def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
     mechanism, rows, rates = law.system.mechanism, law.output.rows, [q.unit for q in law.system.quasi_velocities]
     known = {name: [unit] for name, unit in units(Spec)}
     known |= {f"{where}.{q.name}": [q.unit] for where in ("parameters", "plant") for q in law.parameters}
-<<<<<<< HEAD
-    known |= {f"initial.{q.name}": [q.unit] for q in law.system.state}
     known |= {f"given.{q.name}": [q.unit] for q in mechanism.coordinates}
-=======
     known |= {
         f"{where}.{q.name}": [q.unit] for where in ("initial", "initial.state", "feedback.motion") for q in law.system.state
     }
->>>>>>> under
     known |= {f"output.{'parameters' if spec.output.own else 'path'}.{q.name}": [q.unit] for q in law.config}
     gains = {q.name: q.unit for q in law.gains}
     degrees = dict(zip((row.name for row in rows), law.linearization.relative_degree, strict=True))
