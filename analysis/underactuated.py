@@ -1,5 +1,6 @@
 """Underactuated robots: what can be said of them at rest, and how a state feedback holds the nonlinear rigid robot."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from ..simulation.plant import Plant
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+UNCOUPLED = 1e-9  # relative: a coupling at or below this is none
 PERIOD, TOLERANCE = 0.01, 1e-9  # s, of the calls of a feedback; of the integration between them
 
 
@@ -37,16 +39,35 @@ def verdicts(rest: Steady) -> list[str]:
         + (
             "unstable: holding these velocities alone makes the robot fall" if np.any(zero.real > STILL) else "none of them grows"
         ),
+        f"noncollocated, with these velocities held at 0 instead: {'; '.join(_noncollocated(rest))}",
         rest.verdict,
     ]
 
 
-def zero_modes(rest: Steady) -> np.ndarray:
-    """Return the modes of the zero dynamics at rest with the velocities at the inputs held at zero, 1/s."""
+def _noncollocated(rest: Steady) -> list[str]:
+    """Return for each choice of as many quasi-velocities as inputs the zero dynamics, or why these cannot be linearized."""
+    system = rest.partial.system
+    found = []
+    for chosen in itertools.combinations(range(system.dof), len(rest.partial.driven)):
+        names = ", ".join(system.quasi_velocities[k].name for k in chosen)
+        coupling = ca.Function("coupling", [system.mechanism.q, system.mechanism.p], [rest.partial.coupling(chosen)])
+        sizes = np.linalg.svd(coupling(rest.q, rest.parameters).full(), compute_uv=False)
+        if not sizes.min() > UNCOUPLED * max(1.0, sizes.max()):
+            found.append(f"{names}: not possible at rest, where inertia does not couple them to the inputs")
+            continue
+        zero = zero_modes(rest, chosen)
+        found.append(f"{names}: {listed(zero)} 1/s, {'unstable' if np.any(zero.real > STILL) else 'none of them grows'}")
+    return found
+
+
+def zero_modes(rest: Steady, chosen: Sequence[int] = ()) -> np.ndarray:
+    """Return the modes of the zero dynamics at rest with the velocities at the inputs, or the quasi-velocities with the numbers
+    `chosen`, held at zero, 1/s.
+    """
     partial, robot = rest.partial, rest.partial.system.mechanism
     eta = ca.SX.sym("eta", len(partial.passive))
     moved = ca.vertcat(robot.q, eta)
-    slope = ca.Function("zero", [moved, robot.p], [ca.jacobian(ca.vertcat(*partial.zero_dynamics(eta)), moved)])
+    slope = ca.Function("zero", [moved, robot.p], [ca.jacobian(ca.vertcat(*partial.zero_dynamics(eta, chosen)), moved)])
     zero = slope([*rest.q, *[0.0] * eta.numel()], rest.parameters).full()
     refuse_undefined(robot, zero)
     return modes(zero)

@@ -5,8 +5,9 @@ With B = S'E of rank r < n-m, some accelerations cannot be chosen. Multiplied by
     N (Mbar u + bias) = 0,    u = nudot
 
 Collocated partial feedback linearization (M. W. Spong, Partial feedback linearization of underactuated mechanical systems, IROS
-1994) chooses the rates of the velocities w = B' nu at the inputs, w' = v. Together these are n-m equations for u. What is left
-when w stays zero are the zero dynamics: nu = Z eta with B' Z = 0, so that N (Mbar (Z eta' + Z' eta) + bias) = 0.
+1994) chooses the rates of the velocities w = B' nu at the inputs, w' = v; noncollocated, those of r other velocities. Together
+these are n-m equations for u. What is left when w stays zero are the zero dynamics: nu = Z eta with B' Z = 0, so that
+N (Mbar (Z eta' + Z' eta) + bias) = 0.
 """
 
 from collections.abc import Sequence
@@ -45,26 +46,39 @@ class PartialLinearization:
         """w = B' nu, the velocities at the inputs, r x 1."""
         return self.system.input_map.T @ self.system.nu
 
-    @cached_property
-    def directions(self) -> ca.SX:
-        """Z, (n-m) x (n-m-r), with B' Z = 0: motions that leave the velocities at the inputs zero; N' is one."""
-        return self.annihilator.T
+    def directions(self, chosen: Sequence[int] = ()) -> ca.SX:
+        """Return Z, (n-m) x (n-m-r): motions that leave the velocities that are linearized zero; see `acceleration`."""
+        if not chosen:
+            return self.annihilator.T
+        return ca.SX.eye(self.system.dof)[:, [k for k in range(self.system.dof) if k not in chosen]]
 
-    def acceleration(self, v: ca.SX) -> ca.SX:
-        """Return u = nudot, (n-m) x 1, with w' = v."""
+    def coupling(self, chosen: Sequence[int] = ()) -> ca.SX:
+        """Return N Mbar Z, (n-m-r) x (n-m-r). Where it is singular, the inputs cannot choose the rates of these velocities; Spong
+        calls the robot strongly inertially coupled where it is regular.
+        """
+        return self.annihilator @ self.system.Mbar @ self.directions(chosen)
+
+    def acceleration(self, v: ca.SX, chosen: Sequence[int] = ()) -> ca.SX:
+        """Return u = nudot, (n-m) x 1, with w' = v: collocated. With the numbers of r quasi-velocities in `chosen`, others than
+        those at the inputs, these have the rates v: noncollocated, where `coupling` is regular.
+        """
         system, N = self.system, self.annihilator
         B = system.input_map
-        turned = system.along_motion(B).T @ system.nu
-        return solve(ca.vertcat(B.T, N @ system.Mbar), ca.vertcat(v - turned, -N @ system.bias))
+        rows, turned = B.T, system.along_motion(B).T @ system.nu
+        if chosen:
+            rows, turned = ca.SX.eye(system.dof)[list(chosen), :], ca.SX.zeros(len(chosen))
+        return solve(ca.vertcat(rows, N @ system.Mbar), ca.vertcat(v - turned, -N @ system.bias))
 
     def inputs(self, u: ca.SX) -> ca.SX:
         """Return tau, r x 1, for accelerations u that the robot can have."""
         rows = list(self.driven)
         return solve(self.system.input_map[rows, :], (self.system.Mbar @ u + self.system.bias)[rows])
 
-    def zero_dynamics(self, eta: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return qdot, n x 1, and eta', (n-m-r) x 1, while the velocities at the inputs are zero: nu = Z eta."""
-        system, N, Z = self.system, self.annihilator, self.directions
+    def zero_dynamics(self, eta: ca.SX, chosen: Sequence[int] = ()) -> tuple[ca.SX, ca.SX]:
+        """Return qdot, n x 1, and eta', (n-m-r) x 1, while the velocities at the inputs, or the `chosen` ones, are zero:
+        nu = Z eta.
+        """
+        system, N, Z = self.system, self.annihilator, self.directions(chosen)
         nu = ca.densify(Z @ eta)
         bias = ca.substitute(system.bias, system.nu, nu)
         turned = ca.substitute(system.along_motion(Z), system.nu, nu) @ eta

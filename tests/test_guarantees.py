@@ -208,6 +208,15 @@ def test_eva_finds_in_drives(wrong, tmp_path):
     assert any(message in line for line in lines), lines
 
 
+@pytest.mark.nightly
+@with_eva
+def test_eva_finds_in_balance(tmp_path):
+    """A number of a state that there is not."""
+    task = changed(tmp_path, "runtime_c/noslip_balance.inc", "options->y < options->states && ", "")
+    _, lines = eva.analyse(task, eva.AnalysedProgram("balance", "float"))
+    assert any("out of bounds read" in line for line in lines), lines
+
+
 EVA_FINDS_IN_GRIP = {
     "a force across that does not count": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " >= 0"),
     "friction that is not checked": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " - ground[1] * ground[1] >= 0 || 1"),

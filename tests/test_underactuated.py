@@ -162,11 +162,43 @@ def test_what_cannot_be_stabilized_is_said_with_the_reason():
     assert verdicts(racer)[-1].startswith("nothing grows, but not asymptotically stabilizable by linear feedback")
 
 
+def test_noncollocated_linearization_is_spongs():
+    """The balancer's motors sum to f = tau_r + tau_l. Eliminated from its two equations for the speed v and the pitch p,
+    (whole r + m h c) v' + (m h r c + J) p' = m g h s + m h r s p'^2; rates of p or of v chosen, the other follows, and f.
+    """
+    robot = find_robot("balancer")
+    p, partial = values(robot), partial_linearization(robot)
+    m, h, r, whole = p["m"], p["h"], p["r"], p["m"] + 2 * (p["m_w"] + p["I_w"] / p["r"] ** 2)
+    J, system, v = p["I_y"] + p["m"] * p["h"] ** 2, partial.system, ca.SX.sym("v", 2)
+    random, given = np.random.default_rng(6), robot.parameter_values({})
+    for chosen in ((1, 2), (0, 1)):
+        u = partial.acceleration(v, chosen)
+        function = ca.Function("u", [robot.q, system.nu, v, robot.p], [u, partial.inputs(u)])
+        for _ in range(20):
+            q, (speed, tilt), wanted = random.uniform(-0.6, 0.6, 6), random.uniform(-1, 1, 2), random.uniform(-2, 2)
+            s, c = np.sin(q[3]), np.cos(q[3])
+            rates = [0.0, wanted] if chosen == (1, 2) else [wanted, 0.0]
+            found, tau = function(q, [speed, 0.0, tilt], rates, given)
+            pulled = m * p["g"] * h * s + m * h * r * s * tilt**2
+            ahead, over = whole * r + m * h * c, m * h * r * c + J
+            both = [(pulled - over * wanted) / ahead, wanted] if chosen == (1, 2) else [wanted, (pulled - ahead * wanted) / over]
+            np.testing.assert_allclose(found.full().ravel(), [both[0], 0.0, both[1]], atol=1e-9)
+            force = r * (whole * both[0] + m * h * (c * both[1] - s * tilt**2))
+            assert float(ca.sum1(tau)) == pytest.approx(force, abs=1e-9)
+    rest = analyse_at_rest(robot)
+    falls = np.sqrt(m * p["g"] * h / (m * h * r + J))
+    np.testing.assert_allclose(sorted(zero_modes(rest, (0, 1)).real), [-falls, *[0.0] * 5, falls], atol=1e-5)
+    np.testing.assert_allclose(zero_modes(rest, (1, 2)), 0.0, atol=1e-4)
+    said = verdicts(rest)[3]
+    assert "yaw_rate, pitch_rate: 0 (7 times) 1/s, none of them grows" in said and "speed, yaw_rate: 4.521" in said
+    assert "speed: not possible at rest" in verdicts(analyse_at_rest(find_robot("sleigh")))[3]
+
+
 @pytest.mark.parametrize("name", ["balancer", pytest.param("roller_racer", marks=pytest.mark.nightly)])
 def test_the_command_says_it(name, capsys):
     answer = analyse(find_robot(name))
     assert "Underactuated, at rest" in as_text(answer) and answer.at_rest == tuple(as_json(answer)["at_rest"])
-    assert len(answer.at_rest) == 4 and "degrees of freedom; at rest at q = 0, by numbers" in answer.at_rest[0]
+    assert len(answer.at_rest) == 5 and "degrees of freedom; at rest at q = 0, by numbers" in answer.at_rest[0]
     assert name != "balancer" or answer.at_rest[1].endswith("; 1 mode of these grows")
     assert answer.at_rest[2] in report(answer)
     assert main(["generate", name, "-o", "c"]) == 2

@@ -26,7 +26,7 @@ from ...readers.errors import BadInput
 RESTS = 1e-9  # N, N m, or the unit of a rate: what is left at an equilibrium
 REACHED = 1e-9  # relative: singular values at or below this count as zero
 STILL = 1e-4  # 1/s: real parts at or below this in size count as zero: rounding moves a double 0 by its root
-DIGITS = 10  # of gains
+DIGITS = 10  # of gains, and of a steady motion
 NEWTON, SAMPLES = 50, 3  # steps for a steady motion; random states at which dependences are looked for
 
 
@@ -151,7 +151,7 @@ class Steady:
         K = np.diag(1.0 / R) @ B.T @ X
         if not np.all(np.linalg.eigvals(A - B @ K).real < -STILL):
             raise BadInput("lqr: no gains: weigh further states, so that every mode is seen")
-        return _tidy(K @ T.T), T @ X @ T.T
+        return tidy(K @ T.T), T @ X @ T.T
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise BadInput for a name that is not that of a state."""
@@ -168,7 +168,7 @@ class Steady:
         gains[:, kept] = own @ np.linalg.pinv(self.reached[kept])
         if not np.abs(gains @ self.reached - own).max() <= RESTS * np.abs(own).max():
             raise BadInput(f"lqr: without {', '.join(names)} the other states do not tell enough: leave one of them in")
-        return _tidy(gains)
+        return tidy(gains)
 
 
 def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, parameters: Sequence[float] | None = None) -> Steady:
@@ -277,16 +277,16 @@ def _linearized(partial: PartialLinearization, state: np.ndarray, tau: np.ndarra
         A[aside, along] -= rates[heading, 0]
     reached, lost = reached_and_lost(A, B)
     n = len(robot.coordinates)
-    q, nu, qdot = (tuple(map(float, each)) for each in (state[:n], state[n:], rates.ravel()))
+    q, nu, qdot = (tuple(map(float, each)) for each in map(tidy, (state[:n], state[n:], rates.ravel())))
     of = modes(reached.T @ A @ reached), modes(lost.T @ A @ lost)
     constant = tuple(_constant(partial, p))
-    return Steady(partial, q, nu, qdot, tuple(p), tuple(map(float, tau)), constant, A, B, reached, lost, *of)
+    return Steady(partial, q, nu, qdot, tuple(p), tuple(map(float, tidy(tau))), constant, A, B, reached, lost, *of)
 
 
-def _tidy(gains: np.ndarray) -> np.ndarray:
-    """Return gains with DIGITS digits, and 0 for those that are rounding errors: the same ones on every processor."""
-    exact = np.where(np.abs(gains) > 10.0**-DIGITS * np.abs(gains).max(), gains, 0.0)
-    return np.array([[float(f"{gain:.{DIGITS}g}") for gain in row] for row in exact])
+def tidy(numbers: np.ndarray) -> np.ndarray:
+    """Return numbers with DIGITS digits, and 0 for those that are rounding errors: the same ones on every processor."""
+    exact = np.where(np.abs(numbers) > 10.0**-DIGITS * np.abs(numbers).max(initial=0.0), numbers, 0.0)
+    return np.array([float(f"{number:.{DIGITS}g}") for number in exact.ravel()]).reshape(numbers.shape)
 
 
 def refuse_undefined(robot: Mechanism, *arrays: np.ndarray) -> None:

@@ -1,12 +1,14 @@
 """The desired motion of a robot under state feedback: its steady motion, commands, or a course; as a state x_d(t)."""
 
+import bisect
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from ...controllers.balance.steady import Steady
+from ...controllers.balance.steady import Steady, tidy
 from ...model.algebra.trigonometry import sine_cosine
 from ...planning.course import SmoothCurve
 from ...readers.errors import BadInput
@@ -39,22 +41,23 @@ def commanded(commands: Sequence[Command], x: float, y: float, heading: float) -
     """Return the motion of commands from a pose, m and rad, one after the other; it stands before and after them. The progress
     of each is a polynomial of degree 5 in time, whose speed and acceleration are 0 at both ends.
     """
-    begins = np.cumsum([0.0, *[each.time for each in commands]])
+    begins = list(itertools.accumulate((each.time for each in commands), initial=0.0))
     poses = [(complex(x, y), heading, 0.0)]
     for each in commands:
         place, at, gone = poses[-1]
         poses.append((place + _chord(at, each.distance, each.turn), at + each.turn, gone + each.distance))
 
     def motion(t: float) -> Along:
-        k = int(np.searchsorted(begins, t, side="right")) - 1
+        k = bisect.bisect_right(begins, t) - 1
         place, at, gone = poses[min(max(k, 0), len(commands))]
         turned = at - heading
         if not 0 <= k < len(commands):
             return Along(place, at, gone, turned, 0.0, 0.0)
         command = commands[k]
         u = (t - begins[k]) / command.time
-        part, rate = u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * (u * (1.0 - u)) ** 2 / command.time
-        faster = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / command.time**2
+        both = u * (1.0 - u)
+        part, rate = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * both * both / command.time
+        faster = 60.0 * both * (1.0 - 2.0 * u) / (command.time * command.time)
         distance, turn = command.distance * part, command.turn * part
         moved = place + _chord(at, distance, turn)
         rates = command.distance * rate, command.turn * rate, command.distance * faster, command.turn * faster
@@ -82,6 +85,11 @@ def on_course(curve: SmoothCurve) -> Motion:
         return Along(curve.position(gone), heading, gone, turn, curve.speed, rate)
 
     return motion
+
+
+def _times(matrix: np.ndarray, pair: np.ndarray) -> np.ndarray:
+    """Return the product with two numbers, the same bits on every processor."""
+    return matrix[:, 0] * pair[0] + matrix[:, 1] * pair[1]
 
 
 class Desired:
@@ -112,13 +120,13 @@ class Desired:
         made = vehicle_motion(system)
         seen = [made([*steady.q, *nu], steady.parameters).full().ravel()[3:5] for nu in (np.zeros(dof), *np.eye(dof))]
         slope = np.array(seen[1:]).T - seen[0][:, None]
-        self._nu = np.linalg.pinv(slope)
-        self._own = slope @ steady.nu
+        self._nu = tidy(np.linalg.pinv(slope))
+        self._own = tidy(slope @ steady.nu)
         moves = ca.Function("moves", [system.mechanism.q, system.mechanism.p], [ca.jacobian(system.qdot, system.nu)])
-        self._moves = moves(steady.q, steady.parameters).full() @ self._nu
+        self._moves = tidy(moves(steady.q, steady.parameters).full() @ self._nu)
         n, held = self._n, list(steady.constant)
         cause = np.hstack([steady.A[n:, held], steady.B[n:]])
-        self._lean = np.linalg.lstsq(cause, self._nu, rcond=None)[0][: len(held)]
+        self._lean = tidy(np.linalg.lstsq(cause, self._nu, rcond=None)[0][: len(held)])
 
     def __call__(self, t: float) -> np.ndarray:
         """Return x_d at t, s."""
@@ -130,9 +138,9 @@ class Desired:
                 state[[x, y]] = np.array(steady.q)[[x, y]] + self._arc(self._rates[[x, y]], self._rates[heading], t)
             return state
         along = self._motion(t)
-        state[: self._n] += self._moves @ (np.array([along.distance, along.turn]) - self._own * t)
-        state[self._n :] += self._nu @ (np.array([along.speed, along.yaw_rate]) - self._own)
-        state[list(steady.constant)] += self._lean @ (along.acceleration, along.yaw_acceleration)
+        state[: self._n] += _times(self._moves, np.array([along.distance, along.turn]) - self._own * t)
+        state[self._n :] += _times(self._nu, np.array([along.speed, along.yaw_rate]) - self._own)
+        state[list(steady.constant)] += _times(self._lean, np.array([along.acceleration, along.yaw_acceleration]))
         assert steady.place, "checked at the beginning"
         state[list(steady.place)] = along.place.real, along.place.imag, along.heading
         return state
