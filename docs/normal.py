@@ -30,9 +30,8 @@ def draw_paths(axes: Axes, duration: float) -> None:
     """Draw P_l from 2 m beside a line."""
     for heading in HEADINGS:
         run = simulate(spec_of(SPEC.format(heading=heading, duration=duration), ""))
-        colour, label = (
-            (STOP, "start exactly normal to the line") if heading % 180 == 90 else (COLOURS[0], "other starts, 45° apart")
-        )
+        normal = heading % 180 == 90
+        colour, label = (STOP, "start exactly normal to the line") if normal else (COLOURS[0], "other starts, 45° apart")
         first = heading in (0, 90)
         axes.plot(*run.q[:, :2].T, color=colour, linewidth=2 if normal else 1.2, label=label if first else None)
     axes.plot([-9, 9], [0, 0], "--", color="black", linewidth=1, label="line")
