@@ -28,7 +28,7 @@ EXAMPLE = """examples:
   noslip outer-loop labmate --spec specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
   noslip outer-loop labmate --output type_iv_line --hinf distance=0.1,0.2,0.5,0.3 --period 0.01"""
 
-DESIGNS = ("poles", "discrete_poles", "settling", "lqr", "hinf")
+DESIGNS = ("poles", "discrete_poles", "settling", "lqr", "hinf", "mixed")
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -68,6 +68,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         ("observer", "[ROW=]L", "rate at which a disturbance observer follows, 1/s, besides any design; 0: none"),
         ("hinf", "[ROW=]E,R,V,D", "H-infinity by the same values and the largest disturbance of v, which is below that of v"),
+        ("mixed", "[ROW=]W,WT,M", "mixed sensitivity: S small up to W rad/s, T from WT rad/s on, neither above M"),
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
     design.add_argument("--integral", action="store_true", help="design integral action too")
@@ -219,6 +220,7 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
     """Return the gains of each row: designed if an option requests it, else those of the SPEC, else the defaults of the law."""
     from ..model.law import gain_names
     from ..outer.design import from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, gains_of
+    from ..outer.weighted import Weights, from_mixed
     from ..verification.cases import gain_entries, integral_entries, observer_entries
 
     own = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
@@ -245,6 +247,10 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
             gains[row] = from_discrete_poles(degree, numbers["discrete_poles"], args.period, args.integral, row)
         elif ways == ["lqr"]:
             gains[row] = from_lqr(degree, _real(numbers["lqr"], row), args.integral, args.period, row)
+        elif ways == ["mixed"]:
+            if len(weights := _real(numbers["mixed"], row)) != 3:
+                raise BadInput(f"{row}: --mixed takes the band of S, the roll-off of T and the largest peak of both")
+            gains[row] = from_mixed(degree, Weights(*weights), args.integral, row)[0]
         elif ways == ["hinf"]:
             gains[row] = from_hinf(degree, _real(numbers["hinf"], row), args.integral, args.period, row)
         else:
@@ -253,7 +259,7 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
         ko = _one(requested["observer"].get(row, [observers.get(f"ko_{row}", 0.0)]), "observer", row)
         gains[row] = replace(gains[row], observer=ko).check(row)
     if args.integral and not any(requested[name] for name in DESIGNS):
-        raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling, --lqr or --hinf")
+        raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling, --lqr, --hinf or --mixed")
     return gains
 
 

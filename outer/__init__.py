@@ -11,6 +11,7 @@ from .margins import Margins, margins
 from .motion import Setting, SteadyMotion, steady_motion
 from .robustness import Harm, Loops, Wrong, corners, one_by_one, ranking, with_errors
 from .setting import default_spec, setting_of
+from .weighted import Weights, from_mixed, weighted_norm
 
 if TYPE_CHECKING:
     from .interop import (
@@ -36,6 +37,7 @@ __all__ = [
     "Setting",
     "ShortWay",
     "SteadyMotion",
+    "Weights",
     "Wrong",
     "closed_loop_system",
     "controller_system",
@@ -44,6 +46,7 @@ __all__ = [
     "from_discrete_poles",
     "from_hinf",
     "from_lqr",
+    "from_mixed",
     "from_poles",
     "from_settling",
     "integral_system",
@@ -58,6 +61,7 @@ __all__ = [
     "setting_of",
     "settling_time",
     "steady_motion",
+    "weighted_norm",
     "with_errors",
 ]
 

@@ -90,8 +90,8 @@ class OutputErrors:
 
     def growth(self) -> tuple[float, float]:
         """Return a and g: in h <= 1/a seconds the states change by at most 2 g a h in all."""
-        a = max(np.linalg.norm(A, 2) for A in self.matrices)
-        return a, sum(float(np.linalg.norm(e)) for e in self.states)
+        a = max(float(np.linalg.norm(A, 2)) for A in self.matrices)
+        return a, float(sum(np.linalg.norm(e) for e in self.states))
 
     def bound(self, row: int, order: int) -> float:
         """Return a bound of this derivative of an error from now on, by a Lyapunov function."""
@@ -107,7 +107,7 @@ def proof_of_motion(loop: Loop, spec: Spec) -> Proof:
     path = loop.law.output.path
     if path is None:
         bend, least = _bend(spec)
-        size: Callable[[np.ndarray], float] = lambda y: math.hypot(y[0][1], y[1][1])  # noqa: E731
+        size: Callable[[list[np.ndarray]], float] = lambda y: math.hypot(y[0][1], y[1][1])  # noqa: E731
 
         def tail() -> float:
             return least - math.hypot(errors.bound(0, 1), errors.bound(1, 1))
