@@ -241,7 +241,10 @@ class _Finder:
             rounds.append(following)
         self._add_partners(rounds, arguments)
         loop = Repetition(0, found.by, tuple(rounds), tuple(tuple(zip(*each, strict=True)) for each in arguments))
-        numbers = [self.places[a.values[0]][1] for _, of in loop.body for a in of if a.origin is Origin.COLUMN]
+        columns = [a.values for _, of in loop.body for a in of if a.origin is Origin.COLUMN]
+        if any(value not in self.places for values in columns for value in values):
+            return None  # values that are in no column cannot be taken by number
+        numbers = [self.places[values[0]][1] for values in columns]
         return replace(loop, first=max(numbers)) if len(rounds) >= LEAST and numbers else None
 
     def _body(self, found: _Match) -> list[Node] | None:

@@ -313,7 +313,7 @@ def _feedback_loop(mechanism: Mechanism, spec: Spec) -> Loop:
     guidance = make_guidance(law, balanced, spec, desired)
     pushes = _pushes(spec, plant)
     loop = Loop(law, plant, np.array(believed), np.zeros(0), None, guidance, start, *parts, np.zeros(0), pushes=pushes)
-    status, _ = loop.command(0.0, loop.start, np.zeros(0), np.zeros(0))
+    status, _ = loop.call(0.0, loop.start, loop.extension).command(np.zeros(0))
     if status == "astray":
         raise BadInput("[initial]: the robot has fallen at the start: a coordinate is more than 1.57 (m or rad) off; move it")
     _check_start(loop)

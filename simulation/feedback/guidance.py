@@ -41,6 +41,10 @@ class OnMotion:
         """`used`: numbers of the states that the controller is given."""
         self.leg, self._desired, self._used = leg, desired, used
 
+    def leg_at(self, x: np.ndarray) -> Leg:
+        """Return the controller."""
+        return self.leg
+
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference at t."""
         return self._desired(t)[self._used]
