@@ -93,6 +93,13 @@ def to_follow(axes: Axes, x: np.ndarray, y: np.ndarray, label: str | None = "pat
     axes.plot(x, y, color=DESIRED, linewidth=5, alpha=0.45, solid_capstyle="round", label=label, zorder=0)
 
 
+def legend_on_top(axes: Axes) -> Legend:
+    """Put the legend into a panel in one row, above the curves, for which the axis is made longer."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.35 * (high - low))
+    return axes.legend(loc="upper center", ncols=len(axes.get_lines()), fontsize=9)
+
+
 def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:
     """Put the legend below a panel and its label, where it covers no curve; the layout makes room for it."""
     assert axes.figure, "a panel of a figure"

@@ -14,7 +14,17 @@ from ..model.paths import Path
 from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries, observer_entries
-from .drawing import at_times, draw_floor, draw_implicit, evenly_spread, implicit_path, is_outline, legend_below, outlines
+from .drawing import (
+    at_times,
+    draw_floor,
+    draw_implicit,
+    evenly_spread,
+    implicit_path,
+    is_outline,
+    legend_below,
+    legend_on_top,
+    outlines,
+)
 from .engine.measured import SLIPS, FloorMeasurements
 from .guidance import course_of, vehicle_motion
 from .run import Run
@@ -292,7 +302,10 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_ylabel("forward speed (m/s)")
-    axes.legend(loc="best", fontsize=9)
+    if run.plant.given:
+        legend_on_top(axes)
+    else:
+        axes.legend(loc="best", fontsize=9)
 
 
 def _draw_rates(axes: Axes, run: Run) -> None:
@@ -319,11 +332,11 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
 
 def _draw_energy(axes: Axes, run: Run) -> None:
     """Draw the energy gained, and the works of inputs and of the ground's drive, whose sum it is."""
-    names = ("energy gained", "work of inputs and forces", "work of the ground's drive")
+    names = ("gained", "by inputs and forces", "by the drive of the ground")
     for name, values, colour in zip(names, run.works, COLOURS, strict=False):
         axes.plot(run.t, values, color=colour, label=name)
-    axes.set_ylabel("energy (J)")
-    axes.legend(loc="best", fontsize=9)
+    axes.set_ylabel("energy, work (J)")
+    legend_on_top(axes)
 
 
 def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
