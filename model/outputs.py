@@ -72,9 +72,12 @@ class CourseFoot:
         return ca.substitute(expression, self.symbols, self.values)
 
     def up_to(self, curvatures: int) -> "CourseFoot":
-        """Return the foot without curvature and derivatives of it, but for the first of these, at least one."""
+        """Return the foot without curvature and derivatives of it, but for the first of these; a curvature that is not used
+        counts as zero.
+        """
         count = 2 + max(1, curvatures)
-        return replace(self, symbols=self.symbols[:count], values=self.values[:count])
+        values = self.values[:count] if curvatures else ca.vertcat(self.values[:2], 0)
+        return replace(self, symbols=self.symbols[:count], values=values)
 
     def rates(self, along: ca.SX, aside: ca.SX, turning: ca.SX) -> ca.SX:
         """Return dz/dt from the velocity of P_l along the course and to its left (m/s), and the yaw rate of the heading.

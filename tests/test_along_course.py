@@ -222,9 +222,17 @@ def test_a_stop_is_regular_and_reverse_leads_back():
         assert status == "ok" and np.isfinite(tau).all() and np.abs(tau).max() > 0.0
 
 
-@pytest.mark.parametrize("name", [pytest.param("type_iv_course", marks=pytest.mark.nightly), "type_iv_course_arclength"])
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["type_iv_course", "type_iv_course_arclength"])
 def test_the_c_of_laws_without_extension_is_the_model(name):
     assert main(["check", "--robot", "labmate", "--output", name, "--states", "40"]) == 0
+
+
+@pytest.mark.parametrize("name", ["type_iv_course_kinematic", "type_iv_course_arclength_kinematic"])
+def test_the_c_of_kinematic_laws_is_the_model(name, capsys):
+    """Of these the command is compared; the first does not depend on the curvature."""
+    assert main(["check", "--robot", "labmate", "--output", name, "--states", "40"]) == 0
+    assert "h, Phi, command compared" in capsys.readouterr().out
 
 
 @pytest.mark.nightly

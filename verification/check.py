@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -162,7 +162,8 @@ def check_random(
     for name, table in tables.items():
         for backend, summaries in table.items():
             failures += _exceeded(f"{name}, {backend}", summaries, RANDOM_LIMITS[backend])
-    head = f"{robot}: {states} random states per law, seed {seed}; h, ydot, Phi, Phidot, u, tau compared\n"
+    compared = ", ".join(dict.fromkeys(name for law in laws for name in law.quantities))
+    head = f"{robot}: {states} random states per law, seed {seed}; {compared} compared\n"
     values = {"robot": robot, "states": states, "seed": seed, "laws": plain(tables), "left_out": left_out}
     note = "".join(f"  {line}\n" for line in left_out)
     note = f"\nleft out, because the model itself changes as much where its inputs are rounded:\n{note}" if note else ""
@@ -187,7 +188,7 @@ def _compare(
             for point in plant.points:
                 at = as_held(point.state, scalar), as_held(point.reference, scalar)
                 truth = double.evaluate(*at) if backend == "cf" else point.truth
-                _add(deviations[backend], ours.evaluate(*at), truth, f"state {point.number}")
+                _add(deviations[backend], law.quantities, ours.evaluate(*at), truth, f"state {point.number}")
                 inputs[backend].append([*numbers, *at])
     left_out = [line for backend in backends for line in _leave_out(law, backend, deviations[backend], inputs[backend])]
     return {backend: summarized(by_quantity, TYPICAL) for backend, by_quantity in deviations.items()}, left_out
@@ -215,8 +216,8 @@ def _leave_out(law: ControlLaw, backend: str, deviations: Deviations, inputs: Se
     return lines
 
 
-def _add(deviations: Deviations, evaluation: Evaluation, truth: Evaluation, where: str) -> None:
-    for name in QUANTITIES:
+def _add(deviations: Deviations, quantities: Iterable[str], evaluation: Evaluation, truth: Evaluation, where: str) -> None:
+    for name in quantities:
         if evaluation.status == truth.status == "ok":
             deviation = deviation_of(evaluation.values[name], truth.values[name], where)
         else:
