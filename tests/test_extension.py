@@ -815,12 +815,6 @@ def test_what_is_not_there_is_refused_with_the_reason(name):
         simulate(spec_of(text, "spec.toml"))
 
 
-def test_starts_of_extended_laws_are_not_certified(tmp_path, bad_input):
-    (tmp_path / "axle.toml").write_text(AXLE)
-    message = bad_input(["analyse", "labmate", "--start", str(tmp_path / "axle.toml")])
-    assert "'type_i_extended' has a dynamic extension" in message
-
-
 STOOD, NORMAL = "the forward speed is zero", "the heading is normal to the path"
 VERDICTS = {  # robot and law: what is said of the singular set, what is left, what its zero dynamics are
     (find_robot, "type_i_extended"): ([STOOD], ["theta_r", "theta_l"], "nothing is left that could diverge"),
