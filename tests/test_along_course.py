@@ -255,3 +255,27 @@ def test_the_rear_axle_along_the_way():
 def test_poles_along_the_way_that_are_wrong(new, says):
     with pytest.raises(BadInput, match=says):
         simulate(spec_of(along(0.5).replace("extension = true", new, 1).replace("extension = [0.0]\n", ""), "spec"))
+
+
+ALONG, SPEC = "type_iv_course_arclength", str(BACKING / "through_points.toml")
+NEEDS_THE_COURSE = {
+    "FMU of the law": (["export", "labmate", "--output", ALONG, "--fmu", "controller"], "new at each step"),
+    "FMU of the loop": (["export", "labmate", "--output", "type_iv_course_extended", "--fmu", "loop"], "new at each step"),
+    "firmware": (["export", "labmate", "--output", ALONG, "--firmware", "rv32"], "new at each step"),
+    "package": (["export", "labmate", "--output", "follower", "--output", ALONG, "--package", "cmake"], "new at each step"),
+    "outer loop": (["outer-loop", "labmate", "--output", ALONG], "has no default course"),
+    "kinematic outer loop": (["outer-loop", "labmate", "--output", ALONG, "--drive", "kinematic"], "has no default course"),
+    "table": (["analyse", "labmate", "--start", SPEC, "--table"], "not supported"),
+    "record": (["simulate", SPEC, "--record", "r"], "has no target"),
+    "Cortex-M4F": (["simulate", SPEC, "--set", 'simulation.backend="m4f"'], "does not go with"),
+    "RISC-V": (["simulate", SPEC, "--set", 'simulation.backend="rv32"'], "does not go with"),
+}
+
+
+@pytest.mark.parametrize("name", NEEDS_THE_COURSE)
+def test_what_cannot_give_the_course_at_each_step_refuses(name, tmp_path, capsys):
+    given, says = NEEDS_THE_COURSE[name]
+    out = tmp_path / ("x.fmu" if "--fmu" in given else "x")
+    assert main([*given, "-o", str(out)] if given[0] != "outer-loop" else given) == 2
+    refusal = capsys.readouterr().err.strip()
+    assert says in refusal and refusal.count("\n") == 0 and not out.exists()
