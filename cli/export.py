@@ -57,8 +57,12 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder is not empty."""
     if args.fmu:
         return _export_fmu(args)
-    select_follower(args)
     from ..codegen.project.example import example
+    from ..readers.robots import refuse_course
+
+    if args.firmware or args.package:
+        refuse_course(args.output, f"--firmware {args.firmware}" if args.firmware else f"--package {args.package}")
+    select_follower(args)
 
     target = Path(os.path.realpath(args.out))
     if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
@@ -121,15 +125,16 @@ def _export_fmu(args: argparse.Namespace) -> int:
         raise BadInput("--scalar float: FMUs are in double; leave it out")
     check_targets([args.out])
     args.scalar = "double"
+    from ..readers.robots import find_robot, refuse_course, system_of
+    from ..verification.fmu import make_fmu
+
     laws = [name for name in args.output if name != DYNAMICS]
     _refuse_kinematic(laws)
+    refuse_course(laws, f"--fmu {args.fmu}")
     if args.fmu == "plant":
         args.output = [DYNAMICS]
     elif len(laws) != 1:
         raise BadInput(f"--fmu {args.fmu} has one law: give one --output LAW")
-    from ..readers.robots import find_robot, system_of
-    from ..verification.fmu import make_fmu
-
     generated = selected_files(args, dynamics=args.fmu != "controller")
     system, law = system_of(find_robot(args.robot)), None if args.fmu == "plant" else selected_laws(args)[0]
     model, content = make_fmu(args.fmu, system, law, generated)

@@ -29,6 +29,8 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
     name = LawName.parse(law.name)
     if name is None:
         raise BadInput(f"{law.name} is the robot's own output: give the pose and the reference in a SPEC, with --spec SPEC.toml")
+    if name.path == "course":
+        raise BadInput(f"{law.name} has no default course: give one in a SPEC, with --spec SPEC.toml")
     config = {c.name: c.default for c in law.config}
     L = axle_at(law, {}) if name.extended else config.pop("L")
     W, extension = config.pop("W", 0.0), name.extended

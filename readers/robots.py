@@ -6,7 +6,7 @@ import re
 import sys
 import traceback
 import types
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +20,7 @@ from ..model.mechanism import Mechanism
 from ..model.names import (
     ARCLENGTH,
     KINEMATIC,
+    LawName,
     without_arclength,
     without_damping,
     without_extension,
@@ -130,6 +131,17 @@ def refuse_extension(law_name: str, where: str) -> None:
     """Raise BadInput for a law with a dynamic extension; `where` names the command that does not support one."""
     if without_extension(law_name) != law_name:
         raise BadInput(f"{where}: {law_name!r} has a dynamic extension; it is not supported here: see docs/extension.md")
+
+
+def refuse_course(law_names: Iterable[str], where: str) -> None:
+    """Raise BadInput for a law along a course; `where` names what would give it the same config at each step."""
+    for law_name in law_names:
+        name = LawName.parse(law_name)
+        if name and name.path == "course":
+            raise BadInput(
+                f"{where}: the config of {law_name} is the nearest point of a course, new at each step; take its C alone, from "
+                "noslip generate, and see docs/extension.md"
+            )
 
 
 def refuse_damping(law_name: str, where: str) -> None:

@@ -175,6 +175,7 @@ def test_a_sweep_runs_each_sample_by_simulation(tmp_path):
     assert table.stat().st_size > 0
 
 
+@pytest.mark.nightly
 def test_a_planned_course_is_followed(tmp_path, capsys):
     """From the file of points to a run and its picture."""
     course, out = tmp_path / "course.json", tmp_path / "run.png"
@@ -190,19 +191,23 @@ def test_a_planned_course_is_followed(tmp_path, capsys):
     assert abs(errors["distance"]["final"]) < 1e-3 and out.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("speed", [pytest.param(0.5, marks=pytest.mark.nightly), -0.5])
-def test_errors_along_the_way_have_poles_per_metre_from_rest(speed):
+LONG = [pytest.param(speed, 7.0, 2.5, marks=pytest.mark.nightly) for speed in (0.5, -0.5)]
+
+
+@pytest.mark.parametrize(("speed", "duration", "least"), [*LONG, (-0.5, 2.0, 0.5)])
+def test_errors_along_the_way_have_poles_per_metre_from_rest(speed, duration, least):
     """From standstill 0.1 m beside a bending course: (d/ds + 1)(d/ds + 2) e = 0 in the way s along the parallel through P_l."""
     text = along(speed).replace("extension = true", "arclength = true\npoles = [-1.0, -2.0]").replace("extension = [0.0]\n", "")
     begin, end = text.index("[initial]"), text.index("[simulation]")
     text = text[:begin] + text[begin:end].replace(f"speed = {speed}", "speed = 0.0") + text[end:].replace("0.25", "0.02")
+    text = text.replace("duration = 7.0", f"duration = {duration}")
     run = simulate(spec_of(text, "spec"))
     assert run.stopped is None and run.law.linearization.relative_degree == (1, 1)
     x_s, y_s, direction = run.config[:, :3].T
     x, y = (run.q[:, :2] - 0.3 * np.column_stack([np.cos(run.q[:, 2]), np.sin(run.q[:, 2])])).T
     distance = np.cos(direction) * (y - y_s) - np.sin(direction) * (x - x_s)
     way = cumulative_simpson(run.y[:, 1] * np.cos(run.q[:, 2] - direction), x=run.t, initial=0.0)
-    assert way[-1] > 2.5 and np.ptp(run.config[:, 3]) > 1.2
+    assert way[-1] > least and np.ptp(run.config[:, 3]) > (1.2 if duration > 5.0 else 0.3)
     assert np.abs(distance - 0.1 * (2.0 * np.exp(-way) - np.exp(-2.0 * way))).max() < 1e-6
     assert np.abs(run.y[:, 1] - speed * (1.0 - np.exp(-2.0 * run.t))).max() < 1e-6
 
@@ -255,3 +260,27 @@ def test_the_rear_axle_along_the_way():
 def test_poles_along_the_way_that_are_wrong(new, says):
     with pytest.raises(BadInput, match=says):
         simulate(spec_of(along(0.5).replace("extension = true", new, 1).replace("extension = [0.0]\n", ""), "spec"))
+
+
+ALONG, SPEC = "type_iv_course_arclength", str(BACKING / "through_points.toml")
+NEEDS_THE_COURSE = {
+    "FMU of the law": (["export", "labmate", "--output", ALONG, "--fmu", "controller"], "new at each step"),
+    "FMU of the loop": (["export", "labmate", "--output", "type_iv_course_extended", "--fmu", "loop"], "new at each step"),
+    "firmware": (["export", "labmate", "--output", ALONG, "--firmware", "rv32"], "new at each step"),
+    "package": (["export", "labmate", "--output", "follower", "--output", ALONG, "--package", "cmake"], "new at each step"),
+    "outer loop": (["outer-loop", "labmate", "--output", ALONG], "has no default course"),
+    "kinematic outer loop": (["outer-loop", "labmate", "--output", ALONG, "--drive", "kinematic"], "has no default course"),
+    "table": (["analyse", "labmate", "--start", SPEC, "--table"], "not supported"),
+    "record": (["simulate", SPEC, "--record", "r"], "has no target"),
+    "Cortex-M4F": (["simulate", SPEC, "--set", 'simulation.backend="m4f"'], "does not go with"),
+    "RISC-V": (["simulate", SPEC, "--set", 'simulation.backend="rv32"'], "does not go with"),
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.nightly) if n == "table" else n for n in NEEDS_THE_COURSE])
+def test_what_cannot_give_the_course_at_each_step_refuses(name, tmp_path, capsys):
+    given, says = NEEDS_THE_COURSE[name]
+    out = tmp_path / ("x.fmu" if "--fmu" in given else "x")
+    assert main([*given, "-o", str(out)] if given[0] != "outer-loop" else given) == 2
+    refusal = capsys.readouterr().err.strip()
+    assert says in refusal and refusal.count("\n") == 0 and not out.exists()
