@@ -179,6 +179,9 @@ class StateFeedback:
         """Raise BadInput: its gains are fixed."""
         raise BadInput(f"{self.law.name}: the gains of a state feedback are fixed: it does not learn parameters")
 
+    def place(self, config: Numbers) -> None:
+        """Do nothing: a state feedback has no config."""
+
 
 def design(
     steady: Steady,
