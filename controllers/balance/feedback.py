@@ -179,6 +179,10 @@ class StateFeedback:
         """Raise BadInput: its gains are fixed."""
         raise BadInput(f"{self.law.name}: the gains of a state feedback are fixed: it does not learn parameters")
 
+    def place(self, config: Numbers) -> None:
+        """Raise BadInput: it has no config."""
+        raise BadInput(f"{self.law.name}: a state feedback has no config, and follows no path")
+
 
 def design(
     steady: Steady,
