@@ -48,7 +48,9 @@ def misra(task: Task) -> str:
     for path, line, rule in findings:
         if task.short and rule.startswith("2."):
             continue  # unused items can be found only in the complete sources
-        if any(Path(path).match(files) for files in allowed.get(rule, ())):
+        # what is generated only to be checked is as what is in generated/
+        place = Path("generated", "laws", Path(path).name) if Path(path).parent.name == "laws" else Path(path)
+        if any(place.match(files) for files in allowed.get(rule, ())):
             used.add(rule)
         else:
             undocumented.append(f"{path}:{line}: {rule} is not among the deviations of misra.md")
