@@ -49,6 +49,7 @@ def test_it_stays_in_the_room_and_rolls(eight):
     assert max(use.max() for use in eight.use.values()) <= 0.95
 
 
+@pytest.mark.nightly
 def test_the_log_tells_as_much_as_was_said(eight):
     values = {p.name: v for p, v in zip(eight.law.parameters, eight.plant.parameters, strict=True)}
     stated, off = expected(eight), []

@@ -323,6 +323,7 @@ def tiny(claims=claims_tiny, name="tiny", **cases) -> Figure:
     return Figure(name, f"{name}: a <small> one", "Says & shows little.", "nearly all", cases, draw_tiny, claims)
 
 
+@pytest.mark.nightly
 def test_the_same_bytes_each_time_and_each_spec_once(monkeypatch):
     done = []
     figures = [tiny(), tiny(name="again", one=Case("figure_8.toml", {**SHORT, "initial.speed": 5.0}))]  # what the file says

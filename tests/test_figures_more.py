@@ -152,6 +152,7 @@ def test_noise_is_the_same_for_the_same_seed_in_c_and_in_python(label):
         assert np.abs(getattr(simulate(other, "c"), name) - c).max() > 1e-3
 
 
+@pytest.mark.nightly
 def test_singular_time_in_closed_form_is_that_of_the_integrated_equation():
     run = figure_of("reversing").runs[reversing.WRONG]
     random = np.random.default_rng(11)

@@ -33,6 +33,7 @@ def runs():
     return made
 
 
+@pytest.mark.nightly
 def test_the_table_is_made_from_runs(runs, monkeypatch):
     """A claim is one that holds where the wheels roll, is lost where its run ended, and else is judged as in its own figure."""
     monkeypatch.setattr(floor, "PAPERS", (SPEEDS,))

@@ -109,6 +109,7 @@ def test_values_lie_within_their_deviations():
     assert np.abs(off.mean(axis=0)).max() < 4.0 / np.sqrt(len(off))
 
 
+@pytest.mark.nightly
 def test_errors_that_outputs_share_have_the_right_deviations():
     """The same error of both rates in a row: m_c is seen mainly in their sum, I_c in their difference. As for independent
     errors, they would be off by 1.5 and 0.1 standard deviations.

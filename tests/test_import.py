@@ -400,6 +400,7 @@ def test_what_stands_on_the_ground_is_no_arm(tmp_path, bad_input):
         assert f"--arm: joint {joint!r} carries the {what}" in line
 
 
+@pytest.mark.nightly
 def test_an_arm_is_driven_from_its_file(tmp_path, capsys, bad_input):
     """It has as many outputs as inputs, and the loop holds them, on a floor, too. What does not move in the plane is held, with a
     word, or refused if it is named.

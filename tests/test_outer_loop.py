@@ -726,6 +726,7 @@ def test_example_in_the_docs(capsys):
     assert "the whole loop is stable up to 0.1032 s" in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_the_period_is_the_specs(capsys):
     """A SPEC whose controller is called at a period is judged as it is run; --period takes precedence."""
     for more, period in (([], 0.01), (["--period", "0.03"], 0.03)):
@@ -733,6 +734,7 @@ def test_the_period_is_the_specs(capsys):
         assert answer(capsys, *argv)["period"] == period
 
 
+@pytest.mark.nightly
 def test_the_delay_is_the_specs(tmp_path, capsys):
     """That of a whole period counts as --delay does; that of a part of it is refused, unless --delay says a whole one."""
     text, file = (ROOT / "specs" / "figures" / "sampled.toml").read_text(), tmp_path / "late.toml"
@@ -747,6 +749,7 @@ def test_the_delay_is_the_specs(tmp_path, capsys):
     assert answer(capsys, "labmate", "--spec", str(file), "--delay")["delay"] is True
 
 
+@pytest.mark.nightly
 def test_a_continuous_spec_with_an_observer(tmp_path, capsys):
     """It is judged at the period of the command line, as the SPEC with that period is."""
     text, files = (ROOT / "specs" / "line.toml").read_text(), [tmp_path / name for name in ("continuous.toml", "sampled.toml")]

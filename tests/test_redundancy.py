@@ -122,6 +122,7 @@ def test_energy_is_conserved_without_torques():
     assert solution.success and np.ptp(solution.y[3]) > 0.1 and np.ptp(energies) < 1e-10 * energies[0]
 
 
+@pytest.mark.nightly
 def test_what_the_joint_is_for():
     """With it six directions are reached (five where l_f = l_r: front and rear then turn alike); without it one: straight on."""
     jointed, rigid = analyse(robot()).constraints.json, analyse(four_wheel(0)).constraints.json

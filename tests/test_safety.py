@@ -154,6 +154,7 @@ def test_bounds_hold_and_are_of_second_order():
             assert (np.abs((after - value)[:, 0] - slope @ e) <= bounds.rest + 1e-14).all()
 
 
+@pytest.mark.nightly
 def test_largest_offset_is_safe_and_ends_somewhere():
     tables = {**FAST, "gains": {"kp": 4.0, "kd": 5.0, "kv": 1.0}, "reference": {"speed": 1.0}}
     tables["initial"] = {"point": [0.0, 0.1], "heading": 0.0, "speed": 1.0}

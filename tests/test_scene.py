@@ -149,6 +149,7 @@ PAIRS = {
 }
 
 
+@pytest.mark.nightly
 def test_a_car_with_four_wheels_moves_as_the_bicycle(tmp_path):
     """Steering torque and drive are shared by two joints each; the wheels in front are parallel and scrub a little."""
     (tmp_path / "car.xml").write_text(car())

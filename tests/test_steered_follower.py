@@ -180,6 +180,7 @@ def test_reckoning_in_float(ticks, bound):
     assert math.hypot(at[0] - x, at[1] - y) < bound and abs(math.remainder(at[2] - heading, 2 * math.pi)) < 1e-6
 
 
+@pytest.mark.nightly
 def test_a_tricycle_drives():
     """Another robot, whose driven wheel is the steered one; it may turn it by more than a right angle."""
     loop = SteeredLoop("tricycle", "float", path__L=[0.3, 0.0], steering=1.7)

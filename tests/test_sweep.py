@@ -479,6 +479,7 @@ def test_a_scheduler_that_is_not_there_is_refused(spec, tmp_path, bad_input, mon
         assert f"--scheduler {address}: no scheduler answers" in bad_input([*command, address])
 
 
+@pytest.mark.nightly
 def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(spec, tmp_path):
     distributed = pytest.importorskip("distributed", reason="the cluster extra is not installed")
     file, output = spec(duration="15.0"), tmp_path / "killed.parquet"

@@ -546,6 +546,7 @@ def test_columns_are_what_the_vehicle_did(c, dumped, tmp_path):
         assert np.array([float(row[f"thetadot_{name}"]) for row in table])[5:-5] == pytest.approx(rate[5:-5], abs=0.15)
 
 
+@pytest.mark.nightly
 def test_a_log_identifies_the_vehicle(c, dumped, capsys):
     """The wheel radius of its own odometry; the mass from torques, with what the back EMF over a held voltage adds, and from the
     voltages of the motors, without: see noslip_motor.h.
