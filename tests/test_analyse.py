@@ -443,6 +443,7 @@ def test_text_of_the_labmate(answer):
     assert max(map(len, written.splitlines())) <= WIDTH and all(law in written for law in LAWS)
 
 
+@pytest.mark.nightly
 def test_kinematics_and_contacts_in_a_file(system_file, capsys):
     for name, growth, k in (
         ("car", [2, 3, 4], 0),
@@ -477,6 +478,7 @@ def test_an_underactuated_robot_in_text_page_and_json(system_file, tmp_path, cap
     assert all(place["verified"] for place in data["singular_places"])
 
 
+@pytest.mark.nightly
 def test_what_takes_too_much_is_not_decided(monkeypatch):
     """The bound is a number of terms, the same on every machine: of the constraints a line on stderr, of an output a reason."""
     reports: list[tuple[float, float, str]] = []
@@ -616,6 +618,7 @@ def test_an_equilibrium_that_is_not_stable_is_called_so(start):
     assert turned.kind == "singular" and turned.t > 0.5
 
 
+@pytest.mark.nightly
 def test_a_course_is_what_the_run_does():
     spec = beside_line(1.0, 1.414)
     verdict, run = certify(make_loop(spec), spec), simulate(changed(spec, simulation={"backend": "casadi", "duration": 2.0}))

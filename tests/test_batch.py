@@ -191,6 +191,7 @@ def test_friction_is_that_of_simulate(kind):
     assert ("will_slip" in batch.outcomes) == (kind != "slips") and "use" not in made("line")[0].outcomes
 
 
+@pytest.mark.nightly
 def test_a_bend_taken_too_fast_will_slip():
     turning = Initial(q=(30.0, 20.0, math.pi / 2, 0.0, 0.0), nu=(36.0, 31.0))  # 5 m/s on a circle of 10 m
     gripped = {"initial": turning, "contact": ContactSection(mu=0.7), "limits": LimitsSection(mode="grip")}

@@ -383,6 +383,7 @@ def run(*command: str) -> str:
     return subprocess.run([need(command[0]), *command[1:]], capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.nightly
 def test_the_battery_has_every_robot_and_every_output_of_its_own():
     assert {robot.partition(":")[0] for robot in LAWS} == set(ROBOTS)  # the LABMATE's others are in test_runtime
     for robot, names in LAWS.items():

@@ -117,6 +117,7 @@ def test_debugging_shows_where_it_comes_from(raising, capsys, monkeypatch):
     assert "Traceback" in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_reader_that_leaves_is_no_error():
     """The output is longer than a pipe holds, and nobody reads it."""
     read, written = os.pipe()

@@ -205,6 +205,7 @@ def test_a_composite_path_is_followed_from_the_normal_and_swept_alike(tmp_path, 
     assert abs(in_c.error[-1, 0]) < 0.02
 
 
+@pytest.mark.nightly
 def test_a_sweep_shows_what_converges_and_what_was_refused(tmp_path, capsys):
     """From all round and 3 m beside a line: what becomes singular without the band is on the line with it."""
     text = """

@@ -441,6 +441,7 @@ def rolling(contact: RollingContact | PlanarContact) -> Kinematics:
     return Kinematics(contact.name, q, sizes, contact.A, contact.basis)
 
 
+@pytest.mark.nightly
 def test_rolling_contacts():
     """Z. Li, J. Canny, IEEE Trans. Robotics Autom. 6(1), 1990 (spheres); A. Marigo, A. Bicchi, IEEE TAC 45(9), 2000."""
     R, r, a = (ca.SX.sym(name) for name in ("R", "r", "a"))

@@ -372,6 +372,7 @@ def lagrange():
     return sp.lambdify([*plain, *tau, *parameters], matrices, cse=True)
 
 
+@pytest.mark.nightly
 def test_two_trailers_move_as_sympys_lagrangian_says():
     """Accelerations of all coordinates, from multipliers in SymPy and from the C here."""
     name = "tractor_trailer:2"

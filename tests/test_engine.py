@@ -117,6 +117,7 @@ def test_a_robot_that_needs_little_grip_moves_as_if_it_rolled():
     assert np.abs(there.floor.reckoned - there.q[:, :3]).max() < 1e-3
 
 
+@pytest.mark.nightly
 def test_the_papers_start_slips():
     """What rolling would need is beyond friction 0.7 there: the run slips, forces stay within the cone, reckoning is wrong."""
     there = run(0.7)

@@ -44,6 +44,7 @@ def expected(run: Run) -> dict[str, float]:
     return fit.expected_deviations(np.full(2, NOISE))
 
 
+@pytest.mark.nightly
 def test_it_stays_in_the_room_and_rolls(eight):
     assert set(eight.status) == {"ok"} and np.ptp(eight.q[:, :2], axis=0).max() <= ROOM
     assert max(use.max() for use in eight.use.values()) <= 0.95

@@ -731,6 +731,7 @@ def test_outer_loop_does_not_mix_an_extension_with_drives(bad_input):
     assert "does not go with velocity drives" in message
 
 
+@pytest.mark.nightly
 def test_exported_projects_test_the_extended_law(tmp_path, capsys):
     """The self-test compares with the model and the bits of this host; the loop and the package's example pass the time on."""
     project, package = tmp_path / "project", tmp_path / "package"

@@ -359,6 +359,7 @@ def test_data_of_all_kinds_of_plots():
     assert found == [("line", 1, 3), ("line", 2, 4), ("scatter", 6, 7), ("bar", 8, 9), ("lying", 11, 10)]
 
 
+@pytest.mark.nightly
 def test_a_spec_that_cannot_be_run_is_bad_input():
     with pytest.raises(BadInput, match="unknown key 'mass'"):
         produce([tiny(one=Case("figure_8.toml", {"plant.mass": 1.0}))], 1, lambda made: None)

@@ -324,6 +324,7 @@ def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
     assert calls == ["a", "b", "a", "a", "a"]
 
 
+@pytest.mark.nightly
 def test_without_a_home_there_is_one_line(tmp_path):
     """Where no folder is known, and where it cannot be made."""
     environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "NOSLIP_CACHE", "XDG_CACHE_HOME")}

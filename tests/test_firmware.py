@@ -597,6 +597,7 @@ def test_exit_codes(built, tmp_path, target, name):
     assert code == wanted, said
 
 
+@pytest.mark.nightly
 def test_the_real_board_checks_itself(built):
     """QEMU has no encoders at the timers of an STM32F405: they count by themselves, or not, and the vehicle stops."""
     code, said = emulate("stm32f405", build(built, "stm32f405", defines="-DHAS_HOST"))

@@ -48,6 +48,7 @@ def test_commands_are_those_of_the_parts(tmp_path, scalar):
         assert (refused, different) == (0, 0) and astray < 0.04 and error < (1e-3 if scalar == "float" else 1e-9)
 
 
+@pytest.mark.nightly
 def test_another_law_shows_in_the_bits(tmp_path):
     planted = ("self->reference.speed = guide", "self->reference.speed = (1.0f + FLT_EPSILON) * guide")
     assert all(different > 20 for _, different, *_ in laps(tmp_path, "float", 2000, 1.0, planted))

@@ -210,6 +210,7 @@ def test_a_cone_is_cut_by_a_line_where_it_is(cut):
     assert len(kinds) >= 4
 
 
+@pytest.mark.nightly
 def test_inputs_that_do_not_move_it_are_used_first(robot="four_wheel", name="type_iv_line"):
     """Where such inputs alone are enough, the motion is as desired: S'E tau is. A search in the null space of S'E finds none that
     roll with a fifth less friction use where they are not."""

@@ -442,6 +442,7 @@ def test_fuzzing_finds(wrong, tmp_path):
             pytest.skip(str(missing))
 
 
+@pytest.mark.nightly
 def test_a_law_that_takes_longer_is_found(tmp_path):
     """One operation more in each good step."""
     task = changed(tmp_path, "generated/labmate/labmate_type_i_f.c", *SLOWER, "labmate_type_i")

@@ -94,6 +94,7 @@ def test_it_comes_to_stand_at_the_end():
     assert np.abs(run.y[braking, 1] - expected).max() < 1e-6
 
 
+@pytest.mark.nightly
 def test_at_a_cusp_direction_and_reference_point_change_while_it_stands():
     """Forward on a line, back on an arc: P_l lies ahead of the axle, then behind it; the axle ends at the arc's end.
 

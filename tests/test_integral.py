@@ -318,6 +318,7 @@ def test_the_offset_of_figure_9b_goes(period, heavier):
         assert np.abs(ours[: len(theirs)] - theirs).max() < 1e-8
 
 
+@pytest.mark.nightly
 def test_the_offset_goes_in_float_too():
     """At 1 kHz steps of z are below its last bit."""
     spec = changed(FIGURE_9B, simulation={"duration": 20.0, "output_step": 0.5, "period": 1e-3, "backend": "cf"})

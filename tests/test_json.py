@@ -75,6 +75,7 @@ def test_slipping_is_stated_once(tmp_path, capsys, slippery):
     assert out.count("would slip") == 1 and not err
 
 
+@pytest.mark.nightly
 def test_analyse_and_simulate_agree_about_slipping(tmp_path, capsys, slippery):
     run, _ = printed(capsys, ["simulate", slippery, "-o", str(tmp_path / "run.csv")])
     argv = ["analyse", "labmate", "--output", "type_iv_line", "--start", slippery]
@@ -96,6 +97,7 @@ def test_analyse_and_simulate_agree_about_slipping(tmp_path, capsys, slippery):
     assert printed(capsys, argv)[0]["rolling"]["rolls"] is True
 
 
+@pytest.mark.nightly
 def test_kept_answers_are_those_found(monkeypatch, tmp_path, capsys):
     """As text and as JSON, with nothing kept, from what is kept, and where results cannot be kept."""
     argv = ["analyse", "knife_edge"]
@@ -108,6 +110,7 @@ def test_kept_answers_are_those_found(monkeypatch, tmp_path, capsys):
     assert answers[0] == answers[1] == answers[2] and "knife_edge" in answers[0][1]
 
 
+@pytest.mark.nightly
 def test_of_other_commands(tmp_path, capsys):
     assert [robot["name"] for robot in printed(capsys, ["robots"])[0]] == list(ROBOTS)
     assert printed(capsys, ["laws", "knife_edge"])[0].keys() >= {"type_i"}

@@ -382,6 +382,7 @@ backend = "casadi"
 GRIP = '[limits]\nmode = "grip"\n[contact]\nmu = 0.08\n'
 
 
+@pytest.mark.nightly
 def test_a_run_decays_as_the_gain_says():
     """Behind fast drives the distance decays as exp(-kv t), and the speed is the desired one; in all backends."""
     fast = CIRCLE.replace("bandwidth = 5.0", "bandwidth = 400.0").replace("delay = 0.02", "delay = 0.0").replace("60.0", "1e5")

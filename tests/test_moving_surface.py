@@ -183,6 +183,7 @@ def test_the_ground_moves_what_is_added_before_and_after():
         robot.ground_moves(x_c=0.2, t=2.0)
 
 
+@pytest.mark.nightly
 def test_what_takes_the_motion_from_the_wheels_says_that_the_ground_moves(tmp_path, bad_input):
     """The filter, the follower, dead reckoning, a damped law, calibration; what is written by default is without the filter."""
     file = tmp_path / "conveyor.py"

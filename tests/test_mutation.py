@@ -62,6 +62,7 @@ def found(folder: Path, points: str, listed: str = "") -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.nightly
 def test_a_mutant_that_survives_is_reported(tmp_path):
     """A test that does not look at the border, nor at the other argument."""
     code, said = found(tmp_path, "-5, 9")
@@ -71,6 +72,7 @@ def test_a_mutant_that_survives_is_reported(tmp_path):
     assert "runtime_c/beyond.h: 3 of 3 killed" in said and "codegen/beyond.py: 1 of 4 killed" in said
 
 
+@pytest.mark.nightly
 def test_mutants_that_are_killed_or_equivalent(tmp_path):
     """One that no test can find is listed and does not count."""
     before = "def beyond(x: int, other: int = 3) -> bool:"

@@ -203,6 +203,7 @@ def test_hinf_without_disturbance_is_lqr():
         assert found.vector == pytest.approx(from_lqr(2, largest, True, period).vector, rel=1e-12)
 
 
+@pytest.mark.nightly
 def test_hinf_ends_where_no_gain_can_do_it():
     """One integrator called every 0.2 s: over all gains kv the least norm is 1 at the disturbance that the message names."""
     e, v, period = 0.1, 0.5, 0.2

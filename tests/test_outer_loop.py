@@ -109,6 +109,7 @@ def test_step_of_distance_and_speed(spec):
         assert np.abs(simulated.error[:, k] - simulated.error[0, k] * (1 - response)).max() < 1e-6
 
 
+@pytest.mark.nightly
 def test_sampled_path_shift():
     """Holding the torque moves the position on the line of case C by about 0.7, 7, 66 mm at 1, 10, 100 ms."""
     exact = simulate(LINE)
@@ -517,6 +518,7 @@ def answer(capsys, *argv: str) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.nightly
 def test_command_json(capsys):
     data = answer(capsys, "labmate", "--output", "type_iv_circle", "--period", "0.01")
     assert data["gains"] == {"kp_distance": 1.0, "kd_distance": 2.5, "kv_speed": 2.0}
@@ -532,6 +534,7 @@ def test_command_json(capsys):
     )
 
 
+@pytest.mark.nightly
 def test_command_design(capsys, tmp_path):
     """The gains designed go into the SPEC and into C as printed."""
     design = ["--settling", "distance=4", "--damping", "distance=1.25", "--poles", "speed=-2"]
@@ -545,6 +548,7 @@ def test_command_design(capsys, tmp_path):
     run(["gcc", *FLAGS, *STRICT, *INCLUDE, "-c", str(tmp_path / "gains.c"), "-o", str(tmp_path / "gains.o")])
 
 
+@pytest.mark.nightly
 def test_command_integral(capsys):
     data = answer(capsys, "labmate", "--output", "type_iv_line", "--settling", "5", "--integral")
     assert data["gains"]["ki_distance"] > 0 and len(data["channels"]["distance"]["poles"]) == 3
@@ -552,6 +556,7 @@ def test_command_integral(capsys):
     assert "ki_distance = " in data["spec"] and "ki_" not in data["c"]
 
 
+@pytest.mark.nightly
 def test_command_search(capsys, monkeypatch):
     for name in ("POPULATION", "GENERATIONS", "DRAWN"):
         monkeypatch.setattr(robustness, name, 6)
@@ -563,6 +568,7 @@ def test_command_search(capsys, monkeypatch):
     assert "worst found in the box, after 42 loops: decay 0." in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_command_observer(capsys):
     """The whole loop has a pole for each observer; in C they are beside the law."""
     data = answer(
@@ -720,6 +726,7 @@ def test_command_refuses_unknown_robot(bad_input):
     assert "unknown robot" in bad_input(["outer-loop", "labmat", "--output", "type_i"])
 
 
+@pytest.mark.nightly
 def test_example_in_the_docs(capsys):
     """docs/outer_loop.py runs, and its assertions hold."""
     runpy.run_path(str(ROOT / "docs" / "outer_loop.py"))

@@ -76,6 +76,7 @@ def installed(built):
     return built / "prefix"
 
 
+@pytest.mark.nightly
 def test_cmake_finds_a_wrong_bit(built):
     """The digest of the self-test is that of the C on this machine."""
     source = built / "copy" / "selftest" / "selftest.c"

@@ -50,6 +50,7 @@ def test_claims_hold_and_can_fail(name):
     assert [c.holds for c in made.figure.all_claims({robots.RUN: slips})][2:] == [False, *[True] * wheels, False]
 
 
+@pytest.mark.nightly
 def test_a_report_has_robots_without_contacts_and_without_the_labmates_integral():
     made = [figure_of(name) for name in ("geared_arm", "knife_edge")]
     pictured = [dataclasses.replace(each, pictures={"svg": b"<svg/>", "png": b""}) for each in made]

@@ -256,6 +256,7 @@ def test_growth_is_what_is_known_and_what_brackets_give(name):
     assert tuple(levels) == GROWTH[name]
 
 
+@pytest.mark.nightly
 def test_integrals_are_the_gears_and_the_plates():
     """q that never leaves a level set: each integral's rate vanishes along every column of S."""
     for name, count in (("geared_arm", 2), ("ball_plate", 2), ("mobile_manipulator", 1), ("slope_platform", 1), ("mecanum", 2)):

@@ -195,6 +195,7 @@ def test_a_course_is_that_of_the_run(spec):
     assert len(one) > 50 and np.abs(verdict.course[1][one] - s[other]).max() < 1e-6
 
 
+@pytest.mark.nightly
 def test_an_ellipse_is_proved_with_uncertain_parameters():
     spec = spec_of(**ELLIPSE)
     loop = make_loop(spec)
@@ -273,6 +274,7 @@ def robots(spec: Spec, tables: dict, error: dict[str, float], corners: np.ndarra
     return [spec_of(**tables, plant=plant) for plant in plants]
 
 
+@pytest.mark.nightly
 def test_a_start_that_is_proved_in_parts_only():
     """Runs with the robot at random corners stay regular, and as far from singular as is proved."""
     random = np.random.default_rng([1992, 92])
@@ -292,6 +294,7 @@ def test_a_start_that_is_proved_in_parts_only():
         assert run.stopped is None and (size / scale).min() >= verdict.margin
 
 
+@pytest.mark.nightly
 def test_a_start_that_is_singular_at_one_corner_only_is_not_proved():
     """However the range of the parameters is split; the motions with the given parameters and at three corners are regular."""
     tables = {**FAST, "initial": {**FAST["initial"], "heading": -1.07}}

@@ -183,6 +183,7 @@ def urdf(tmp_path) -> str:
 WHEELS = {"joints": {"theta_r": "wheel_right_joint", "theta_l": "wheel_left_joint"}}
 
 
+@pytest.mark.nightly
 def test_a_urdf_gets_a_floor_and_moves(tmp_path):
     """It stands on a floor of [floor] mu, begins lifted out of it, and moves as the robot whose sizes it has."""
     spec, floor = LINE.parent / "robots" / "turtlebot3_burger.toml", {"floor": {"mu": 0.5, "slope": [0.02, 1.0]}}

@@ -383,6 +383,7 @@ def test_writes_rows_summary_and_picture(tmp_path, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.nightly
 def test_a_stopped_run_keeps_its_rows_and_says_when(tmp_path, capsys):
     far = toml(point="point = [0.0, 7.0710678118654755]").replace("speed = 0.5", "speed = 0.0")
     (tmp_path / "far.toml").write_text(far)

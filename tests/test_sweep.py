@@ -439,6 +439,7 @@ def test_an_error_in_any_place_is_a_failure_by_default(law, rows):
     assert study_of(text_of(SWEPT.replace("fails = { final = 1.2 }", "")), "s", 4).criterion.limits == {"final.distance": 0.05}
 
 
+@pytest.mark.nightly
 def test_worst_indices_and_figures_of_a_sweep(spec, tmp_path, capsys):
     """What is printed for the worst is at least as bad as the worst sample, when simulate runs it."""
     file, output = spec(), tmp_path / "a.parquet"

@@ -477,6 +477,7 @@ def test_any_bytes_are_read_or_refused(parts, dumped):
             assert (np.diff(start.records["tick"].astype(int)) > 0).all()
 
 
+@pytest.mark.nightly
 def test_bad_input(parts, dumped, bad_input, tmp_path):
     file, nameless = dumped(parts), dumped([framed(2, list(frames(parts[0]))[1][1]), *parts[1:]], "nameless.dump")
     assert ".csv, .parquet, .mcap" in bad_input(["log", file, "-o", str(tmp_path / "run.xls")])
@@ -594,6 +595,7 @@ def test_units_in_headers(tmp_path, bad_input):
         assert said in bad_input(["calibrate", str(tmp_path / name), "--robot", "labmate"])
 
 
+@pytest.mark.nightly
 def test_commands_of_the_page(parts, dumped, tmp_path):
     """Those of docs/firmware.md, with a dump of this host."""
     page = (Path(__file__).parent.parent / "docs/firmware.md").read_text()
@@ -649,6 +651,7 @@ def test_torques_of_the_law_are_those_of_velocity_drives(tmp_path):
         assert list(run.tau[:, 0]) == [expected] * 2 and np.isnan(run.tau[:, 1]).all()
 
 
+@pytest.mark.nightly
 def test_tables_that_do_not_fit_are_refused(tmp_path, bad_input, capsys):
     """What the outputs need must be there and finite; wheel angles and torques need not."""
     run = simulate(read_varied("line", {"simulation.duration": 0.5}))

@@ -186,6 +186,7 @@ def test_c_that_does_not_compile_is_not_written(tmp_path, monkeypatch, capsys, n
     assert code == 1 and left == [] and "does not compile" in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, not_compared):
     """By the text: nothing is run again, until a file changes."""
     assert run("generate", tmp_path)[0] == 0
