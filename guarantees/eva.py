@@ -5,7 +5,7 @@ conversion without a defined result, or an assertion in c/eva/*.c that EVA canno
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from .tools import HERE, STANDARD, Failed, Task, attempt, each, need, run
@@ -18,6 +18,8 @@ PROGRAMS = HERE / "c" / "eva"
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
 GROUPED = re.compile(r"((?<=[{;])\s*){([^{}]*)}")  # members that Frama-C groups without a name
 FILES = {"HEADER": "h", "SOURCE": "c"}
+EXTENDED = ("type_i_extended", "type_iv_course_extended")  # laws with a dynamic extension that are generated to be analysed
+EXTENSION = {"law.extension", "law.extension_rate"}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
 ESTIMATED = {f"self.filter.{member}" for member in ("state", "rounded", "factors")}
 # errno of sqrt, which is an instruction here; what the program of grip counts; what ANY depends on
@@ -85,6 +87,11 @@ class AnalysedProgram:
         return " ".join(filter(None, [self.source, self.law])) + SCALARS[self.scalar][0]
 
     @property
+    def extended(self) -> bool:
+        """Whether the law has a dynamic extension: its step takes the time since the last one, and it is without friction."""
+        return self.law.endswith("_extended")
+
+    @property
     def precision(self) -> list[str]:
         """Options for the number of states kept apart (slevel), and the functions with another number.
 
@@ -120,6 +127,8 @@ class AnalysedProgram:
         text = (PROGRAMS / f"{self.source}.c").read_text()
         if not (self.law and task.follows(self.law)):
             text = re.sub(r"#if FOLLOWS.*?#endif", "", text, flags=re.S)
+        if self.extended:
+            text = re.sub(r"#if !EXTENDED.*?#endif", "", text, flags=re.S)
         return re.findall(r"REACHED\((\w+)\)", text)
 
     def defined(self, task: Task) -> dict[str, str]:
@@ -133,7 +142,8 @@ class AnalysedProgram:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
         analysed = "labmate_follower" if self.source == "follower" else self.law
         law = {"ROBOT": "labmate", "LAW": self.law} | {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
-        return macros | law | {"FOLLOWS": str(int(task.follows(self.law)))}
+        kind = {"FOLLOWS": str(int(task.follows(self.law))), "EXTENDED": str(int(self.extended))}
+        return macros | law | kind
 
 
 def programs(task: Task) -> list[AnalysedProgram]:
@@ -151,6 +161,8 @@ def programs(task: Task) -> list[AnalysedProgram]:
 def eva(task: Task) -> str:
     """Check that no program has an alarm or an unproved assertion, and that functions write only to permitted objects."""
     need("frama-c", "frama-c-base")
+    if not task.short:
+        task = replace(task, folder=task.folder / "eva", more=(*task.more, *EXTENDED))
     analyses = each(lambda program: analyse(task, program), programs(task))
     wrong = [line for _, lines in analyses for line in lines]
     if wrong:
@@ -193,7 +205,10 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
     whole = program.source == "follower"
     may_write = FOLLOWER_MAY_WRITE if whole else MAY_WRITE
     for function, written in re.findall(r"Out \(external\) for function (\w+):\n((?: +.*\n)+)", text):
-        allowed = may_write.get(function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0]))
+        name = function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0])
+        allowed = may_write.get(name)
+        if program.extended and name in ("step", "reset"):
+            allowed = MAY_WRITE[name] | EXTENSION
         written = re.sub(r"\[[^]]*\]", "", written)
         while (plain := re.sub(r"([\w.]+){([^{}]*)}", _members, re.sub(GROUPED, r"\1\2", written))) != written:
             written = plain

@@ -56,6 +56,21 @@ def test_eva_proves_damped_laws_and_finds_what_is_wrong_within_the_band(tmp_path
     assert any("accessing out of bounds index" in line or "out of bounds" in line for line in eva.analyse(task, program)[1])
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", eva.EXTENDED)
+def test_eva_proves_extended_laws_and_finds_an_extension_that_is_not_checked(name, tmp_path):
+    need("frama-c")
+    task, law = Task(tmp_path, more=(name,)), f"labmate_{name}"
+    program, source = eva.AnalysedProgram("law", "float", law), task.law_file(f"{law}_f.c")
+    proved, wrong = eva.analyse(task, program)
+    assert proved > 10 and not wrong
+    text = source.read_text()
+    wrong_step = text.replace("self->extension[0] =", "self->extension[1] =")
+    assert wrong_step != text
+    source.write_text(wrong_step)
+    assert eva.analyse(task, program)[1]
+
+
 # -- what must be refused ---------------------------------------------------------------------------------------------
 
 WRONG = {

@@ -1,6 +1,6 @@
 /*
  * law.c - the law LAW of ROBOT for EVA, in the scalar REAL with SUFFIX: its init, a step, every other function. FOLLOWS is 1
- * if it has the step function follow.
+ * if it has the step function follow, EXTENDED is 1 if it has a dynamic extension.
  *
  * A step is proved to keep the properties that init establishes for limits and held inputs, so that the results for one step hold for
  * any sequence of steps.
@@ -52,6 +52,7 @@ void check_step(int follow, int grip, int on_error, REAL odd, REAL even, REAL he
     OF(noslip_foot) foot;
     OF_LAW() law;
     REAL tau[INPUTS];
+    const REAL dt = EXTENDED ? any_real() : 0;
     int status, k;
     ANY(state);
     ANY(reference);
@@ -61,14 +62,18 @@ void check_step(int follow, int grip, int on_error, REAL odd, REAL even, REAL he
     law.on_error = on_error;
     for (k = 0; k < INPUTS; k++) {
         law.limit[k] = k % 2 ? odd : even;
+#if !EXTENDED
         law.clear[k] = grip ? -1 : law.limit[k];
+#endif
         law.held[k] = BETWEEN(held_least, held_most);
     }
+#if !EXTENDED
     if (grip) {
         law.on_limit = NOSLIP_GRIP;
         law.grip.weight = BETWEEN(0, 1000);
         law.grip.height = BETWEEN(0, 1000);
     }
+#endif
 #if FOLLOWS
     if (follow) {
         status = OF_LAW(_follow)(&law, &foot, &state, &reference, tau);
@@ -82,7 +87,14 @@ void check_step(int follow, int grip, int on_error, REAL odd, REAL even, REAL he
     } else
 #endif
     {
+#if EXTENDED
+        status = OF_LAW(_step)(&law, &state, &reference, dt, tau);
+        for (k = 0; k < COUNT(law.extension); k++) {
+            /*@ assert status >= 0 ==> \is_finite(law.extension[k]) && \is_finite(law.extension_rate[k]); */
+        }
+#else
         status = OF_LAW(_step)(&law, &state, &reference, tau);
+#endif
         if (status == NOSLIP_OK) {
             REACHED(step_good);
         } else if (status > 0) {
@@ -91,7 +103,8 @@ void check_step(int follow, int grip, int on_error, REAL odd, REAL even, REAL he
             REACHED(step_refused);
         }
     }
-    /*@ assert status <= NOSLIP_WILL_SLIP && status >= NOSLIP_NOT_READY && status != NOSLIP_BAD_PARAMETER; */
+    /*@ assert status <= NOSLIP_WILL_SLIP && status >= NOSLIP_NOT_READY; */
+    /*@ assert status == NOSLIP_BAD_PARAMETER ==> dt < 0; */
     /*@ assert status >= 0 ==> law.ready == NOSLIP_READY; */
     for (k = 0; k < INPUTS; k++) {
         const REAL limit = k % 2 ? odd : even;
@@ -152,6 +165,7 @@ void check_functions(void)
         REACHED(decoupling_refused);
     }
     check_answer(all.Phi[0], INPUTS * INPUTS, status);
+#if !EXTENDED
     status = OF_LAW(_decoupling_rate)(&law, &state, all.Phidot);
     if (status >= 0) {
         REACHED(decoupling_rate_good);
@@ -159,6 +173,7 @@ void check_functions(void)
         REACHED(decoupling_rate_refused);
     }
     check_answer(all.Phidot[0], INPUTS * INPUTS, status);
+#endif
     status = OF_LAW(_feedback)(&law, &state, v, all.tau);
     if (status >= 0) {
         REACHED(feedback_good);
@@ -188,7 +203,9 @@ int main(void)
         check_step(follow, 0, NOSLIP_ZERO, LARGEST, SMALLEST, -SMALLEST, SMALLEST);
         check_step(follow, 0, NOSLIP_HOLD, 20, 7, -7, 7);
         check_step(follow, 0, NOSLIP_HOLD, 20, 7, 3, 3);
+#if !EXTENDED
         check_step(follow, 1, NOSLIP_HOLD, 20, 7, -7, 7);
+#endif
     }
     check_functions();
     REACHED(end);
