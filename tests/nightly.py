@@ -149,7 +149,6 @@ NIGHTLY = {
     ),
     "test_follow": (r"step_seen_from_the_path\[rolling_disk", r"\[(four_wheel|labmate-_offset)-"),
     "test_follower": (
-        r"^test_follower_of_another_robot_compiles\[car-float\]$",
         r"another_robot_compiles\[(turtlebot3_burger|car-double|forklift)",
         r"are_those_of_the_parts\[double\]",
     ),
