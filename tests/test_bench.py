@@ -75,7 +75,8 @@ __attribute__((noipa)) int drive(float *x) {{ measured({LOOP}, x); return 0; }}
 int main(void) {{ float x[2] = {{2, 3}}; return drive(x); }}
 """)
     target, image = CortexM4F(tmp_path), tmp_path / "image"
-    build = ["arm-none-eabi-gcc", "-O1", *target.flags, "main.c", *map(str, target.startup), *target.link, "-o", str(image)]
+    link = ["-nostdlib", *(flag for flag in target.link if not flag.startswith("--specs"))]  # it needs no C library
+    build = ["arm-none-eabi-gcc", "-O1", *target.flags, "main.c", *map(str, target.startup), *link, "-o", str(image)]
     run(build, tmp_path)
     symbols = symbols_of(image, target.prefix)
     costs = write_costs(image, target.prefix)
