@@ -20,7 +20,7 @@ from noslip.model.reduction import reduce
 from noslip.model.robots.tractor_trailer import tractor_trailer
 from programs import ONCE
 
-TRAILERS = (1, 2, 4, 8, 16)
+TRAILERS = (1, 2, 4, 8, 16, 32)
 COUNT = 256
 WITHIN = 1.15  # of the hand-written loop, with guards
 TOLERANCE = {"double": 1e-9, "float": 2e-3}  # relative to 1000 N m + the torque; only rejects wrong programs

@@ -18,6 +18,7 @@ from .graph import COMMUTATIVE, SINCOS, Applied, Leaf, Node, Operation, executed
 LEAST = 4  # iterations
 NEAREST = 12  # users of users looked at for the node of the next iteration
 MOST_TRIED = 60  # of them
+MOST_CUT = 2  # iterations that a loop may lose where it is joined with another one
 STRAIGHT = (Operation.DIV,)  # a divisor is tested where it is used: these stay outside of loops
 
 Column: TypeAlias = tuple[object, ...]  # identifies a column
@@ -78,6 +79,12 @@ class Repetition:
         every = (argument for _, arguments in self.body for argument in arguments)
         return {each.position: each.values[0] for each in every if each.origin is Origin.BEFORE}
 
+    @property
+    def columns(self) -> list[tuple[Node, ...]]:
+        """The values of each column that the loop takes, by iteration."""
+        every = (argument for _, arguments in self.body for argument in arguments)
+        return [argument.values for argument in every if argument.origin is Origin.COLUMN]
+
     def _argument(self, values: tuple[Node, ...]) -> Argument:
         if len(set(values)) == 1 and values[0] not in self.nodes:
             return Argument(Origin.SAME, values)
@@ -96,6 +103,13 @@ class Repetition:
     def number(self, k: int) -> int:
         """The number of iteration k."""
         return self.first + k * self.by
+
+    def between(self, first: int, count: int) -> "Repetition":
+        """The loop with only as many iterations from the one with this number on."""
+        skipped = (first - self.first) * self.by
+        kept = slice(skipped, skipped + count)
+        arguments = tuple(tuple(values[kept] for values in of) for of in self.arguments)
+        return Repetition(first, self.by, self.rounds[kept], arguments)
 
 
 def places_of(nodes: Iterable[Node]) -> dict[Node, Place]:
@@ -156,6 +170,7 @@ class _Finder:
                 if best is not None and self._can_run([*self.loops, best]):
                     self._add(best)
         self._join()
+        self._drop()
         return self._in_order(self.loops) or []
 
     def _add(self, loop: Repetition) -> None:
@@ -241,10 +256,9 @@ class _Finder:
             rounds.append(following)
         self._add_partners(rounds, arguments)
         loop = Repetition(0, found.by, tuple(rounds), tuple(tuple(zip(*each, strict=True)) for each in arguments))
-        columns = [a.values for _, of in loop.body for a in of if a.origin is Origin.COLUMN]
-        if any(value not in self.places for values in columns for value in values):
+        if any(value not in self.places for values in loop.columns for value in values):
             return None  # values that are in no column cannot be taken by number
-        numbers = [self.places[values[0]][1] for values in columns]
+        numbers = [self.places[values[0]][1] for values in loop.columns]
         return replace(loop, first=max(numbers)) if len(rounds) >= LEAST and numbers else None
 
     def _body(self, found: _Match) -> list[Node] | None:
@@ -358,7 +372,7 @@ class _Finder:
         return done
 
     def _join(self) -> None:
-        """Join loops over the same numbers, in the same direction, where the later one takes nothing of later iterations."""
+        """Join loops over nearly the same numbers in the same direction; the later one takes nothing of later iterations."""
         joined = True
         while joined:
             joined = False
@@ -375,6 +389,21 @@ class _Finder:
                     break
 
 
+    def _drop(self) -> None:
+        """Leave out loops that take a column of values that no loop computes any more."""
+        fixed = places_of(reachable(self.nodes))
+        while True:
+            computed = {node for loop in self.loops for node in loop.nodes}
+            kept = [
+                loop
+                for loop in self.loops
+                if all(values[0] in fixed or not computed.isdisjoint(values) for values in loop.columns)
+            ]
+            if len(kept) == len(self.loops):
+                return
+            self.loops = kept
+
+
 def _key(operation: Operation, arguments: Sequence[Node]) -> Key:
     """What identifies the node of an operation."""
     return operation, tuple(sorted(arguments, key=lambda node: node.order) if operation in COMMUTATIVE else arguments)
@@ -386,9 +415,15 @@ def _saved(loop: Repetition) -> int:
 
 
 def _joined(one: Repetition, other: Repetition) -> Repetition | None:
-    """Both loops as one; None if they cannot be joined."""
-    if one.by != other.by or one.first != other.first or len(one.rounds) != len(other.rounds):
+    """Both loops as one, with the iterations that both have, nearly all; None if they cannot be joined."""
+    if one.by != other.by:
         return None
+    both, by = (one, other), one.by
+    first, last = max(by * loop.first for loop in both), min(by * loop.number(len(loop.rounds) - 1) for loop in both)
+    count = last - first + 1
+    if count < LEAST or max(len(loop.rounds) for loop in both) - count > MOST_CUT:
+        return None
+    one, other = (loop.between(by * first, count) for loop in both)
     when = {node: k for k, each in enumerate(one.rounds) for node in each}
     for k, each in enumerate(other.rounds):
         if any(when.get(argument, k) > k for node in each for argument in node.arguments):

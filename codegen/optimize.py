@@ -63,15 +63,22 @@ class Term:
 
 class Optimizer:
     """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value. `order`: of
-    the passes; by default that of PASSES. `kept`: products that stay together where they have several users."""
+    the passes; by default that of PASSES. `kept`: products that stay together where they have several users; `totals`: sums that
+    are not merged with those that contain them, such as those from body to body along a chain."""
 
     def __init__(
-        self, graph: Graph, labels: dict[Node, str], order: "Sequence[NamedPass] | None" = None, kept: Container[Node] = ()
+        self,
+        graph: Graph,
+        labels: dict[Node, str],
+        order: "Sequence[NamedPass] | None" = None,
+        kept: Container[Node] = (),
+        totals: Container[Node] = (),
     ):
         self.graph = graph
         self.labels = labels
         self.order = PASSES if order is None else order
         self.kept = kept
+        self.totals = totals
         self._terms_of: dict[Product, tuple[Node | None, tuple[Node, ...]]] = {}
         self._in_order: set[tuple[Node, bool]] = set()  # products that remain what they are when made again, and if shared
 
@@ -103,9 +110,9 @@ class Optimizer:
         done: dict[Node, Signed] = {}
 
         def terms(node: Node) -> list[Term]:
-            """Return the node as terms of a sum; a sum with other users remains one term."""
+            """Return the node as terms of a sum; a total, or a sum with other users, remains one term."""
             sign, made = done[node]
-            if isinstance(made, Sum) and uses[node] == 1:
+            if isinstance(made, Sum) and uses[node] == 1 and node not in self.totals:
                 return [self._term(s * sign, argument) for s, argument in made.terms]
             return [self._term(sign, made)]
 

@@ -1,6 +1,6 @@
 """A law as a program: one graph for all its entry points, split into what init computes and what a step computes."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -198,11 +198,12 @@ class Program:
 def hidden_inputs(body: EntryBody) -> list[Leaf]:
     """Inputs of a step that can be infinite or NaN while every result is finite.
 
-    Sums, products, roots and numerators pass such a value on; a denominator or a function that is bounded need not, and an
-    angle is checked by itself. A matrix's inverse leaves the function then.
+    Sums, products, roots and numerators pass such a value on, also to an angle, which is checked; a denominator or a function
+    that is bounded need not. A matrix's inverse leaves the function then.
     """
     shown: set[Node] = set()
     stack = [root for matrix in body.quantities.values() for row in matrix for root in row]
+    stack += angles(executed(body.roots))
     while stack:
         node = stack.pop()
         if node not in shown and (not isinstance(node, Applied) or node.operation in ARITHMETIC):
@@ -225,6 +226,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     where = f"{law.system.mechanism.name} {law.name}"
     labels: dict[Node, str] = {}
     kept: set[Node] = set()
+    totals: set[Node] = set()
 
     def build(expression: ca.SX) -> Matrix:
         free = free_symbols(ca.SX(expression))
@@ -237,6 +239,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
             nodes[one.element_hash()] = node
             if step.kept:
                 kept.add(node)
+            if step.total:
+                totals.add(node)
             if step.label:
                 labels.setdefault(node, step.label)
     quantities, at_foot, near, near_at_foot = (
@@ -254,7 +258,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
         body = EntryBody(chosen, singular, kept=frozenset(kept))
         if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
-            entries[entry] = _optimized(graph, body, labels, target) if optimize else body
+            entries[entry] = _optimized(graph, body, labels, target, totals) if optimize else body
             if near and entry.inverts and not entry.near:
                 entries[entry] = replace(entries[entry], band=_band(graph, given[Result.BAND], labels, optimize))
     entries = dict(sorted(entries.items(), key=lambda each: not each[0].near))  # the others call them
@@ -337,13 +341,13 @@ def _band(graph: Graph, band: Matrix, labels: dict[Node, str], optimize: bool) -
     return tuple(Optimizer(graph, labels).run(nodes) if optimize else nodes)
 
 
-def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: str) -> EntryBody:
+def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: str, totals: Container[Node]) -> EntryBody:
     """The body after the optimizer's passes, in the order of least cost on a target, with products kept or not, whichever costs
-    less; names follow the nodes of their value."""
+    less; names follow the nodes of their value. `totals`: sums that stay as they are."""
     orders = range(len(ORDERS) if target else 1)
     keeps = dict.fromkeys((body.kept.intersection(reachable(body.roots)), frozenset[Node]()))
     ways = [(order, kept) for order in orders for kept in keeps]
-    tried = [(named := dict(labels), Optimizer(graph, named, ORDERS[k], kept).run(body.roots)) for k, kept in ways]
+    tried = [(named := dict(labels), Optimizer(graph, named, ORDERS[k], kept, totals).run(body.roots)) for k, kept in ways]
     costs = [cycles(roots, COSTS[target or DEFAULT]) for _, roots in tried]
     chosen = costs.index(min(costs))
     named, roots = tried[chosen]

@@ -49,14 +49,27 @@ class VelocityRow:
 
 
 @dataclass(frozen=True)
+class Effort:
+    """The force or moment, sum of row[j] nudot_j + bias, that the motion needs along a `velocity`, which is linear in the rates.
+    Inputs and constraint forces supply the sum of all."""
+
+    name: str
+    velocity: ca.SX
+    row: dict[int, ca.SX]
+    bias: ca.SX
+
+
+@dataclass(frozen=True)
 class Reduced:
-    """S'MS, S'(M Sdot nu + V), S'E (10) and S (9) in `steps`, ordered body by body in `groups`."""
+    """S'MS, S'(M Sdot nu + V), S'E (10) and S (9) in `steps`, ordered body by body in `groups`; `efforts` are the terms of the
+    equations of motion before they are projected, in the same steps."""
 
     groups: tuple[tuple[Step, ...], ...]
     Mbar: ca.SX
     bias: ca.SX
     input_map: ca.SX
     S: ca.SX
+    efforts: tuple[Effort, ...] = ()
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -87,12 +100,11 @@ class Recursion:
     """Traverses the velocities of a mechanism, each once.
 
     The rates follow from the constraints (2) and quasi = `T` nu, where `quasi` are the quasi-velocities as expressions in the
-    rates; if there are none, from qdot = `T` nu (9). With `slips` the constraints are not maintained: the last m of nu are their
-    velocities A qdot.
+    rates; if there are none, from qdot = `T` nu (9).
     """
 
-    def __init__(self, mechanism: Mechanism, nu: ca.SX, T: ca.SX, quasi: Sequence[ca.SX] = (), slips: bool = False):
-        self.mechanism, self.nu, self.slips = mechanism, nu, slips
+    def __init__(self, mechanism: Mechanism, nu: ca.SX, T: ca.SX, quasi: Sequence[ca.SX] = ()):
+        self.mechanism, self.nu = mechanism, nu
         self.q, self.qdot = mechanism.q, mechanism.qdot
         self.n, self.dof = self.q.numel(), nu.numel()
         self.steps: list[Step] = []
@@ -102,6 +114,7 @@ class Recursion:
         self._grouped = 0  # number of steps in a group
         self._Mbar: Entries = {}
         self._bias: Entries = {}
+        self._efforts: list[Effort] = []
         self._columns = {self.qdot[k].element_hash(): k for k in range(self.n)}
         self._velocities: dict[
             int, tuple[ca.SX, VelocityRow]
@@ -217,7 +230,8 @@ class Recursion:
         return self._moving[key][1]
 
     def _is_known(self, velocity: VelocityRow) -> bool:
-        return all(j < self.dof for j in velocity.row) and not ca.depends_on(velocity.drift, self.qdot)
+        unknown = range(self.dof, self.dof + self.n)
+        return all(j not in unknown for j in velocity.row) and not ca.depends_on(velocity.drift, self.qdot)
 
     def _is_multiple(self, expression: ca.SX) -> bool:
         moving = [s for s in ca.symvar(expression) if s.element_hash() not in self._fixed]
@@ -233,19 +247,15 @@ class Recursion:
         entries = {j: row[j] for j in range(self.dof) if not row[j].is_zero()}
         return VelocityRow(entries, self._simple(time_derivative(row, self.q, qdot) @ self.nu))
 
+    def slip(self, k: int) -> VelocityRow:
+        """Return the velocity of constraint k: zero."""
+        return VelocityRow()
+
     def _maintain(self, numbers: Iterable[int]) -> None:
-        """Replace the velocities of constraints, given by their numbers, wherever they occur: by zero, or by the slip."""
+        """Replace the velocities of constraints, given by their numbers, wherever they occur."""
         for k in numbers:
             constraint = self.mechanism.constraints[k]
-            slip = {self.dof - len(self.mechanism.constraints) + k: ca.SX(1)} if self.slips else {}
-            self._velocities[constraint.element_hash()] = (constraint, VelocityRow(slip))
-
-    def _slip(self, k: int) -> ca.SX:
-        """Return the row by nu of the velocity of constraint k."""
-        row, count = ca.SX(1, self.dof), len(self.mechanism.constraints)
-        if self.slips:
-            row[self.dof - count + k] = 1
-        return row
+            self._velocities[constraint.element_hash()] = (constraint, self.slip(k))
 
     def _solve(self, constraints: list[ca.SX], quasi: list[ca.SX], T: ca.SX) -> None:
         """Solve for all rates, in small sets of equations that contain only rates known before; each body as soon as possible."""
@@ -263,7 +273,7 @@ class Recursion:
             ready = (s for s in sets if all(k in self.rates or k in s[1] for i in s[0] for k in needs[i]))
             rows, columns = chosen = next(ready, (sum((s[0] for s in sets), start=[]), sum((s[1] for s in sets), start=[])))
             sets = [s for s in sets if s is not chosen and chosen in sets]
-            right = [T[i - len(constraints), :] if i >= len(constraints) else self._slip(i) for i in rows]
+            right = [T[i - len(constraints), :] if i >= len(constraints) else self._by_nu(self.slip(i)) for i in rows]
             self._solve_set([equations[i] for i in rows], columns, ca.vertcat(*right))
             self._maintain(i for i in rows if i < len(constraints))
             for body in [body for body, needed in waiting.items() if needed <= self.rates.keys()]:
@@ -276,22 +286,14 @@ class Recursion:
         used = {symbol.element_hash() for symbol in ca.symvar(velocities)}
         return {k for key, k in place.items() if key in used}
 
+    def _by_nu(self, velocity: VelocityRow) -> ca.SX:
+        return ca.horzcat(*[velocity.row.get(j, ca.SX(0)) for j in range(self.dof)])
+
     def _solve_set(self, equations: list[ca.SX], unknown: list[int], right: ca.SX) -> None:
         """Solve equations = right nu for the rates `unknown`."""
-        from .algebra.linear import eliminate  # imports this module in turn
-
         before = set(self._velocities)
         left = [self.velocity(x) for x in equations]
-        columns = range(self.dof + self.n)
-        table = [[each.row.get(j, ca.SX(0)) for j in columns] for each in left]
-        B = ca.vertcat(*[ca.horzcat(*[row[self.dof + k] for k in unknown]) for row in table])
-        by_nu = ca.vertcat(*[ca.horzcat(*row[: self.dof]) for row in table])
-        inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
-        rows = self._simple(inverse @ (right - by_nu))
-        nonzero = [[j for j in range(self.dof) if not rows[k, j].is_zero()] for k in range(len(unknown))]
-        velocities = [VelocityRow({j: rows[k, j] for j in columns}) for k, columns in enumerate(nonzero)]
-        if len(unknown) == 1:
-            velocities = [self.named(self.mechanism.velocities[unknown[0]].name, velocities[0])]
+        inverse, velocities = self._solved(left, unknown, right)
         values = ca.vertcat(*map(self.value, velocities))
         drift = -inverse @ ca.substitute(ca.vertcat(*[each.drift for each in left]), self.qdot[unknown], values)
         for key in set(self._velocities) - before:
@@ -303,6 +305,25 @@ class Recursion:
             self.rates[at] = VelocityRow(velocity.row, self.step(name, rate) if len(unknown) == 1 else rate, velocity.value)
             self._velocities[self.qdot[at].element_hash()] = (self.qdot[at], self.rates[at])
 
+    def _solved(self, left: list[VelocityRow], unknown: list[int], right: ca.SX) -> tuple[ca.SX, list[VelocityRow]]:
+        """Return the inverse of the matrix by the rates `unknown`, and these rates without their drift; a single one is named."""
+        from .algebra.linear import eliminate  # imports this module in turn
+
+        known = [*range(self.dof), *sorted({j for each in left for j in each.row if j >= self.dof + self.n})]
+        B, by_known = (
+            ca.vertcat(*[ca.horzcat(*[each.row.get(j, ca.SX(0)) for j in columns]) for each in left])
+            for columns in ([self.dof + k for k in unknown], known)
+        )
+        inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
+        rows = self._simple(inverse @ (ca.horzcat(right, ca.SX(len(left), len(known) - self.dof)) - by_known))
+        velocities = [
+            VelocityRow({j: rows[i, place] for place, j in enumerate(known) if not rows[i, place].is_zero()})
+            for i in range(len(unknown))
+        ]
+        if len(unknown) == 1:
+            velocities = [self.named(self.mechanism.velocities[unknown[0]].name, velocities[0])]
+        return inverse, velocities
+
     # -- equations ------------------------------------------------------------------------------------------------
 
     def reduced(self) -> Reduced:
@@ -311,9 +332,9 @@ class Recursion:
         M, V = mechanism.rest
         taking_part = [k for k in range(self.n) if not (M[k, :].is_zero() and V[k].is_zero())]
         forces = ca.vertcat(*[self.at(V[k]) for k in taking_part])
-        self._add("rest", M[taking_part, taking_part], [self.rates[k] for k in taking_part], forces)
+        self._add("rest", M[taking_part, taking_part], [self.qdot[k] for k in taking_part], forces)
         for k, (force, on) in enumerate(mechanism.forces):
-            self._add(f"force{k + 1}", ca.SX(1, 1), [self.velocity(on)], -self.at(force))
+            self._add(f"force{k + 1}", ca.SX(1, 1), [on], -self.at(force))
         columns = [self.velocity(on) for on in mechanism.actuation]
         groups = (*self._groups, tuple(self.steps[self._grouped :]))
         p = range(self.dof)
@@ -323,22 +344,29 @@ class Recursion:
             ca.SX(ca.vertcat(*[self._bias.get((i,), 0) for i in p])),
             ca.horzcat(*[self._column(velocity) for velocity in columns]),
             ca.horzcat(*[self._column(velocity) for velocity in (self.rates[k] for k in range(self.n))]).T,
+            tuple(self._efforts),
         )
 
     def _add_body(self, body: Body) -> None:
         forward, left, yaw_rate = (self.velocity(x) for x in (body.forward, body.left, body.yaw_rate))
         v, w, omega = (self._sum(velocity.row) for velocity in (forward, left, yaw_rate))  # expanded, so that terms can cancel
         turned = ca.vertcat(-body.mass * omega * w, body.mass * omega * v, 0)  # due to the rotation of the axes
-        self._add(body.name, ca.diag(ca.vertcat(body.mass, body.mass, body.inertia)), [forward, left, yaw_rate], turned)
+        along = [body.forward, body.left, body.yaw_rate]
+        self._add(body.name, ca.diag(ca.vertcat(body.mass, body.mass, body.inertia)), along, turned)
 
     def _column(self, velocity: VelocityRow) -> ca.SX:
         return ca.vertcat(*[self._simple(velocity.row.get(j, ca.SX(0))) for j in range(self.dof)])
 
-    def _add(self, name: str, M: ca.SX, velocities: Sequence[VelocityRow], forces: ca.SX) -> None:
-        """Add J' M J and J' (M drift + forces), in a separate group of steps."""
+    def _add(self, name: str, M: ca.SX, along: Sequence[ca.SX], forces: ca.SX) -> None:
+        """Add J' M J and J' (M drift + forces) for velocities J nu, in a separate group of steps."""
         more: Entries = {}
         push: Entries = {}
+        velocities = [self.velocity(x) for x in along]
         momentum = [self._weighted(M[k, :], velocities) for k in range(len(velocities))]
+        self._efforts += [
+            Effort(f"{name}_effort_{k + 1}", x, each.row, each.drift + forces[k])
+            for k, (x, each) in enumerate(zip(along, momentum, strict=True))
+        ]
         for k, (velocity, rate) in enumerate(zip(velocities, momentum, strict=True)):
             for i, a in velocity.row.items():
                 push[i,] = push.get((i,), ca.SX(0)) + a * (rate.drift + forces[k])

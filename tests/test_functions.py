@@ -223,6 +223,14 @@ def test_a_bounded_function_hides_its_argument(hides):
     assert x in hidden_inputs(EntryBody({"tau": [[node]]}, ()))
 
 
+def test_an_angle_that_is_checked_shows_its_arguments():
+    """The difference of two headings is in range only if both are finite; what a quotient divides by may be infinite."""
+    graph = Graph()
+    x, y, z = (graph.leaf("state", name) for name in "xyz")
+    angle = graph.apply("sub", x, graph.apply("div", y, z))
+    assert hidden_inputs(EntryBody({"tau": [[graph.apply("cos", angle)]]}, ())) == [z]
+
+
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
 def test_an_infinite_reference_in_tanh_is_noticed(value):
     law = law_of(rover("calm", lambda x, y: ca.tanh(x)), "type_i")

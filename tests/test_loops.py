@@ -4,13 +4,14 @@ import ctypes
 import importlib
 import subprocess
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from noslip.codegen.graph import Applied, Graph, Leaf, Node, Operation, executed
+from noslip.codegen.graph import Applied, Graph, Leaf, Node, Operation, executed, reachable
 from noslip.codegen.loops import Repetition, find_loops
 from noslip.codegen.printing import law_c
-from noslip.codegen.printing.rolled import Rolled, WrongLoop, numbered
+from noslip.codegen.printing.rolled import Rolled, WrongLoop, numbered, write_records
 from noslip.codegen.printing.scalar import DOUBLE
 from noslip.codegen.printing.statements import Statements
 
@@ -72,23 +73,91 @@ def test_loops_give_the_bits_of_the_statements(tmp_path) -> None:
     _, roots = chain()
     both = {"straight": written(roots, None), "rolled": written(roots, find_loops(roots))}
     assert len("\n".join(both["rolled"])) < 0.7 * len("\n".join(both["straight"]))
+    assert _same_bits(tmp_path, both, len(roots))
+
+
+def _same_bits(folder, texts: dict[str, list[str]], count: int) -> bool:
+    """Whether two functions of x and p, given by their statements, compute the same numbers y, none of them zero."""
     members = " ".join(f"double m_{k};" for k in range(LINKS))
     sincos = "static void noslip_sincos(double a, double *s, double *c) { *s = sin(a); *c = cos(a); }"
-    head = f"#include <math.h>\n{sincos}\ntypedef struct {{ {members} }} P;\n"
-    texts = [
-        f"void {name}(const double *x, const P *p, double *y)\n{{\n{chr(10).join(lines)}\n}}\n" for name, lines in both.items()
+    absolute = "static double noslip_abs(double a) { return a < 0 ? -a : a; }"
+    head = f"#include <math.h>\n#include <string.h>\n{sincos}\n{absolute}\ntypedef struct {{ {members} }} P;\n"
+    used = "    (void)x; (void)p; (void)noslip_sincos; (void)noslip_abs;"
+    functions = [
+        f"void {name}(const double *x, const P *p, double *y)\n{{\n{used}\n{chr(10).join(lines)}\n}}\n"
+        for name, lines in texts.items()
     ]
-    (tmp_path / "both.c").write_text(head + "\n".join(texts))
+    (folder / "both.c").write_text(head + "\n".join(functions))
     command = ["cc", "-std=c99", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "both.c", "-lm"]
-    subprocess.run([*command, "-o", "both.so"], cwd=tmp_path, check=True)
-    library = ctypes.CDLL(str(tmp_path / "both.so"))
+    subprocess.run([*command, "-o", "both.so"], cwd=folder, check=True)
+    library = ctypes.CDLL(str(folder / "both.so"))
     random = np.random.default_rng(23)
     for _ in range(200):
         x, p = random.normal(size=LINKS + 1), random.normal(size=LINKS)
-        y = np.zeros((2, len(roots)))
-        for name, out in zip(both, y, strict=True):
+        y = np.zeros((2, count))
+        for name, out in zip(texts, y, strict=True):
             getattr(library, name)(*(ctypes.c_void_p(a.ctypes.data) for a in (x, p, out)))
-        assert y[0].tobytes() == y[1].tobytes() and np.all(y[0] != 0)
+        if y[0].tobytes() != y[1].tobytes() or not np.all(y[0] != 0):
+            return False
+    return True
+
+
+def late_chain(links: int = LINKS) -> list[Node]:
+    """Two sums along a chain, of which the second one begins to be regular two links later than the first."""
+    graph = Graph()
+    g = graph.apply
+    heading = [graph.leaf("state", f"q_{k}") for k in range(links)]
+    mass = [graph.leaf("params", f"m_{k}") for k in range(links)]
+    speed, total, force = graph.leaf("state", "v"), graph.constant(2), graph.constant(0)
+    before = speed
+    for k in range(1, links):
+        turn = g(Operation.MUL, before, g(Operation.SIN, g(Operation.SUB, heading[k - 1], heading[k])))
+        total = g(Operation.ADD, total, g(Operation.MUL, mass[k], turn))
+        part = g(Operation.SUB, turn, speed) if k == 1 else g(Operation.MUL, turn, total)
+        force = g(Operation.SUB, g(Operation.MUL, force, mass[k - 1]), part)
+        before = turn
+    return [total, force]
+
+
+def test_loops_that_begin_at_different_links_are_joined(tmp_path) -> None:
+    roots = late_chain()
+    (loop,) = find_loops(roots)
+    assert LINKS - 4 < len(loop.rounds) < LINKS - 1
+    straight, rolled = written(roots, None), written(roots, [loop])
+    assert "struct" not in "\n".join(rolled)  # nothing is kept from one loop for another
+    assert _same_bits(tmp_path, {"straight": straight, "rolled": rolled}, len(roots))
+
+
+def test_the_constants_of_all_links_are_computed_by_a_loop(tmp_path) -> None:
+    """`d` of the first link is made otherwise, so that it stays outside; `n` does not change from link to link."""
+    graph = Graph()
+    g = graph.apply
+    constants: dict[Node, str] = {}
+    scale = graph.leaf("params", "scale")
+    n = g(Operation.MUL, scale, graph.constant(3))
+    for k in range(1, LINKS):
+        m, before = graph.leaf("params", f"m_{k}"), graph.leaf("params", f"m_{k - 1}")
+        square = g(Operation.ADD, g(Operation.MUL, m, m), n)
+        constants[square] = f"link[{k - 1}].a"
+        constants[g(Operation.DIV, g(Operation.SUB, before, square), m)] = f"link[{k - 1}].b"
+        constants[g(Operation.MUL, before, square) if k > 1 else g(Operation.SUB, before, m)] = f"link[{k - 1}].d"
+    given = {leaf: f"p->{leaf.name}" for leaf in reachable(constants) if isinstance(leaf, Leaf)} | {scale: "p->m_0"}
+    texts = {}
+    for rolled in (False, True):
+        writer = Statements(DOUBLE, given.get, {}, lambda condition: f"if ({condition}) return;", {"x", "p", "y", "self"})
+        writer.plan(constants)
+        if rolled:
+            writer.lines.append("double total = 0;")
+            write_records(writer, SimpleNamespace(constants=constants), writer.guard, "total")
+            assert sum(name.startswith("self->") for name in writer.names.values()) == 2 * (LINKS - 1)
+        for node, field in constants.items():
+            if node not in writer.names:
+                writer.assign(f"self->{field}", node)
+        records = f"struct {{ struct {{ double a, b, d; }} link[{LINKS - 1}]; }} law, *self = &law;"
+        records += "if (p->m_1 == 1) { y[0] = total; }" if rolled else ""
+        texts[f"rolled_{rolled}"] = [*writer.lines, "memcpy(y, self, sizeof law);"]
+        texts[f"rolled_{rolled}"].insert(1 if rolled else 0, records)
+    assert _same_bits(tmp_path, texts, 3 * (LINKS - 1))
 
 
 @pytest.mark.parametrize("changed", ["argument", "operation", "iteration"])
@@ -128,16 +197,15 @@ def test_names_with_the_index() -> None:
 
 @pytest.mark.nightly
 def test_laws_with_loops_have_the_bits_of_those_without(tmp_path, monkeypatch) -> None:
-    """Feedback of a tractor with eight trailers, with and without loops, at random states and at angles out of range."""
+    """Feedback, step and ground's forces of a tractor with trailers, with and without loops, at random states and at angles out
+    of range."""
     from noslip.codegen.files import law_text, shared_files
     from noslip.codegen.program import compile_law
     from noslip.model.law import control_law
-    from noslip.model.mechanism import Mechanism
     from noslip.model.outputs import output_map
     from noslip.model.reduction import reduce
 
-    monkeypatch.setattr(Mechanism, "contact", lambda *args, **given: None)  # the ground's forces take long to derive
-    system = reduce(importlib.import_module("noslip.model.robots.tractor_trailer").tractor_trailer(8))
+    system = reduce(importlib.import_module("noslip.model.robots.tractor_trailer").tractor_trailer(12))
     law = control_law(system, output_map(system, "type_i"))
     program = compile_law(law)
     outputs = []
@@ -150,7 +218,7 @@ def test_laws_with_loops_have_the_bits_of_those_without(tmp_path, monkeypatch) -
         files = shared_files(system, DOUBLE) | law_text(program, DOUBLE).files()
         for name, text in files.items():
             (folder / name).write_text(text)
-        assert ("for (int k" in files["tractor_trailer_8_type_i.c"]) == rolled
+        assert ("for (int k" in files["tractor_trailer_12_type_i.c"]) == rolled
         outputs.append(_run(folder))
     assert outputs[0] == outputs[1] and outputs[0].count("\n") == 500
 
@@ -158,27 +226,35 @@ def test_laws_with_loops_have_the_bits_of_those_without(tmp_path, monkeypatch) -
 def _run(folder) -> str:
     runtime = importlib.import_module("noslip").__path__[0] + "/runtime_c"
     (folder / "main.c").write_text("""#include <stdio.h>
-#include "tractor_trailer_8_type_i.h"
+#include "tractor_trailer_12_type_i.h"
 int main(void)
 {
-    tractor_trailer_8_params params;
-    const tractor_trailer_8_type_i_config config = {0.7};
-    const tractor_trailer_8_type_i_gains gains = {1, 2, 3, 4};
-    tractor_trailer_8_type_i law;
+    tractor_trailer_12_params params;
+    const tractor_trailer_12_type_i_config config = {0.7};
+    const tractor_trailer_12_type_i_gains gains = {1, 2, 3, 4};
+    tractor_trailer_12_type_i law;
     unsigned long long seed = 1992;
     int i, k;
-    if (tractor_trailer_8_default_params(&params) < 0 ||
-        tractor_trailer_8_type_i_init(&law, &params, &config, &gains, 0) < 0) {
+    if (tractor_trailer_12_default_params(&params) < 0 ||
+        tractor_trailer_12_type_i_init(&law, &params, &config, &gains, 0) < 0) {
         return 1;
     }
     for (i = 0; i < 500; i++) {
-        double x[sizeof(tractor_trailer_8_state) / sizeof(double)], v[2] = {1, -2}, tau[2];
+        double x[sizeof(tractor_trailer_12_state) / sizeof(double)], v[2] = {1, -2}, tau[2], made[2], ground[56];
+        const tractor_trailer_12_type_i_reference reference = {1, 2, 3, 4, 5, 6};
+        int stepped, held;
         for (k = 0; k < (int)(sizeof x / sizeof *x); k++) {
             seed = seed * 6364136223846793005ull + 1442695040888963407ull;
             x[k] = (double)(seed >> 40) / 4e6 * (i % 50 == 7 && k % 9 == i % 9 ? 1e9 : 1) - 2;
         }
-        k = tractor_trailer_8_type_i_feedback(&law, (const tractor_trailer_8_state *)x, v, tau);
-        printf("%d %a %a\\n", k, tau[0], tau[1]);
+        k = tractor_trailer_12_type_i_feedback(&law, (const tractor_trailer_12_state *)x, v, tau);
+        stepped = tractor_trailer_12_type_i_step(&law, (const tractor_trailer_12_state *)x, &reference, made);
+        held = tractor_trailer_12_type_i_ground(&law, (const tractor_trailer_12_state *)x, v, ground);
+        printf("%d %a %a %d %a %a %d", k, tau[0], tau[1], stepped, made[0], made[1], held);
+        for (k = 0; k < 56; k++) {
+            printf(" %a", ground[k]);
+        }
+        printf("\\n");
     }
     return 0;
 }

@@ -6,11 +6,11 @@ import casadi as ca
 
 from ...model.algebra.exact import canonical
 from ...model.algebra.linear import solve
-from ...model.contacts import distribution, ground, masses, narrow, shift_by_forces, unit_slips
+from ...model.contacts import distribution, ground, masses, narrow, shift_by_forces
 from ...model.law import symbols
-from ...model.recursion import Recursion, Reduced
 from ...model.reduction import ReducedSystem
 from .stages import Result, Stages, by_monomials
+from .transmission import Transmission
 
 LEAST_INPUTS = 2  # for which noslip_grip.inc is written
 
@@ -111,54 +111,25 @@ def _scaled_efforts(stages: Stages, inner: ReducedSystem) -> ca.SX:
 
 
 def _body_by_body(stages: Stages, inner: ReducedSystem, shift: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return the forces, 2 c x 1, and the derivatives of forces and shift by the inputs, in the steps of `Recursion`.
+    """Return the forces, 2 c x 1, and the derivatives of forces and shift by the inputs, carried from body to body."""
+    mechanism, equations, transmission = inner.mechanism, inner.by_bodies, Transmission(inner.mechanism)
+    assert equations is not None, "the robot has bodies"
+    tau, dof = symbols(mechanism.inputs), range(inner.dof)
+    rows = [ca.horzcat(*[each.row.get(j, ca.SX(0)) for j in dof]) for each in equations.efforts]
+    efforts = ca.horzcat(ca.vertcat(*rows), ca.vertcat(*[each.bias for each in equations.efforts]))
+    Mbar, bias, input_map, efforts = stages.recursion(equations, [equations.Mbar, equations.bias, equations.input_map, efforts])
+    inverse, D = stages.inverse(Mbar), stages.exact(distribution(mechanism))
 
-    The equations of motion of the robot that may slip have m more rows, those of A qdot; at rest there they are
-    -lambda = K nudot + k - L tau.
-    """
-    tau, free = symbols(inner.mechanism.inputs), range(inner.dof)
-    equations, slip = _with_slip(inner)
-    held = range(inner.dof, inner.dof + slip.numel())
-    parts = [equations.Mbar, equations.bias, equations.input_map]
-    Mbar, bias, input_map = _in_steps(stages, equations, parts, slip)
-    inverse = stages.inverse(Mbar[free, free])
-    D = stages.exact(distribution(inner.mechanism))
+    def forces(supplied: ca.SX, inputs: ca.SX, moving: bool, name: str) -> ca.SX:
+        """Return the forces where S'E tau - bias are `supplied`; without the biases of a robot that is not `moving`."""
+        nudot = stages.matrix(f"{name}_nudot", inverse @ supplied)
+        needed = efforts @ ca.vertcat(nudot, moving)
+        along = [(each.velocity, stages.step(f"{name}_{each.name}", needed[k])) for k, each in enumerate(equations.efforts)]
+        along += [(velocity, -inputs[k]) for k, velocity in enumerate(mechanism.actuation)]
+        reactions = transmission.reactions(along, lambda velocity, effort: stages.step(f"{name}_{velocity}", effort, total=True))
+        return D @ stages.matrix(f"{name}_reaction", reactions)
 
-    def forces(effort: ca.SX, bias: ca.SX, direct: ca.SX, name: str) -> ca.SX:
-        nudot = stages.matrix(f"{name}_nudot", inverse @ effort)
-        return D @ stages.matrix(f"{name}_reaction", Mbar[held, free] @ nudot + bias - direct)
-
-    none = ca.SX(len(held), tau.numel())
-    force = forces(input_map[free, :] @ tau - bias[free], bias[held], input_map[held, :] @ tau, "rolling")
-    by = forces(input_map[free, :], none, input_map[held, :], "by_inputs")
+    force = forces(input_map @ tau - bias, tau, True, "rolling")
+    unit = ca.SX.eye(tau.numel())
+    by = ca.horzcat(*[forces(input_map[:, k], unit[:, k], False, f"by_input_{k}") for k in range(tau.numel())])
     return force, by, stages.exact(shift) @ by
-
-
-def _with_slip(inner: ReducedSystem) -> tuple[Reduced, ca.SX]:
-    """Return the equations of motion in the quasi-velocities and in the velocities A qdot that the constraints keep zero, and the
-    symbols of these."""
-    mechanism = inner.mechanism
-    slip = ca.SX.sym("slip", mechanism.A.shape[0])
-    velocities, rows = ca.vertcat(inner.nu, slip), mechanism.quasi_velocity_rows
-    if rows is None:
-        T = ca.horzcat(inner.S, unit_slips(mechanism))
-    else:
-        T = ca.horzcat(canonical(rows @ inner.S), ca.SX(rows.shape[0], slip.numel()))
-    return Recursion(mechanism, velocities, T, mechanism.quasi_expressions, slips=True).reduced(), slip
-
-
-def _in_steps(stages: Stages, equations: Reduced, parts: list[ca.SX], slip: ca.SX) -> list[ca.SX]:
-    """Return the parts without slip, after adding the steps that they need."""
-    names = [symbol for symbol, _ in equations.steps]
-    with_slip = [*(expression for _, expression in equations.steps), *parts]
-    *expressions, Mbar, bias, input_map = ca.substitute(with_slip, [slip], [ca.SX.zeros(slip.numel())])
-    place, stack = {symbol.element_hash(): k for k, symbol in enumerate(names)}, [Mbar, bias, input_map]
-    needed: set[int] = set()
-    while stack:
-        new = {place[symbol.element_hash()] for symbol in ca.symvar(stack.pop()) if symbol.element_hash() in place} - needed
-        needed |= new
-        stack += [expressions[k] for k in new]
-    values: dict[int, ca.SX] = {}
-    for k in sorted(needed):
-        values[names[k].element_hash()] = stages.step(str(names[k]), equations.inserted(expressions[k], values))
-    return [equations.inserted(part, values) for part in (Mbar, bias, input_map)]

@@ -6,7 +6,7 @@ step is exact: terms that cancel are removed, and factors that depend on paramet
 """
 
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
@@ -22,6 +22,7 @@ from ...model.law import ControlLaw, outer_loop
 from ...model.linearization import ASIDE, SINGULAR, SINGULAR_SQUARED, carried_rate, chains, derivative
 from ...model.mechanism import Quantity, derivative_name, quantity
 from ...model.outputs import OutputMap, OutputRow, Through, following
+from ...model.recursion import Reduced
 from ...model.reduction import ReducedSystem
 from ...model.vehicle import VELOCITIES, velocity_map
 from .taylor import Taylor
@@ -76,7 +77,7 @@ class Step:
     """A symbol for an expression in earlier symbols; `label` is its name in C, empty if init computes it.
 
     With `least`, the symbols are the inverse of a matrix, valid if its reciprocal condition number exceeds `least`. The optimizer
-    may leave a product that is `kept` together.
+    may leave a product that is `kept` together, and leaves a sum that is a `total`.
     """
 
     symbol: ca.SX
@@ -84,6 +85,7 @@ class Step:
     label: str = ""
     least: float | None = None
     kept: bool = False
+    total: bool = False
 
 
 @dataclass
@@ -111,9 +113,10 @@ class Stages:
         self._counted = len(self.fixed)
         return symbol.element_hash() in self._hashes
 
-    def step(self, name: str, expression: ca.SX) -> ca.SX:
-        """Return a symbol for the expression times its constant factor; a short expression is returned unchanged."""
-        factor, rest = self._rest_named(name, expression)
+    def step(self, name: str, expression: ca.SX, total: bool = False) -> ca.SX:
+        """Return a symbol for the expression times its constant factor; a short expression is returned unchanged. `total`: as in
+        Step."""
+        factor, rest = self._rest_named(name, expression, total)
         return self._times(factor, rest)
 
     def whole(self, name: str, expression: ca.SX) -> ca.SX:
@@ -121,11 +124,11 @@ class Stages:
         factor, rest = self._rest_named(name, expression)
         return factor if rest is None else factor * rest
 
-    def _rest_named(self, name: str, expression: ca.SX) -> Split:
+    def _rest_named(self, name: str, expression: ca.SX, total: bool = False) -> Split:
         factor, rest = self._split(expression)
         if rest is not None and not rest.is_symbolic():
             symbol = ca.SX.sym(STEP + name)
-            self.steps.append(Step(symbol, rest, name))
+            self.steps.append(Step(symbol, rest, name, total=total))
             rest = symbol
         return factor, rest
 
@@ -177,6 +180,21 @@ class Stages:
             self.fixed.extend(ca.vertsplit(ca.vec(symbols)))
         self.steps.append(Step(symbols, block, least=least))
         return symbols
+
+    def recursion(self, equations: Reduced, parts: Sequence[ca.SX]) -> list[ca.SX]:
+        """Return expressions in steps of equations, after adding the steps that they need."""
+        names = [symbol for symbol, _ in equations.steps]
+        place, stack = {symbol.element_hash(): k for k, symbol in enumerate(names)}, list(parts)
+        needed: set[int] = set()
+        while stack:
+            new = {place[symbol.element_hash()] for symbol in ca.symvar(stack.pop()) if symbol.element_hash() in place} - needed
+            needed |= new
+            stack += [equations.steps[k][1] for k in new]
+        values: dict[int, ca.SX] = {}
+        for k in sorted(needed):
+            expression = equations.inserted(equations.steps[k][1], values)
+            values[names[k].element_hash()] = self.step(str(names[k]), expression, total=True)
+        return [equations.inserted(part, values) for part in parts]
 
     def key(self, matrix: ca.SX) -> tuple[int, ...]:
         """Return a key that is equal for matrices whose entries are the same operations on the same symbols and numbers."""
@@ -656,7 +674,11 @@ class _Feedback:
         self.Phi = ca.vertcat(*[scaled.Phi if scaled else row.Phi for row, scaled in each])
         self.inverse = stages.inverse(self.Phi, SINGULAR)
         self.residual = ca.vertcat(*[scaled.curvature if scaled else self._residual(row) for row, scaled in each])
-        self.K, self.bias = stages.exact(inner.Mbar), stages.exact(inner.bias)
+        self.equations = _varying(inner)
+        if self.equations:
+            self.K, self.bias = stages.recursion(self.equations, [self.equations.Mbar, self.equations.bias])
+        else:
+            self.K, self.bias = stages.exact(inner.Mbar), stages.exact(inner.bias)
         if inner.redundant:
             self.bias -= inner.input_map @ inner.preferred
             self.spread = stages.exact(inner.spread())
@@ -695,6 +717,8 @@ class _Feedback:
 
     def inputs(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """Return tau."""
+        if self.equations:
+            return self.inputs_of(self.acceleration(v, damping))
         rest = self.bias - self.K @ (self.rest + damping)
         if self.inner.dof <= MONOMIALS:
             rest = by_monomials(self.stages, rest, self.inner.nu)
@@ -748,6 +772,14 @@ class _Feedback:
         if row.point is not None and not self.rest.is_zero():
             return row.point.curvature
         return self.stages.exact(row.drift - row.Phi @ self.rest) if not self.rest.is_zero() else row.drift
+
+
+def _varying(inner: ReducedSystem) -> Reduced | None:
+    """Return the equations body by body if S'MS changes with the coordinates: then they are shorter than written out."""
+    equations = inner.by_bodies
+    if equations is None or not ca.depends_on(equations.written_out(equations.Mbar), inner.mechanism.q):
+        return None
+    return equations
 
 
 def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Result, ca.SX]:

@@ -73,6 +73,68 @@ def record_fields(program: Program, scalar: Scalar, meaning: Callable[[Node], st
     return [*plain, ("struct {", of), *records.values(), (f"}} {RECORD}[{max(numbers) - min(numbers) + 1}];", "")]
 
 
+def write_records(writer: Statements, program: Program, leave: Callable[[str], str], total: str) -> None:
+    """Write the loop in which init computes the array of the law's struct, and adds its entries to the variable `total`.
+
+    The loop computes the members that all entries have: each is the same function of the parameters with the number of the entry
+    in their names. Members that only some entries have are not written.
+    """
+    places = places_of(reachable(program.constants))
+    fields: dict[str, dict[int, Node]] = defaultdict(dict)
+    for node, field in program.constants.items():
+        if found := re.fullmatch(rf"{RECORD}\[\d+\]\.(\w+)", field):
+            fields[found[1]][places[node][1]] = node
+    numbers = {number for column in fields.values() for number in column}
+    fields = {
+        name: column
+        for name, column in fields.items()
+        if column.keys() == numbers and len({places[node][0] for node in column.values()}) == 1
+    }
+    if not fields:
+        return
+    least = min(numbers)
+    first = {name: column[least] for name, column in fields.items()}
+    texts = _texts_of(writer, reachable(first.values()), places, least)
+    inside = Statements(writer.scalar, texts.get, {}, leave, writer.taken, _numbered_meaning(writer, least))
+    inside.plan(first.values())
+    for name, column in fields.items():
+        node, place = first[name], f"self->{RECORD}[{shifted(-least)}].{name}"
+        inside.uses[node] = 1  # it is a field of the struct
+        inside.assign(place, node)
+        inside.names[node] = place
+        writer.names |= {node: f"self->{RECORD}[{number - least}].{name}" for number, node in column.items()}
+    inside.lines.append(f"{total} += {' + '.join(inside.names[node] for node in first.values())};")
+    head = f"for (int {INDEX} = {least}; {INDEX} <= {max(numbers)}; {INDEX}++) {{"
+    writer.lines.append("\n".join([head, body_of(inside.lines), "}"]))
+
+
+def _texts_of(writer: Statements, nodes: Sequence[Node], places: Mapping[Node, Place], number: int) -> dict[Node, str]:
+    """Return the C of what the first iteration of a loop, of this number, takes: entries of arrays, to which parameters with a
+    number are copied before the loop, and what does not change."""
+    texts: dict[Node, str] = {}
+    arrays: dict[Column, tuple[str, int]] = {}
+    for node in nodes:
+        if node in places and isinstance(node, Leaf):
+            column, own = places[node]
+            if column not in arrays:
+                members = {n: leaf for leaf, (other, n) in places.items() if other == column}
+                entries = [writer.text(members[n]) if n in members else "0" for n in range(min(members), max(members) + 1)]
+                name = free_name(re.sub(r"\W+", "_", str(column[2])).strip("_") or "given", writer.taken)
+                writer.lines.append(f"const {writer.scalar.real} {name}[{len(entries)}] = {{{', '.join(entries)}}};")
+                arrays[column] = name, min(members)
+            name, begin = arrays[column]
+            texts[node] = f"{name}[{shifted(own - number - begin)}]"
+        elif node in places:
+            texts |= {argument: writer.named(argument) for argument in node.arguments if argument not in places}
+    return texts
+
+
+def _numbered_meaning(writer: Statements, number: int) -> Callable[[Node], str] | None:
+    """Return the meaning of temporaries of a loop whose nodes are those of the iteration with this number."""
+    meaning = writer.meaning
+    return None if meaning is None else lambda node: numbered(meaning(node), number)
+
+
 def _taken(loops: Iterable[Sequence[Repetition]], places: Mapping[Node, Place]) -> set[Column]:
     """The columns of constants, whose places are given, that loops take."""
     bodies = [argument for each in loops for loop in each for _, arguments in loop.body for argument in arguments]

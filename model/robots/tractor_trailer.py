@@ -11,7 +11,7 @@ from ..drawing import Place, box, placed, wheels
 from ..errors import ModelError
 from ..mechanism import Mechanism
 
-MOST = 16  # trailers
+MOST = 32  # trailers
 
 
 def tractor_sizes(robot: Mechanism) -> tuple[SX, ...]:
