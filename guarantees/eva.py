@@ -87,6 +87,11 @@ class AnalysedProgram:
         return " ".join(filter(None, [self.source, self.law])) + SCALARS[self.scalar][0]
 
     @property
+    def robot(self) -> str:
+        """The name of the law's robot in C."""
+        return self.law.partition("_type_")[0]
+
+    @property
     def extended(self) -> bool:
         """Whether the law has a dynamic extension: its step takes the time since the last one, and it is without friction."""
         return self.law.endswith("_extended")
@@ -112,7 +117,7 @@ class AnalysedProgram:
     def sources(self, task: Task) -> list[Path]:
         """The C files to analyse."""
         suffix = SCALARS[self.scalar][0]
-        more = [task.generated / f"labmate{suffix}.c"] if self.law else []
+        more = [task.law_file(f"{self.robot}{suffix}.c")] if self.law else []
         more += [task.law_file(f"{self.law}{suffix}.c")] if self.source == "law" else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
@@ -141,7 +146,7 @@ class AnalysedProgram:
         if not self.law:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
         analysed = "labmate_follower" if self.source == "follower" else self.law
-        law = {"ROBOT": "labmate", "LAW": self.law} | {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
+        law = {"ROBOT": self.robot, "LAW": self.law} | {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
         kind = {"FOLLOWS": str(int(task.follows(self.law))), "EXTENDED": str(int(self.extended))}
         return macros | law | kind
 
@@ -153,7 +158,7 @@ def programs(task: Task) -> list[AnalysedProgram]:
     parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", ""), ("balance", "")]
     parts += [("telemetry", "")]
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
-    named = [("law", law) for law in laws] + ([] if task.short else grips) + parts[: 2 if task.short else None]
+    named = [("law", law) for law in (*laws, *task.chain_law)] + ([] if task.short else grips) + parts[: 2 if task.short else None]
     named += [] if task.short else [("follower", task.laws[-1])]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 

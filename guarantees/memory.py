@@ -61,7 +61,8 @@ def stack(task: Task, target: Machine = M4F) -> str:
     )
     measured: budget.Numbers = {}
     for entry, most in used.items():
-        module = next((name for name in sorted(task.laws, key=len, reverse=True) if entry.startswith(name)), "runtime")
+        laws = sorted((*task.laws, *task.chain_law), key=len, reverse=True)
+        module = next((name for name in laws if entry.startswith(name)), "runtime")
         measured.setdefault(f"{module}_f", {})[f"stack {entry.removeprefix(module + '_').removesuffix('_f')}"] = most
     worst = max(used, key=used.__getitem__)
     return f"{len(used)} entry points, worst {worst} {used[worst]} bytes; {budget.compare(task, target, measured)}"
@@ -97,7 +98,7 @@ def graph_of(task: Task, target: Machine) -> Graph:
 
 def _structs(task: Task, target: Machine) -> dict[str, int]:
     """Return module -> bytes of the struct that the caller owns."""
-    laws = [law + suffix for law in task.laws for suffix in ("", "_f")]
+    laws = [law + suffix for law in (*task.laws, *task.chain_law) for suffix in ("", "_f")]
     lines = [f'#include "{header}.h"' for header in (*laws, "noslip_path")]
     lines += [f"char size_of_{kind}[sizeof({kind})] = {{1}};" for kind in (*laws, "noslip_path", "noslip_path_f")]
     source = task.folder / "structs.c"

@@ -36,7 +36,8 @@ class Failed(Exception):
 @dataclass(frozen=True)
 class Task:
     """Arguments of a check: the C, the working folder, short or complete version, whether to record a new budget; `more`: laws of
-    the shipped robot that are generated for the check, beside those of its committed C.
+    the shipped robot that are generated for the check, beside those of its committed C; `chain`: a law of a robot of many bodies,
+    whose C has loops, likewise: robot and law.
     """
 
     folder: Path
@@ -44,6 +45,7 @@ class Task:
     short: bool = False
     update: bool = False
     more: tuple[str, ...] = ()
+    chain: tuple[str, str] | None = None
 
     @property
     def runtime(self) -> Path:
@@ -64,7 +66,9 @@ class Task:
     @property
     def _of_laws(self) -> list[Path]:
         """The folders with generated C."""
-        return [self.generated, *([_written(self.folder / "laws", self.generated.name, self.more)] if self.more else [])]
+        laws = self.folder / "laws"
+        more = [_written(laws, self.generated.name, self.more)] if self.more else []
+        return [self.generated, *more, *([_written(laws / "chain", self.chain[0], self.chain[1:])] if self.chain else [])]
 
     @property
     def sources(self) -> list[Path]:
@@ -92,6 +96,11 @@ class Task:
         """The laws' names in C, without the scalar; `more` are before the last, which has `follow` and is the follower's."""
         own = [path.stem for path in _c_files(self.generated) if "_type_" in path.stem and not path.stem.endswith("_f")]
         return [*own[:-1], *(f"{self.generated.name}_{name}" for name in self.more), *own[-1:]]
+
+    @property
+    def chain_law(self) -> list[str]:
+        """The name in C of the law of a chain, without the scalar, if there is one."""
+        return ["_".join(self.chain).replace(":", "_")] if self.chain else []
 
     def law_file(self, name: str) -> Path:
         """Return the path of a file of a law."""
@@ -157,10 +166,12 @@ def _c_files(folder: Path) -> list[Path]:
 
 @cache
 def _written(folder: Path, robot: str, names: tuple[str, ...]) -> Path:
-    """Write the C of laws of a shipped robot into a folder, with that of their batch laws; return the folder."""
+    """Write the C of laws of a robot into a folder, with that of their batch laws; what all of its laws share too unless that is
+    committed. Return the folder."""
     system = system_of(find_robot(robot))
+    committed = (ROOT / "generated" / system.mechanism.name).exists()
     for name, text in robot_files(system, [law_of(system, law) for law in names], dynamics=False, lanes=True).items():
-        if "_type_" in name:
+        if "_type_" in name or not committed:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text)
     return folder
