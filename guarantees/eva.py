@@ -158,7 +158,8 @@ def programs(task: Task) -> list[AnalysedProgram]:
     parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", ""), ("balance", "")]
     parts += [("telemetry", "")]
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
-    named = [("law", law) for law in (*laws, *task.chain_law)] + ([] if task.short else grips) + parts[: 2 if task.short else None]
+    named = [("law", law) for law in (*laws, *task.chain_law)]
+    named += ([] if task.short else grips) + parts[: 2 if task.short else None]
     named += [] if task.short else [("follower", task.laws[-1])]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
