@@ -429,14 +429,18 @@ def cancelled(expression: ca.SX) -> ca.SX:
     """Return the expression, or its sum of products if like terms combine and this is shorter."""
     alike = False
     numbers: dict[tuple[object, ...], int] = {}  # (operation, operands), symbol or constant -> number
+    known: dict[int, int] = {}  # hash of a part -> number: a part that is shared many times is numbered once
+    expanded: dict[int, Polynomial] = {}  # likewise
     atoms: dict[tuple[int, bool], ca.SX] = {}  # (number of an expression, whether it is a divisor) -> factor
 
     def number(x: ca.SX) -> int:
-        if x.is_leaf():
-            key: tuple[object, ...] = (float(x),) if x.is_constant() else ("symbol", x.element_hash())
-        else:
-            key = ("operation", x.op(), *(number(x.dep(k)) for k in range(x.n_dep())))
-        return numbers.setdefault(key, len(numbers))
+        if x.element_hash() not in known:
+            if x.is_leaf():
+                key: tuple[object, ...] = (float(x),) if x.is_constant() else ("symbol", x.element_hash())
+            else:
+                key = ("operation", x.op(), *(number(x.dep(k)) for k in range(x.n_dep())))
+            known[x.element_hash()] = numbers.setdefault(key, len(numbers))
+        return known[x.element_hash()]
 
     def atom(x: ca.SX, divides: bool = False) -> Polynomial:
         key = (number(x), divides)
@@ -444,6 +448,11 @@ def cancelled(expression: ca.SX) -> ca.SX:
         return {(list(atoms).index(key),): 1.0}
 
     def polynomial(x: ca.SX) -> Polynomial:
+        if x.element_hash() not in expanded:
+            expanded[x.element_hash()] = polynomial_of(x)
+        return expanded[x.element_hash()]
+
+    def polynomial_of(x: ca.SX) -> Polynomial:
         if x.is_constant():
             return {(): float(x)} if not x.is_zero() else {}
         code = None if x.is_leaf() else x.op()

@@ -512,6 +512,10 @@ def test_terms_that_cancel():
     assert str(cancelled(a * (b + c))) == str(a * (b + c))
     assert cancelled(a / c - b * a / c + (b * a) / c).n_dep() == 2
     assert cancelled(ca.sin(a) * b - b * ca.sin(a)).is_zero()
+    deep = a * b
+    for _ in range(60):  # each part is shared: as a tree it has 2^60 leaves
+        deep = ca.sin(deep) * deep + deep
+    assert cancelled(deep * c - c * deep).is_zero()
 
 
 # -- files and command line -------------------------------------------------------------------------------------------
