@@ -14,6 +14,7 @@ class Direct:
     """
 
     def __init__(self, function: ca.Function):
+        self.function = function
         self._arguments = [np.zeros(function.size1_in(k) * function.size2_in(k)) for k in range(function.n_in())]
         self._results = [np.zeros(function.size1_out(k) * function.size2_out(k)) for k in range(function.n_out())]
         self._buffer: Any  # its stub asks for the sizes too, which the call does not take

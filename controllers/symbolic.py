@@ -43,18 +43,28 @@ class CasadiController:
     def _evaluation(self) -> Direct:
         return Direct(evaluation_function(self.law))
 
+    @cached_property
+    def _model(self) -> Direct:
+        return Direct(model_function(self.law))
+
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
-        """Return all quantities, including those of the model (M, V, A, S, Mbar, bias, lam)."""
+        """Return the quantities of the law."""
         check_point(self.law, state, reference)
         status, *_ = self._unlimited(state, reference)
-        if status != "ok":
-            return Evaluation(status)
-        function = evaluation_function(self.law)
-        values = {}
-        for k, value in enumerate(self._evaluation(*self._fixed, state, reference)):
+        return Evaluation(status, self._values(self._evaluation, state, reference) if status == "ok" else {})
+
+    def evaluate_with_model(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
+        """Return the quantities of the law and those of the model (M, V, A, S, Mbar, bias, lam)."""
+        evaluation = self.evaluate(state, reference)
+        values = self._values(self._model, state, reference) if evaluation.status == "ok" else {}
+        return Evaluation(evaluation.status, evaluation.values | values)
+
+    def _values(self, direct: Direct, state: np.ndarray, reference: np.ndarray) -> dict[str, np.ndarray]:
+        function, values = direct.function, {}
+        for k, value in enumerate(direct(*self._fixed, state, reference)):
             name = function.name_out(k)
             values[name] = value if name in VECTORS else value.reshape(function.size_out(k), order="F")
-        return Evaluation(status, values)
+        return values
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and what the law gives, see Controller, within the limits; zeros if the status is an error."""
@@ -129,10 +139,15 @@ def slope_function(law: ControlLaw) -> ca.Function:
 
 @cache
 def evaluation_function(law: ControlLaw) -> ca.Function:
-    """Return the function (params, config, gains, state, reference) to every quantity of an Evaluation."""
+    """Return the function (params, config, gains, state, reference) to the quantities of the law."""
+    return portable(law.function(law.quantities))
+
+
+@cache
+def model_function(law: ControlLaw) -> ca.Function:
+    """Return the function (params, config, gains, state, reference) to the quantities of the model."""
     system, mechanism = law.system, law.system.mechanism
-    quantities = law.quantities
-    quantities |= {"M": mechanism.M, "V": system.V, "A": mechanism.A, "S": system.S, "Mbar": system.Mbar, "bias": system.bias}
+    quantities = {"M": mechanism.M, "V": system.V, "A": mechanism.A, "S": system.S, "Mbar": system.Mbar, "bias": system.bias}
     quantities |= {} if law.kinematic else {"lam": system.constraint_forces(law.tau, law.u)}
     return portable(law.function(quantities))
 

@@ -2,16 +2,16 @@
 
 import ctypes
 import importlib
+import re
 import subprocess
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from noslip.codegen.graph import Applied, Graph, Leaf, Node, Operation, executed, reachable
 from noslip.codegen.loops import Repetition, find_loops
 from noslip.codegen.printing import law_c
-from noslip.codegen.printing.rolled import Rolled, WrongLoop, numbered, write_records
+from noslip.codegen.printing.rolled import Rolled, WrongLoop, numbered, write_constants
 from noslip.codegen.printing.scalar import DOUBLE
 from noslip.codegen.printing.statements import Statements
 
@@ -129,7 +129,8 @@ def test_loops_that_begin_at_different_links_are_joined(tmp_path) -> None:
 
 
 def test_the_constants_of_all_links_are_computed_by_a_loop(tmp_path) -> None:
-    """`d` of the first link is made otherwise, so that it stays outside; `n` does not change from link to link."""
+    """`d` of the first link is made otherwise, so that those of all links stay outside; it is a part of other constants. `n` does
+    not change from link to link."""
     graph = Graph()
     g = graph.apply
     constants: dict[Node, str] = {}
@@ -140,24 +141,23 @@ def test_the_constants_of_all_links_are_computed_by_a_loop(tmp_path) -> None:
         square = g(Operation.ADD, g(Operation.MUL, m, m), n)
         constants[square] = f"link[{k - 1}].a"
         constants[g(Operation.DIV, g(Operation.SUB, before, square), m)] = f"link[{k - 1}].b"
-        constants[g(Operation.MUL, before, square) if k > 1 else g(Operation.SUB, before, m)] = f"link[{k - 1}].d"
+        partial = g(Operation.MUL, before, square) if k > 1 else g(Operation.SUB, before, m)
+        constants[partial] = f"link[{k - 1}].d"
+        constants[g(Operation.SUB, partial, n)] = f"own_{k}"  # before the loop, with a name for what it contains of d
     given = {leaf: f"p->{leaf.name}" for leaf in reachable(constants) if isinstance(leaf, Leaf)} | {scale: "p->m_0"}
     texts = {}
     for rolled in (False, True):
         writer = Statements(DOUBLE, given.get, {}, lambda condition: f"if ({condition}) return;", {"x", "p", "y", "self"})
         writer.plan(constants)
-        if rolled:
-            writer.lines.append("double total = 0;")
-            write_records(writer, SimpleNamespace(constants=constants), writer.guard, "total")
-            assert sum(name.startswith("self->") for name in writer.names.values()) == 2 * (LINKS - 1)
-        for node, field in constants.items():
-            if node not in writer.names:
-                writer.assign(f"self->{field}", node)
-        records = f"struct {{ struct {{ double a, b, d; }} link[{LINKS - 1}]; }} law, *self = &law;"
-        records += "if (p->m_1 == 1) { y[0] = total; }" if rolled else ""
-        texts[f"rolled_{rolled}"] = [*writer.lines, "memcpy(y, self, sizeof law);"]
-        texts[f"rolled_{rolled}"].insert(1 if rolled else 0, records)
-    assert _same_bits(tmp_path, texts, 3 * (LINKS - 1))
+        fields = constants if rolled else {node: field.replace("[", "_").replace("].", "_") for node, field in constants.items()}
+        finite = write_constants(writer, fields, writer.guard)
+        assert sum("link[k - 1]" in line for line in writer.lines) == rolled and len(finite) == (9 if rolled else 32)
+        members = "; ".join(f"double own_{k}" for k in range(1, LINKS))
+        records = f"struct {{ {members}; struct {{ double a, b, d; }} link[{LINKS - 1}]; }} law, *self = &law;"
+        lines = [re.sub(r"self->link_(\d+)_", r"self->link[\1].", line) for line in writer.lines]
+        all_finite = re.sub(r"link_(\d+)_", r"link[\1].", " + ".join(finite))
+        texts[f"rolled_{rolled}"] = [records, *lines, f"if (!({all_finite} < 1e300)) return;", "memcpy(y, self, sizeof law);"]
+    assert _same_bits(tmp_path, texts, 4 * (LINKS - 1))
 
 
 @pytest.mark.parametrize("changed", ["argument", "operation", "iteration"])
@@ -240,9 +240,10 @@ int main(void)
         return 1;
     }
     for (i = 0; i < 500; i++) {
-        double x[sizeof(tractor_trailer_12_state) / sizeof(double)], v[2] = {1, -2}, tau[2], made[2], ground[56];
+        double x[sizeof(tractor_trailer_12_state) / sizeof(double)], v[2] = {1, -2}, tau[2], made[2];
+        double ground[56], by_inputs[42][2];
         const tractor_trailer_12_type_i_reference reference = {1, 2, 3, 4, 5, 6};
-        int stepped, held;
+        int stepped, held, known;
         for (k = 0; k < (int)(sizeof x / sizeof *x); k++) {
             seed = seed * 6364136223846793005ull + 1442695040888963407ull;
             x[k] = (double)(seed >> 40) / 4e6 * (i % 50 == 7 && k % 9 == i % 9 ? 1e9 : 1) - 2;
@@ -250,9 +251,13 @@ int main(void)
         k = tractor_trailer_12_type_i_feedback(&law, (const tractor_trailer_12_state *)x, v, tau);
         stepped = tractor_trailer_12_type_i_step(&law, (const tractor_trailer_12_state *)x, &reference, made);
         held = tractor_trailer_12_type_i_ground(&law, (const tractor_trailer_12_state *)x, v, ground);
-        printf("%d %a %a %d %a %a %d", k, tau[0], tau[1], stepped, made[0], made[1], held);
+        known = tractor_trailer_12_type_i_ground_by_inputs(&law, (const tractor_trailer_12_state *)x, by_inputs);
+        printf("%d %a %a %d %a %a %d %d", k, tau[0], tau[1], stepped, made[0], made[1], held, known);
         for (k = 0; k < 56; k++) {
             printf(" %a", ground[k]);
+        }
+        for (k = 0; k < 84; k++) {
+            printf(" %a", by_inputs[k / 2][k % 2]);
         }
         printf("\\n");
     }

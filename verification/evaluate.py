@@ -9,9 +9,17 @@ import numpy as np
 
 from ..controllers.backends import make_controller
 from ..controllers.controller import Controller, Evaluation, ParameterRefused
+from ..controllers.symbolic import CasadiController
 
 if TYPE_CHECKING:
     from .cases import EvaluationCase
+
+
+def _evaluated(controller: Controller, case: EvaluationCase) -> Evaluation:
+    """Return the quantities of a case, with those of the model if the controller has them."""
+    if isinstance(controller, CasadiController):
+        return controller.evaluate_with_model(case.state, case.reference)
+    return controller.evaluate(case.state, case.reference)
 
 
 def evaluate_cases(cases: Sequence[EvaluationCase], backend: str) -> list[Evaluation]:
@@ -27,7 +35,7 @@ def evaluate_cases(cases: Sequence[EvaluationCase], backend: str) -> list[Evalua
                 controllers[key] = None
         controller = controllers[key]
         if controller is not None:
-            evaluation = controller.evaluate(case.state, case.reference)
+            evaluation = _evaluated(controller, case)
         else:
             numbers = (*case.params, *case.config, *case.gains)
             evaluation = Evaluation("bad_parameter" if np.all(np.isfinite(numbers)) else "nonfinite")

@@ -12,6 +12,7 @@ from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
 from .robot_c import struct, written_once
+from .rolled import write_constants
 from .scalar import Scalar
 from .statements import Statements
 
@@ -116,12 +117,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
             writer.lines.append(self.leave(f"!{self.in_range(writer.text(angle))}", "NOSLIP_RANGE"))
         for pivot, bound in program.regular:
             writer.not_singular(pivot, bound)
-        for node, field in program.constants.items():
-            writer.uses[node] = 1  # it is a field of the struct
-            writer.assign(f"self->{field}", node)
-            if node.arguments:
-                writer.names[node] = f"self->{field}"
-        constants = [f"self->{field}" for node, field in program.constants.items() if node.arguments]
+        constants = write_constants(writer, program.constants, self.leave)
         finite = " && ".join(f"{name('noslip_is_finite')}({constant})" for constant in constants)
         lines = [
             "int status;",

@@ -1,7 +1,7 @@
 """C of a control law: header and source."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from ...model.mechanism import Quantity, per_second
@@ -16,7 +16,7 @@ from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
 from .robot_c import fields, refuse_parameters, struct, written_once
-from .rolled import INDEX, RECORD, Rolled, WrongLoop, loops_of, record_fields, with_records, write_records
+from .rolled import INDEX, Rolled, WrongLoop, loops_of, record_fields, with_records, write_constants
 from .scalar import Scalar
 from .statements import Statements
 
@@ -300,7 +300,7 @@ class LawC(ProgramC[Program]):
             writer.lines.append(self.leave(f"!({writer.text(node)} > 0)", "NOSLIP_BAD_PARAMETER"))
         for angle in self.program.fixed_angles:
             writer.lines.append(self.leave(f"!{self.in_range(writer.text(angle))}", "NOSLIP_RANGE"))
-        constants = self._assign_constants(writer)
+        constants = write_constants(writer, self.program.constants, self.leave)
         for node in self.program.regular:
             writer.lines.append(self.leave(f"!({writer.text(node)} > 0)", "NOSLIP_SINGULAR"))
         finite = f"{name('noslip_is_finite')}({' + '.join(constants)})"
@@ -342,26 +342,6 @@ class LawC(ProgramC[Program]):
                 "}",
             ]
         )
-
-    def _assign_constants(self, writer: Statements) -> list[str]:
-        """Write the fields of the struct that init computes; return what is finite only if all of them are, as C."""
-
-        def assigned(constants: Mapping[Node, str]) -> list[str]:
-            for node, field in constants.items():
-                writer.uses[node] = 1  # it is a field of the struct
-                writer.assign(f"self->{field}", node)
-                if node.arguments:
-                    writer.names[node] = f"self->{field}"
-            return [f"self->{field}" for node, field in constants.items() if node.arguments]
-
-        constants = self.program.constants
-        records = {node: field for node, field in constants.items() if field.startswith(RECORD + "[")}
-        computed = assigned({node: field for node, field in constants.items() if node not in records})
-        if not records:
-            return computed
-        writer.lines.append(f"{self.scalar.real} total = {' + '.join(computed) or 0};")
-        write_records(writer, self.program, self.leave, "total")
-        return ["total", *assigned({node: field for node, field in records.items() if node not in writer.names})]
 
     def _refused_friction(self) -> str:
         if not self.grips:

@@ -73,17 +73,37 @@ def record_fields(program: Program, scalar: Scalar, meaning: Callable[[Node], st
     return [*plain, ("struct {", of), *records.values(), (f"}} {RECORD}[{max(numbers) - min(numbers) + 1}];", "")]
 
 
-def write_records(writer: Statements, program: Program, leave: Callable[[str], str], total: str) -> None:
-    """Write the loop in which init computes the array of the law's struct, and adds its entries to the variable `total`.
+def write_constants(writer: Statements, constants: Mapping[Node, str], leave: Callable[[str], str]) -> list[str]:
+    """Write the fields of the struct that init computes; return the C of numbers that are finite only if all of them are."""
+
+    def assigned(fields: Mapping[Node, str]) -> list[str]:
+        for node, field in fields.items():
+            writer.uses[node] = 1  # it is a field of the struct
+            writer.assign(f"self->{field}", node)
+            if node.arguments:
+                writer.names[node] = f"self->{field}"
+        return [f"self->{field}" for node, field in fields.items() if node.arguments]
+
+    records = {node: field for node, field in constants.items() if field.startswith(f"{RECORD}[")}
+    computed = assigned({node: field for node, field in constants.items() if node not in records})
+    if not records:
+        return computed
+    total = free_name("total", writer.taken)
+    writer.lines.append(f"{writer.scalar.real} {total} = {' + '.join(computed) or 0};")
+    written = _write_records(writer, records, leave, total)
+    return [total, *assigned({node: field for node, field in records.items() if node not in written})]
+
+
+def _write_records(writer: Statements, records: Mapping[Node, str], leave: Callable[[str], str], total: str) -> set[Node]:
+    """Write the loop that computes the array of the law's struct, and adds its entries to the variable `total`.
 
     The loop computes the members that all entries have: each is the same function of the parameters with the number of the entry
-    in their names. Members that only some entries have are not written.
+    in their names. Returns what it has computed.
     """
-    places = places_of(reachable(program.constants))
+    places = places_of(reachable(records))
     fields: dict[str, dict[int, Node]] = defaultdict(dict)
-    for node, field in program.constants.items():
-        if found := re.fullmatch(rf"{RECORD}\[\d+\]\.(\w+)", field):
-            fields[found[1]][places[node][1]] = node
+    for node, field in records.items():
+        fields[field.rpartition(".")[2]][places[node][1]] = node
     numbers = {number for column in fields.values() for number in column}
     fields = {
         name: column
@@ -91,7 +111,7 @@ def write_records(writer: Statements, program: Program, leave: Callable[[str], s
         if column.keys() == numbers and len({places[node][0] for node in column.values()}) == 1
     }
     if not fields:
-        return
+        return set()
     least = min(numbers)
     first = {name: column[least] for name, column in fields.items()}
     texts = _texts_of(writer, reachable(first.values()), places, least)
@@ -106,6 +126,7 @@ def write_records(writer: Statements, program: Program, leave: Callable[[str], s
     inside.lines.append(f"{total} += {' + '.join(inside.names[node] for node in first.values())};")
     head = f"for (int {INDEX} = {least}; {INDEX} <= {max(numbers)}; {INDEX}++) {{"
     writer.lines.append("\n".join([head, body_of(inside.lines), "}"]))
+    return {node for column in fields.values() for node in column.values()}
 
 
 def _texts_of(writer: Statements, nodes: Sequence[Node], places: Mapping[Node, Place], number: int) -> dict[Node, str]:
