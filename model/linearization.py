@@ -18,7 +18,8 @@ from .extension import Chain, Integrators, extend
 from .mechanism import Quantity
 from .outputs import OutputMap, OutputRow, following
 from .paths import SMOOTH
-from .reduction import ReducedSystem
+from .reduction import ReducedSystem, counted
+from .underactuated import passive_equations, passive_names
 from .vehicle import velocity_map
 
 SINGULAR = 1e-5  # Phi is regarded as singular if its measure (`Linearization.measure`) is at or below this
@@ -40,6 +41,10 @@ class Linearization:
 
     With a dynamic extension, `integrators`, k may be larger, the inputs of the integrators take the place of u, all but h
     depend on their states xi too, and `Phidot`, which no law needs, is 0 x 0.
+
+    With fewer inputs than n-m there are as many outputs as inputs, r. The last n-m-r rows of Phi and drift are then those of
+    `passive_equations`, 0 = drift + Phi u, which hold whatever the inputs are (partial feedback linearization, see
+    underactuated.py): Phi is regular where inertia couples the outputs to the inputs.
     """
 
     system: ReducedSystem
@@ -66,6 +71,11 @@ class Linearization:
     def inputs(self) -> tuple[str, ...]:
         """The names of the columns of Phi: quasi-velocities, or with an extension the inputs of the integrators."""
         return self.integrators.inputs if self.integrators else tuple(q.name for q in self.system.quasi_velocities)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """The names of the rows of Phi: outputs, and the quasi-velocities of the passive equations."""
+        return (*(row.name for row in self.output.rows), *passive_names(self.system))
 
     @cached_property
     def determinant(self) -> ca.SX:
@@ -106,7 +116,7 @@ class Linearization:
         """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v. With an extension the
         inputs of the integrators.
         """
-        right = v - self.drift
+        right = ca.vertcat(v, ca.SX.zeros(self.drift.numel() - v.numel())) - self.drift
         small = self.Phi.shape[0] <= 3
         w = ca.adj(self.Phi) @ right / self.determinant if small else solve(self.Phi, right)
         return self._checked("u", w, (self.Phi, right), quotient)
@@ -206,20 +216,24 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
 
     A row that depends on nu has degree 1; its row of Phi is dh/dnu. A row h(q) has degree 2; its row of Phi is dh/dq S.
     If the output map allows an extension and Phi is singular everywhere, see `extend`.
-    Raises ModelError if the output map does not belong to this system (`OutputMap.check`), the number of rows is not n-m, a
-    row of Phi vanishes identically, or Phi is singular everywhere; for a kinematic law also if an output is not affine in nu.
+    Raises ModelError if the output map does not belong to this system (`OutputMap.check`), the number of rows is not n-m, or with
+    fewer inputs that of the inputs, a row of Phi vanishes identically, or Phi is singular everywhere; for a kinematic law also if
+    an output is not affine in nu.
     """
     where = f"{system.mechanism.name}, output {output.name}"
-    if len(output.rows) != system.dof:
+    if len(output.rows) != min(system.dof, len(system.mechanism.inputs)):
         raise ModelError(f"{where}: {_not_square(system, output)}")
     output.check(system)
+    if system.underactuated and (output.extension or output.kinematic):
+        raise ModelError(f"{where}: {_only_dynamic(output)}")
     followed = following(system, output)
     output_chains, integrators = chains(followed, output), None
     if output.extension and _sampled(followed, output, _rows(output_chains)).rank() < system.dof:
         output_chains, integrators = extend(followed, output_chains, output)
     if output.foot and max(chain.degree for chain in output_chains) > SMOOTH + 2:
         raise ModelError(f"{where}: the distance has a relative degree above {SMOOTH + 2}, and a course no more derivatives")
-    Phi = _rows(output_chains)
+    passive, passive_drift = passive_equations(system)
+    Phi = ca.vertcat(_rows(output_chains), passive)
     _check_regular(followed, output, Phi, integrators)
     if output.kinematic:
         return _kinematic(system, output, output_chains)
@@ -231,10 +245,10 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
         output,
         tuple(chain.degree for chain in output_chains),
         ca.vertcat(*[row.expression for row in output.rows]),
-        output.at_foot_values(ca.vertcat(*[rate for chain in output_chains for rate in chain.rates])),
+        output.at_foot_values(ca.vertcat(ca.SX(0, 1), *[rate for chain in output_chains for rate in chain.rates])),
         output.at_foot_values(ca.densify(Phi)),
         ca.SX(0, 0) if integrators else output.at_foot_values(ca.densify(followed.along_motion(Phi))),
-        output.at_foot_values(ca.vertcat(*[chain.drift for chain in output_chains])),
+        output.at_foot_values(ca.vertcat(*[chain.drift for chain in output_chains], passive_drift)),
         integrators,
     )
     return _with_needed(found)
@@ -324,15 +338,26 @@ def _sampled(system: ReducedSystem, output: OutputMap, matrix: ca.SX) -> Sampled
 
 def _not_square(system: ReducedSystem, output: OutputMap) -> str:
     """Return the reason why Phi is not square, and how to make it so."""
-    count, needed = len(output.rows), system.dof
-    rows, motions = ", ".join(row.name for row in output.rows), ", ".join(q.name for q in system.quasi_velocities)
+    mechanism, partial = system.mechanism, system.underactuated
+    given = mechanism.inputs if partial else system.quasi_velocities
+    count, needed = len(output.rows), len(given)
+    rows, motions = ", ".join(row.name for row in output.rows), ", ".join(q.name for q in given)
     more = f"add {needed - count}" if count < needed else f"drop {count - needed}"
-    return f"{count} outputs for n - m = {needed}; {more}: {rows or 'none'} must be as many as the quasi-velocities {motions}"
+    of = f"{counted(needed, 'input')}" if partial else f"n - m = {needed}"
+    kind = "inputs" if partial else "quasi-velocities"
+    return f"{counted(count, 'output')} for {of}; {more}: {rows or 'none'} must be as many as the {kind} {motions}"
+
+
+def _only_dynamic(output: OutputMap) -> str:
+    """Return why partial feedback linearization has neither a dynamic extension nor kinematic laws."""
+    if output.kinematic:
+        return "a kinematic law commands all n - m quasi-velocities; with fewer inputs drives cannot follow them"
+    return "with fewer inputs than n - m there is no dynamic extension; take it without"
 
 
 def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX, integrators: Integrators | None) -> None:
     """Raise ModelError if Phi is singular everywhere; the message names the dependent outputs and the directions without
-    effect.
+    effect, or the outputs that inertia does not couple to the inputs.
     """
     values = (integrators.sampled(Phi, output) if integrators else _sampled(system, output, Phi)).values
     if any(map(is_regular, values)):
@@ -340,23 +365,31 @@ def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX, integra
     where = f"{system.mechanism.name}, output {output.name}: Phi is singular everywhere"
     motions = integrators.inputs if integrators else [q.name for q in system.quasi_velocities]
     rows = [row.name for row in output.rows]
-    way_out = "" if integrators else "; or allow a dynamic extension: [output] extension = true"
-    for column, velocity in enumerate(motions):
+    way_out = "" if integrators or system.underactuated else "; or allow a dynamic extension: [output] extension = true"
+    if max(map(rank, values)) == len(values[0]):
+        best = max(1 / np.linalg.cond(value, 1) for value in values)
+        raise ModelError(
+            f"{where}: its reciprocal condition number is at most {best:.0e}, and values up to {SINGULAR:g} count as singular; "
+            "choose units of outputs and quasi-velocities in which they are of similar size"
+        )
+    of_outputs = [value[: len(rows)] for value in values]
+    if system.underactuated and max(map(rank, of_outputs)) == len(rows):
+        apart = [rows[k] for k in next(dependent_sets(values)) if k < len(rows)]
+        inputs = ", ".join(q.name for q in system.mechanism.inputs)
+        raise ModelError(
+            f"{where}: inertia does not couple {' and '.join(apart)} to {inputs}: no input changes the highest derivative; "
+            "choose other outputs, such as velocities at the inputs"
+        )
+    for column, velocity in enumerate(motions if not system.underactuated else ()):
         if max(np.abs(value[:, column]).max() for value in values) < 1e-12:
             raise ModelError(
                 f"{where}: no output depends on the input along {velocity}; replace one by {velocity} itself or by an output "
                 f"whose rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle)"
                 + way_out
             )
-    if max(map(rank, values)) == len(rows):
-        best = max(1 / np.linalg.cond(value, 1) for value in values)
-        raise ModelError(
-            f"{where}: its reciprocal condition number is at most {best:.0e}, and values up to {SINGULAR:g} count as singular; "
-            "choose units of outputs and quasi-velocities in which they are of similar size"
-        )
-    together = next(dependent_sets(values))
-    shared = max(rank(value[together, :]) for value in values)
-    felt = [q for j, q in enumerate(motions) if max(np.abs(value[together, j]).max() for value in values) > 1e-12]
+    together = next(dependent_sets(of_outputs))
+    shared = max(rank(value[together, :]) for value in of_outputs)
+    felt = [q for j, q in enumerate(motions) if max(np.abs(value[together, j]).max() for value in of_outputs) > 1e-12]
     raise ModelError(
         f"{where}: the outputs {', '.join(rows[i] for i in together)} depend on each other: they contain only {shared} "
         f"{'combination' if shared == 1 else 'combinations'} of {', '.join(felt)}; replace one of them by an output that "

@@ -458,7 +458,8 @@ class Mechanism:
         self._forget()
 
     def output(self, name: str, about: str, rows: Sequence[tuple[Any, ...]], parameters: Sequence[Quantity] = ()) -> None:
-        """Add a user-defined output map (14), which becomes a law of this name: n-m rows (name, unit, expression, about).
+        """Add a user-defined output map (14), which becomes a law of this name: n-m rows (name, unit, expression, about), or with
+        fewer inputs than n-m as many as inputs.
 
         An expression may contain coordinates, rates (`rate`), parameters, and the additional `parameters` of the map
         (`noslip.model.config`). Types I to IV are available without this call.

@@ -17,7 +17,7 @@ from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
 from .names import LawName, without_arclength, without_damping, without_extension, without_kinematic, without_offset
 from .paths import PATHS, SMOOTH, Path, config, course
-from .reduction import ReducedSystem
+from .reduction import ReducedSystem, counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ FOOT = (
 
 @dataclass(frozen=True, eq=False)
 class OutputMap:
-    """n-m outputs with their additional parameters. `path` is the curve followed, for Type IV; `extension` allows a dynamic
+    """n-m outputs, or with fewer inputs as many as these, with their additional parameters. `path` is the curve followed, for Type IV; `extension` allows a dynamic
     extension; a `kinematic` law commands quasi-velocities instead of inputs. With a `band`, one of the parameters, the inverse of
     Phi is damped where the cosine of the angle between heading and path is less.
     """
@@ -261,8 +261,8 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own. Raises KeyError.
 
     With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle. With KINEMATIC the outputs
-    are those of a kinematic law. With DAMPED the inverse of Phi is damped near the singular set; Raises ModelError unless there
-    is a path.
+    are those of a kinematic law. With DAMPED the inverse of Phi is damped near the singular set. Raises ModelError unless there
+    is a path then, and for one of OUTPUTS if the robot is underactuated.
     """
     if (dynamic := without_kinematic(name)) != name:
         base_map = output_map(system, dynamic)
@@ -278,9 +278,21 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
+    if system.underactuated:
+        raise ModelError(_only_own(system, name))
     base = without_offset(name)
     standard = STANDARD[base](system, offset=base != name)
     return replace(standard, name=name, about=standard.about + (", P_l anywhere on the vehicle" if base != name else ""))
+
+
+def _only_own(system: ReducedSystem, name: str) -> str:
+    """Return why an underactuated robot has no laws of Types I to IV."""
+    r, mechanism = len(system.mechanism.inputs), system.mechanism
+    own = ", ".join(output.name for output in mechanism.outputs if len(output.rows) == r) or "none"
+    return (
+        f"{mechanism.name}, output {name}: {counted(r, 'input')} for n - m = {system.dof} degrees of freedom; Types I to IV are "
+        f"for robots with an input for each. The outputs of an underactuated robot are its own, with {counted(r, 'row')}: {own}"
+    )
 
 
 PATH_GAIN = "path_gain_"  # names of the gains of a law along the way, with the order of the derivative

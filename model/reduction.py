@@ -154,6 +154,40 @@ class ReducedSystem:
         """Whether there are more inputs than n-m."""
         return len(self.mechanism.inputs) > self.dof
 
+    @property
+    def underactuated(self) -> bool:
+        """Whether there are fewer inputs than n-m."""
+        return len(self.mechanism.inputs) < self.dof
+
+    @cached_property
+    def driven(self) -> tuple[int, ...]:
+        """The numbers of min(r, n-m) independent rows of S'E; of several, those that do not change with q."""
+        B, q = self.input_map, self.mechanism.q
+        values, chosen = _sampled(self.mechanism, B, "S'E").values, list[int]()
+
+        def score(k: int) -> tuple[bool, bool, float]:
+            worst = min(_distance_from_singular(value[[*chosen, k]]) for value in values)
+            return worst > RANK_TOLERANCE, not ca.depends_on(B[k, :], q), worst
+
+        for _ in range(min(B.shape)):
+            chosen.append(max((k for k in range(self.dof) if k not in chosen), key=score))
+        return tuple(sorted(chosen))
+
+    @property
+    def passive(self) -> tuple[int, ...]:
+        """The numbers of the other rows, n-m-r; none unless `underactuated`."""
+        return tuple(k for k in range(self.dof) if k not in self.driven) if self.underactuated else ()
+
+    @cached_property
+    def annihilator(self) -> ca.SX:
+        """N, (n-m-r) x (n-m), with N S'E = 0 and the identity in its columns `passive`: multiplied by N, (10) has no inputs."""
+        B, rows, others = self.input_map, list(self.driven), list(self.passive)
+        N = ca.SX(len(others), self.dof)
+        if others:
+            N[:, others] = ca.SX.eye(len(others))
+            N[:, rows] = -canonical(solve(B[rows, :].T, B[others, :].T)).T
+        return N
+
     @cached_property
     def preferred(self) -> ca.SX:
         """Preferred inputs tau_0, r x 1, in q, nu and parameters, used as far as (12) allows; zero unless `redundant`."""
@@ -169,11 +203,17 @@ class ReducedSystem:
         return ca.diag(1 / weights) @ self.input_map.T
 
     def input_inverse(self, weight: Sequence[float] | None = None) -> ca.SX:
-        """Return (S'E)^+, r x (n-m); with more inputs than n-m, the one of smallest sum(weight_i tau_i^2).
+        """Return (S'E)^+, r x (n-m); with more inputs than n-m, the one of smallest sum(weight_i tau_i^2); with fewer, that of
+        the rows `driven`.
 
         `weight` is r positive numbers; None means the robot's own weights.
         """
         unit = ca.SX.eye(self.dof)
+        if self.underactuated:
+            rows, inverse = list(self.driven), ca.SX(len(self.mechanism.inputs), self.dof)
+            parts = self.input_map[rows, :], ca.SX.eye(len(rows))
+            inverse[:, rows] = self.checked("(S'E)^-1", solve(*parts), parts, quotient)
+            return inverse
         if not self.redundant:
             return self.checked("(S'E)^-1", solve(self.input_map, unit), (self.input_map, unit), quotient)
         spread = self.spread(weight)
@@ -184,7 +224,8 @@ class ReducedSystem:
         """Return tau (12) that makes nudot = u (13), r x 1; `weight` as in `input_inverse`.
 
         With more inputs than n-m, the one nearest to the preferred tau_0: (S'E)^+ (Mbar u + bias) + (1 - (S'E)^+ S'E) tau_0.
-        The contribution of tau_0 is in the null space of S'E: it changes the constraint forces and not the motion.
+        The contribution of tau_0 is in the null space of S'E: it changes the constraint forces and not the motion. With fewer
+        inputs u must be an acceleration that the robot can have: N (Mbar u + bias) = 0.
         """
         return self.preferred + self.input_inverse(weight) @ (self.Mbar @ u + self.bias - self.input_map @ self.preferred)
 
@@ -200,23 +241,25 @@ class ReducedSystem:
         return canonical(self.mechanism.A @ self.mechanism.A.T)
 
 
-def reduce(mechanism: Mechanism) -> ReducedSystem:
+def reduce(mechanism: Mechanism, partially: bool = False) -> ReducedSystem:
     """Return the reduced system with S(q) given by the user, from the user's quasi-velocities, or computed; check the
     assumptions.
 
     Raises ModelError if A does not have full rank, A S is not zero, S or S'E does not have full rank, S'MS is not positive
-    definite, or there are too few inputs.
+    definite, or there are too few inputs: fewer than n-m, unless the robot has outputs with as many rows, which can be linearized
+    partially, or `partially` says that it need not have any.
     """
     mechanism.check()
     check_bodies(mechanism)
     check_constraints(mechanism)
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
-    if len(mechanism.inputs) < n - m:
-        r, names = len(mechanism.inputs), ", ".join(q.name for q in mechanism.inputs)
+    r = len(mechanism.inputs)
+    if r < n - m and not (partially or any(len(output.rows) == r for output in mechanism.outputs)):
         raise ModelError(
-            f"{mechanism.name}: {counted(r, 'input')} for n - m = {n - m} degrees of freedom; an underactuated "
-            f"robot cannot be linearized by this method: with {names} alone S'E (12) has no inverse. Add "
-            f"{counted(n - m - r, 'input')} or {counted(n - m - r, 'constraint')}, or leave out what no input drives"
+            f"{mechanism.name}: {counted(r, 'input')} for n - m = {n - m} degrees of freedom; an underactuated robot cannot be "
+            f"linearized as a whole. Declare outputs with {counted(r, 'row')}, output(name, about, rows), which are linearized "
+            f"partially; or add {counted(n - m - r, 'input')} or {counted(n - m - r, 'constraint')}, or leave out what no input "
+            "drives"
         )
     S, quasi_velocities, by_bodies = null_space(mechanism)
     if S.shape != (n, n - m):
@@ -232,9 +275,11 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
     if _sampled(mechanism, S, "S").rank() < n - m:
         raise ModelError(f"{mechanism.name}: the columns of S are dependent; choose other quasi-velocities")
     system = ReducedSystem(mechanism, quasi_velocities, S, by_bodies, particular_solution(mechanism))
-    if _sampled(mechanism, system.input_map, "S'E").rank() < n - m:
+    if _sampled(mechanism, system.input_map, "S'E").rank() < (needed := min(r, n - m)):
         raise ModelError(
-            f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not affect every motion; "
+            f"{mechanism.name}: S'E has rank below {needed}: inputs depend on each other; leave one of them out"
+            if system.underactuated
+            else f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not affect every motion; "
             "move an input to a coordinate that is free"
         )
     for k, weight in enumerate(np.transpose([value[:, 0] for value in _sampled(mechanism, mechanism.weights, "weights").values])):

@@ -18,28 +18,21 @@ import casadi as ca
 
 from .algebra.exact import canonical
 from .algebra.linear import solve
-from .algebra.samples import Sampled
 from .errors import ModelError
 from .mechanism import Mechanism
-from .reduction import ReducedSystem, counted, null_space, particular_solution
+from .reduction import ReducedSystem, counted, reduce
 
 
 @dataclass(frozen=True, eq=False)
 class PartialLinearization:
-    """An underactuated robot; `driven` are r rows of B = S'E that are independent, `passive` the others."""
+    """An underactuated robot."""
 
     system: ReducedSystem
-    driven: tuple[int, ...]
-    passive: tuple[int, ...]
 
-    @cached_property
+    @property
     def annihilator(self) -> ca.SX:
         """N, (n-m-r) x (n-m), with N S'E = 0."""
-        B, rows, others = self.system.input_map, list(self.driven), list(self.passive)
-        N = ca.SX(len(others), self.system.dof)
-        N[:, others] = ca.SX.eye(len(others))
-        N[:, rows] = -canonical(solve(B[rows, :].T, B[others, :].T)).T
-        return N
+        return self.system.annihilator
 
     @cached_property
     def velocities(self) -> ca.SX:
@@ -71,8 +64,7 @@ class PartialLinearization:
 
     def inputs(self, u: ca.SX) -> ca.SX:
         """Return tau, r x 1, for accelerations u that the robot can have."""
-        rows = list(self.driven)
-        return solve(self.system.input_map[rows, :], (self.system.Mbar @ u + self.system.bias)[rows])
+        return self.system.first_feedback(u)
 
     def zero_dynamics(self, eta: ca.SX, chosen: Sequence[int] = ()) -> tuple[ca.SX, ca.SX]:
         """Return qdot, n x 1, and eta', (n-m-r) x 1, while the velocities at the inputs, or the `chosen` ones, are zero:
@@ -86,23 +78,37 @@ class PartialLinearization:
         return ca.substitute(system.qdot, system.nu, nu), rate
 
 
+def passive_equations(system: ReducedSystem, annihilator: ca.SX | None = None) -> tuple[ca.SX, ca.SX]:
+    """Return P, (n-m-r) x (n-m), and p of the equations 0 = P u + p, which have no inputs; no rows unless underactuated.
+
+    They are the rows of N (Mbar u + bias), each divided by the inertia N_k Mbar N_k': P is as large as the identity, whatever
+    the masses are, so that the measure of Phi tells how strongly inertia couples the outputs to the inputs. N is `annihilator`,
+    by default that of the system.
+    """
+    if not system.underactuated:
+        return ca.SX(0, system.dof), ca.SX(0, 1)
+    N = system.annihilator if annihilator is None else annihilator
+    inverse = ca.diag(1 / passive_inertias(system, N))
+    return canonical(inverse @ N @ system.Mbar), canonical(inverse @ N @ system.bias)
+
+
+def passive_inertias(system: ReducedSystem, annihilator: ca.SX) -> ca.SX:
+    """Return the inertias N_k Mbar N_k' of these equations, (n-m-r) x 1, which are positive."""
+    return ca.diag(canonical(annihilator @ system.Mbar @ annihilator.T))
+
+
+def passive_names(system: ReducedSystem) -> tuple[str, ...]:
+    """Return the names of these equations: each has the quasi-velocity that occurs in no other, see `annihilator`."""
+    return tuple(f"passive_{system.quasi_velocities[k].name}" for k in system.passive)
+
+
 def partial_linearization(mechanism: Mechanism) -> PartialLinearization:
     """Return the robot, whose inputs must be independent and fewer than its n-m degrees of freedom. Raises ModelError."""
-    mechanism.check()
-    S, velocities, reduced = null_space(mechanism)
-    system = ReducedSystem(mechanism, velocities, S, reduced, particular_solution(mechanism))
-    r, dof = len(mechanism.inputs), system.dof
-    if not 0 < r < dof:
-        raise ModelError(f"{mechanism.name}: {counted(r, 'input')} for n - m = {dof}: it is not underactuated")
-    values = Sampled(system.input_map, mechanism.q, mechanism.parameters, f"{mechanism.name}: S'E")
-    if values.rank() < r:
-        raise ModelError(f"{mechanism.name}: S'E has rank below {r}: inputs depend on each other; leave one of them out")
-    driven: list[int] = []
-    for row in range(dof):
-        block = Sampled(system.input_map[[*driven, row], :], mechanism.q, mechanism.parameters, f"{mechanism.name}: S'E")
-        if len(driven) < r and block.rank() == len(driven) + 1:
-            driven.append(row)
-    return PartialLinearization(system, tuple(driven), tuple(row for row in range(dof) if row not in driven))
+    system = reduce(mechanism, partially=True)
+    if not system.underactuated:
+        r = counted(len(mechanism.inputs), "input")
+        raise ModelError(f"{mechanism.name}: {r} for n - m = {system.dof}: it is not underactuated")
+    return PartialLinearization(system)
 
 
 def at_rest(system: ReducedSystem, q: Sequence[float], parameters: Sequence[float]) -> tuple[list[float], float]:

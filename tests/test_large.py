@@ -514,8 +514,9 @@ def joint(k: int) -> ca.SX:
 REFUSED = {
     "underactuated": (
         lambda: reduce(balancer()),
-        "balancer: 1 input for n - m = 2 degrees of freedom; an underactuated robot cannot be linearized by this method: with "
-        "wheels alone S'E (12) has no inverse. Add 1 input or 1 constraint, or leave out what no input drives",
+        "balancer: 1 input for n - m = 2 degrees of freedom; an underactuated robot cannot be linearized as a whole. Declare "
+        "outputs with 1 row, output(name, about, rows), which are linearized partially; or add 1 input or 1 constraint, or leave "
+        "out what no input drives",
     ),
     "too few outputs": (
         lambda: outputs("arm_4", *[row(f"y_{k}", "rad", joint(k)) for k in range(2)]),

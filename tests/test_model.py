@@ -1124,7 +1124,7 @@ def same_names(first: str, second: str) -> ControlLaw:
 
 
 OUTPUTS_REFUSED = {
-    "too few": (lambda: linearize(system_of("edge"), rows(place)), "edge, output mine: 1 outputs for n - m = 2"),
+    "too few": (lambda: linearize(system_of("edge"), rows(place)), "edge, output mine: 1 output for n - m = 2"),
     "too many": (
         lambda: linearize(system_of("edge"), rows(place, heading, heading)),
         "edge, output mine: 3 outputs for n - m = 2",

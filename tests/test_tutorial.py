@@ -174,4 +174,4 @@ def test_an_error_in_a_users_output_names_its_line(tmp_path, bad_input):
     ]
     file.write_text("\n".join([*CART.splitlines(), *more]) + "\n")
     error = bad_input(["check", "--robot", f"{file}:wrong", "--output", "one"])
-    assert f"{file}:{len(CART.splitlines()) + 4}: cart, output one: 1 outputs for n - m = 2" in error
+    assert f"{file}:{len(CART.splitlines()) + 4}: cart, output one: 1 output for n - m = 2" in error

@@ -45,9 +45,11 @@ ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "mecanum": mecanum,
 }
 
-UNDERACTUATED: dict[str, Callable[..., Mechanism]] = {  # without laws
+UNDERACTUATED: dict[str, Callable[..., Mechanism]] = {  # with fewer inputs than degrees of freedom
     "balancer": balancer,
     "roller_racer": roller_racer,
     "sleigh": sleigh,
     "snakeboard": snakeboard,
 }
+
+SHIPPED = ROBOTS | UNDERACTUATED

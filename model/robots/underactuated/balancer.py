@@ -8,6 +8,7 @@ from casadi import cos, sin
 
 from ...drawing import box, wheels
 from ...mechanism import Mechanism
+from ...paths import config
 
 GRAVITY = 9.81  # m/s^2
 
@@ -16,6 +17,11 @@ def balancer() -> Mechanism:
     """6 coordinates, 3 rolling constraints; 2 motors between body and wheels for 3 degrees of freedom.
 
     The body tilts forward by `pitch`; its principal axes are its own, so that its inertia about the vertical changes with it.
+
+    Outputs, two each: the angles of the wheels at the motors; speeds; pitch. `drive` has the speed of a point of the body at a
+    height H above the axle, plus a term that is proportional to the pitch. At rest the motors leave a v' + b pitch'' = m g h
+    pitch, with a, b > 0. With v = -H pitch' - k pitch it becomes (H a - b) pitch'' + k a pitch' + m g h pitch = 0, which is
+    stable for H > b / a, a point above the centre about which a push on the axle turns the body, and k > 0.
     """
     robot = Mechanism("balancer", "two-wheeled balancer, an inverted pendulum on wheels")
     x = robot.coordinate("x", "m", "middle of the axle")
@@ -53,6 +59,16 @@ def balancer() -> Mechanism:
     robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate")
     robot.quasi_velocity("pitch_rate", "rad/s", tilting, "rate of the body's pitch")
     robot.moves_in_plane(x, y, phi)
+    turn = ("turn", "rad/s", turning, "yaw rate")
+    angles = [("right", "rad", theta_r - pitch, "right wheel, from the body"), ("left", "rad", theta_l - pitch, "left wheel")]
+    robot.output("wheels", "angles of the wheels, as their motors turn them", angles)
+    robot.output("speeds", "forward speed and yaw rate", [("ahead", "m/s", forward, "forward speed of the axle"), turn])
+    robot.output("upright", "pitch and yaw rate", [("tilt", "rad", pitch, "pitch of the body"), turn])
+    H = config("H", 1.0, "m", "height of the point above the axle, along the body", "positive")
+    k = config("k", 3.0, "m/(s rad)", "speed for each radian of pitch", "nonnegative")
+    above = forward + H.symbol * tilting + k.symbol * pitch
+    about = "speed of a point above the body, with a part of its pitch"
+    robot.output("drive", f"{about}, and yaw rate", [("above", "m/s", above, about), turn], [H, k])
     robot.draws(box((x, y), phi, 0.08, 0.08, 0.15), *wheels((x, y), phi, b, r))
     top = 2 * h * sin(pitch)  # of the body, seen from above
     robot.draws([(x, y), (x + top * cos(phi), y + top * sin(phi))])

@@ -35,6 +35,8 @@ def roller_racer() -> Mechanism:
     robot.quasi_velocity("speed", "m/s", forward, "forward speed of the rear axle")
     robot.quasi_velocity("swing_rate", "rad/s", robot.rate(swing), "rate of the handlebar")
     robot.moves_in_plane(x, y, phi)
+    robot.output("handlebar", "angle of the handlebar", [("bar", "rad", swing, "angle of the handlebar")])
+    robot.output("speeds", "forward speed", [("ahead", "m/s", forward, "forward speed of the rear axle")])
     pivot = placed((x, y), phi, [(l_1, 0)])[0]
     axle = placed(pivot, phi + swing, [(-l_2, 0)])[0]
     robot.draws([(x, y), pivot, axle], box((x, y), phi, 0.1, 0.4, 0.1), *wheels((x, y), phi, 0.2, 0.05))

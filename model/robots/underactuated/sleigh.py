@@ -30,6 +30,7 @@ def sleigh() -> Mechanism:
     robot.quasi_velocity("speed", "m/s", forward, "forward speed of the edge")
     robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate")
     robot.moves_in_plane(x, y, phi)
+    robot.output("heading", "heading", [("direction", "rad", phi, "heading")])
     robot.draws(
         box((x, y), phi, 0.1, 0.3, 0.12), [(x - 0.05 * cos(phi), y - 0.05 * sin(phi)), (x + 0.05 * cos(phi), y + 0.05 * sin(phi))]
     )

@@ -42,6 +42,8 @@ def snakeboard() -> Mechanism:
     robot.quasi_velocity("psi_rate", "rad/s", robot.rate(psi), "rate of the rotor")
     robot.quasi_velocity("phi_rate", "rad/s", steering, "rate of the wheels' angle")
     robot.moves_in_plane(x, y, theta)
+    angles = [("rotor", "rad", psi, "angle of the rotor"), ("wheels", "rad", phi, "angle of the front wheels")]
+    robot.output("shape", "angles of rotor and wheels", angles)
     front, rear = placed((x, y), theta, [(l, 0), (-l, 0)])
     robot.draws([rear, front], *wheels(front, theta + phi, 0.08, 0.03), *wheels(rear, theta - phi, 0.08, 0.03))
     robot.draws(box((x, y), theta + psi, 0.15, 0.15, 0.02))
