@@ -399,7 +399,7 @@ def _grip_reads(law: ControlLaw, names: frozenset[str]) -> bool:
 def _own_names(law: ControlLaw, quantities: dict[Result, Matrix]) -> dict[Node, str]:
     """The field's own names for what a law answers."""
     rows = [row.name for row in law.output.rows]
-    size = range(1, len(rows) + 1)
+    size = range(1, len(law.linearization.row_names) + 1)
     names = {
         Result.OUTPUTS: [[name] for name in rows],
         Result.RATES: [[q.name] for q in law.rates],

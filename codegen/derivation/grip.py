@@ -22,6 +22,8 @@ def can_grip(system: ReducedSystem) -> bool:
 
 def why_not(system: ReducedSystem) -> str:
     """Return why the laws of the robot cannot keep its wheels rolling; empty if they can."""
+    if system.underactuated:
+        return "it has fewer inputs than degrees of freedom: what no input drives moves on while inputs are limited"
     if not system.mechanism.contacts:
         return "it defines no contacts: add them with contact(name, mass, along, across)"
     if len(system.mechanism.inputs) < LEAST_INPUTS:

@@ -24,11 +24,13 @@ from ...model.mechanism import Quantity, derivative_name, quantity
 from ...model.outputs import OutputMap, OutputRow, Through, following
 from ...model.recursion import Reduced
 from ...model.reduction import ReducedSystem
+from ...model.underactuated import passive_equations, passive_names
 from ...model.vehicle import VELOCITIES, velocity_map
 from .taylor import Taylor
 
 MONOMIALS = 3  # most quasi-velocities for which quadratic forms are sorted by monomials; above, that takes more operations
 Split = tuple[ca.SX, ca.SX | None]  # factor that init computes, rest; None if init computes the whole
+PASSIVE = 0  # relative degree of a row without output
 STEP, PART = "step.", "part."  # prefixes of the symbols of this module, so that they differ from all others
 
 
@@ -285,12 +287,14 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     if law.kinematic:
         stages.quantities = _kinematic(stages, law, rows, from_inner, to_inner, W)
         return stages
+    rows = [*rows, *_passive_rows(stages, law.system, inner, W)]
+    degree = (*degree, *[PASSIVE] * (len(rows) - len(degree)))
     second = [row for row, k in zip(rows, degree, strict=True) if k > 1]
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
     damped = {} if integrators or law.system.mechanism.carried else _damped_alone(rows, degree)
     feedback = _Feedback(stages, inner, rows, integrators)
     loop = feedback.loop(law, ca.SX(h), _rest_of_rates(rows, degree, damped, inner.nu), damped)
-    virtual = feedback.scale * ca.vertcat(*[q.symbol for q in law.virtual_input])
+    virtual = feedback.scale[: len(law.virtual_input)] * ca.vertcat(*[q.symbol for q in law.virtual_input])
     kd = {row.name: gain.symbol for row in output.rows for gain in law.gains if gain.name == f"kd_{row.name}"}
     damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.dof)])
 
@@ -625,6 +629,20 @@ def _extended_rows(
     return rows, replace(added, drift=stages.exact(added.drift), effect=stages.exact(added.effect))
 
 
+def _passive_rows(stages: Stages, system: ReducedSystem, inner: ReducedSystem, W: ca.SX) -> list[_Row]:
+    """Return the equations of motion without inputs as rows whose v is 0: no rows unless there are fewer inputs than n-m."""
+    if not system.underactuated:
+        return []
+    none, N = ca.SX(0, 1), canonical(system.annihilator @ W.T)
+    P, drift = passive_equations(inner, N)
+    parts = zip(passive_names(system), ca.vertsplit(P), ca.vertsplit(drift), strict=True)
+    rows = []
+    for name, part, rest in parts:
+        Phi = stages.row([f"{name}_by_{q.name}" for q in inner.quasi_velocities], stages.exact(part))
+        rows.append(_Row(none, none, Phi, stages.exact(part), stages.exact(inner.along_motion(part)), stages.exact(rest)))
+    return rows
+
+
 def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
     """Return column j of Phi -> row i, where only row i has an entry in the column, has degree 2, and its rate is not needed for
     the curvature of the path.
@@ -684,8 +702,15 @@ class _Feedback:
             self.spread = stages.exact(inner.spread())
             self.square = stages.inverse(stages.matrix("square", stages.exact(inner.input_map @ self.spread)))
         else:
-            to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else stages.inverse(inner.input_map)
+            to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else self._inverse_of_driven()
             self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
+
+    def _inverse_of_driven(self) -> ca.SX:
+        """Return the inverse of the independent rows of S'E, all of them unless underactuated, at their columns."""
+        rows = list(self.inner.driven)
+        inverse = ca.SX(len(rows), self.inner.dof)
+        inverse[:, rows] = self.stages.inverse(self.inner.input_map[rows, :])
+        return inverse
 
     def loop(self, law: ControlLaw, h: ca.SX, rates: ca.SX, damped: dict[int, int]) -> ca.SX:
         """Return the virtual input of the outer loop, multiplied as the rows of Phi are, from the outputs and their rates.
@@ -694,7 +719,8 @@ class _Feedback:
         """
         gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
         degree, none = law.linearization.relative_degree, [ca.SX(0)] * len(reference)
-        names = [q.name if scaled is None else f"scaled_{q.name}" for q, scaled in zip(law.virtual_input, self.rows, strict=True)]
+        with_rows = zip(law.virtual_input, self.rows, strict=False)  # passive equations, the last rows, have no virtual input
+        names = [q.name if scaled is None else f"scaled_{q.name}" for q, scaled in with_rows]
         if any(self.rows):
             away, rate = ca.SX.zeros(h.numel()), ca.SX.zeros(rates.numel())
             for k, scaled in enumerate(self.rows):
@@ -749,6 +775,7 @@ class _Feedback:
 
     def _solved(self, v: ca.SX) -> ca.SX:
         kinds = ["scaled_v_less_drift" if scaled else "v_less_drift" for scaled in self.rows]
+        v = ca.vertcat(v, ca.SX.zeros(len(kinds) - v.numel()))  # of passive equations
         v_less_drift = ca.vertcat(*[self.stages.step(f"{one}_{k}", v[k] - self.residual[k]) for k, one in enumerate(kinds)])
         names = self.integrators.inputs if self.integrators else [f"u_{q.name}" for q in self.inner.quasi_velocities]
         return ca.vertcat(*[self.stages.step(name, (self.inverse @ v_less_drift)[k]) for k, name in enumerate(names)])

@@ -159,7 +159,7 @@ class LawC(ProgramC[Program]):
             Result.OUTPUTS: ", ".join(f"{row.name} ({row.unit})" for row in rows),
             Result.RATES: ", ".join(f"{q.name} ({q.unit})" for q in law.rates),
             Result.DECOUPLING: "rows: "
-            + ", ".join(row.name for row in rows)
+            + ", ".join(law.linearization.row_names)
             + "; columns: "
             + ", ".join(law.linearization.inputs),
             Result.DECOUPLING_RATE: "as Phi, per second",
