@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 from scipy.special import betaincinv
 
 from ..controllers.balance.feedback import Balanced
-from ..controllers.balance.steady import STILL, Steady, listed, modes, refuse_undefined
+from ..controllers.balance.steady import STILL, Steady, listed
+from ..controllers.balance.zero_dynamics import of_velocities
 from ..controllers.controller import RUNNING
 from ..model.mechanism import Quantity
 from ..model.reduction import counted
@@ -20,7 +20,6 @@ from ..simulation.plant import Plant
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-UNCOUPLED = 1e-9  # relative: a coupling at or below this is none
 PERIOD, TOLERANCE = 0.01, 1e-9  # s, of the calls of a feedback; of the integration between them
 
 
@@ -29,16 +28,14 @@ def verdicts(rest: Steady) -> list[str]:
     system = rest.partial.system
     inputs = ", ".join(each.name for each in system.mechanism.inputs)
     growing = [mode for mode in rest.modes if mode.real > STILL]
-    zero = zero_modes(rest)
+    zero = of_velocities(rest)
     return [
         f"{counted(len(system.mechanism.inputs), 'input')} ({inputs}) for {counted(system.dof, 'degree')} of freedom; "
         "at rest at q = 0, by numbers, at the default parameters",
         f"modes that the inputs move: {listed(rest.modes)} 1/s"
         + (f"; {counted(len(growing), 'mode')} of these grow{'s' * (len(growing) == 1)}" if growing else ""),
-        f"zero dynamics with the velocities at the inputs held at 0 (collocated): {listed(zero)} 1/s, "
-        + (
-            "unstable: holding these velocities alone makes the robot fall" if np.any(zero.real > STILL) else "none of them grows"
-        ),
+        f"zero dynamics with the velocities at the inputs held at 0 (collocated): {zero}"
+        + (": holding these velocities alone makes the robot fall" if zero.unstable else ""),
         f"noncollocated, with these velocities held at 0 instead: {'; '.join(_noncollocated(rest))}",
         rest.verdict,
     ]
@@ -48,29 +45,10 @@ def _noncollocated(rest: Steady) -> list[str]:
     """Return for each choice of as many quasi-velocities as inputs the zero dynamics, or why these cannot be linearized."""
     system = rest.partial.system
     found = []
-    for chosen in itertools.combinations(range(system.dof), len(rest.partial.driven)):
+    for chosen in itertools.combinations(range(system.dof), len(system.driven)):
         names = ", ".join(system.quasi_velocities[k].name for k in chosen)
-        coupling = ca.Function("coupling", [system.mechanism.q, system.mechanism.p], [rest.partial.coupling(chosen)])
-        sizes = np.linalg.svd(coupling(rest.q, rest.parameters).full(), compute_uv=False)
-        if not sizes.min() > UNCOUPLED * max(1.0, sizes.max()):
-            found.append(f"{names}: not possible at rest, where inertia does not couple them to the inputs")
-            continue
-        zero = zero_modes(rest, chosen)
-        found.append(f"{names}: {listed(zero)} 1/s, {'unstable' if np.any(zero.real > STILL) else 'none of them grows'}")
+        found.append(f"{names}: {of_velocities(rest, chosen)}")
     return found
-
-
-def zero_modes(rest: Steady, chosen: Sequence[int] = ()) -> np.ndarray:
-    """Return the modes of the zero dynamics at rest with the velocities at the inputs, or the quasi-velocities with the numbers
-    `chosen`, held at zero, 1/s.
-    """
-    partial, robot = rest.partial, rest.partial.system.mechanism
-    eta = ca.SX.sym("eta", len(partial.passive))
-    moved = ca.vertcat(robot.q, eta)
-    slope = ca.Function("zero", [moved, robot.p], [ca.jacobian(ca.vertcat(*partial.zero_dynamics(eta, chosen)), moved)])
-    zero = slope([*rest.q, *[0.0] * eta.numel()], rest.parameters).full()
-    refuse_undefined(robot, zero)
-    return modes(zero)
 
 
 def run(

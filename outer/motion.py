@@ -338,8 +338,8 @@ class MotionFunctions:
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
         rho = ca.vertcat(ca.substitute(place, symbols(law.config), measured), system.nu)
-        follows = omega * (tau - system.nu)
-        full = ca.vertcat(system.qdot, follows if law.kinematic else tau if driven else system.acceleration(tau))
+        nudot = omega * (tau - system.nu) if law.kinematic else tau if driven else system.acceleration(tau)
+        full = ca.vertcat(system.qdot, nudot)
         P = ca.jacobian(rho, x)
         rest = ca.SX(rho.numel() - len(rows), 1)
         y_d = ca.vertcat(*[by_name[row.name] for row in rows])

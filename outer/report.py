@@ -53,7 +53,11 @@ class OuterLoopReport:
         if motion.decay() < -NEUTRAL:
             raise BadInput(
                 f"the whole loop is unstable about its motion, with s = {show(motion.eigenvalues()[0])} 1/s: "
-                "if speed and L + d have opposite signs, the heading diverges"
+                + (
+                    "so are the zero dynamics of these outputs; noslip analyse judges those of the others"
+                    if self.law.system.underactuated
+                    else "if speed and L + d have opposite signs, the heading diverges"
+                )
             )
         if period is not None and motion.decay(period, delay) < -NEUTRAL:
             late = (", with a delay of one sample," if delay else "") + (f", behind {drive}," if drive else "")

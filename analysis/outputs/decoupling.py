@@ -17,6 +17,7 @@ from ...model.algebra.ratios import Ratio, in_lowest_terms
 from ...model.linearization import Linearization
 from ...model.mechanism import Quantity, quantity
 from ...model.outputs import OutputRow, Through
+from ...model.underactuated import passive_inertias
 from ..distributions.places import words
 from ..exact.functions import Functions
 from ..exact.half_angles import factors, halved, never_zero, product
@@ -66,10 +67,11 @@ class Normal:
 class Decoupling:
     """An output map in exact symbols.
 
-    `gradients`, p x n: of the rows with respect to q, zero for rows of relative degree 1. `rates`: for rows of relative degree 1,
-    the output itself. `S`, n x p; `Phi`, p x p. `arms`: for each row, the vector to its point of the vehicle. `slopes`: for each
-    row, its constant gradient with respect to that point. `renamed`: symbols of the output map's own parameters that have the
-    same name as others of the robot.
+    `gradients`, r x n: of the r outputs with respect to q, zero for those of relative degree 1. `rates`: for outputs of relative
+    degree 1, the output itself. `S`, n x p; `Phi`, p x p. `inertias`, which are positive, are those by which the passive
+    equations of an underactuated robot are divided. `arms`: for each row, the vector to its point of the vehicle. `slopes`: for
+    each row, its constant gradient with respect to that point. `renamed`: symbols of the output map's own parameters that have
+    the same name as others of the robot.
     """
 
     linearization: Linearization
@@ -80,6 +82,7 @@ class Decoupling:
     gradients: sp.Matrix
     rates: dict[int, sp.Expr]
     Phi: sp.Matrix
+    inertias: tuple[sp.Expr, ...]
     planar: Planar | None
     arms: tuple[Arm | None, ...]
     slopes: tuple[Slope | None, ...]
@@ -189,7 +192,14 @@ class Decoupling:
         factors = [factor for factor, _ in self.functions.factors(polynomial)[1]] if polynomial else []
         return [f if f.LC > 0 else -f for f in factors if not self._never_zero(f)]
 
+    @cached_property
+    def _positive(self) -> set[PolyElement]:
+        """The factors of `inertias`."""
+        return {f for inertia in self.inertias for f, _ in self.functions.factors(self.functions.ratio(inertia)[0])[1]}
+
     def _never_zero(self, factor: PolyElement) -> bool:
+        if {factor, -factor} & self._positive:
+            return True
         return all(never_zero(self.functions, form) for form, _ in factors(self.functions, factor))
 
     def _described(self, factor: PolyElement) -> tuple[sp.Expr, str]:
@@ -273,12 +283,14 @@ def decouple(linearization: Linearization) -> Decoupling:
         else gradients[k] @ system.S
         for k, row in enumerate(output.rows)
     ]
+    rows.append(linearization.Phi[len(rows) :, :])  # the passive equations of an underactuated robot
     first_degree = [k for k, degree in enumerate(linearization.relative_degree) if degree == 1]
     parts = {
         "S": system.S,
         "gradients": ca.vertcat(*gradients),
         "Phi": ca.vertcat(*rows),
         "rates": ca.vertcat(*[linearization.h[k] for k in first_degree]),
+        "inertias": passive_inertias(system, system.annihilator),
         "planar": planar_quantities(system),
         **{f"arm {k}": arm_quantities(system, row) for k, row in enumerate(output.rows)},
     }
@@ -301,6 +313,7 @@ def decouple(linearization: Linearization) -> Decoupling:
         gradients=as_matrix(entries["gradients"], parts["gradients"].shape),
         rates=dict(zip(first_degree, entries["rates"], strict=True)),
         Phi=as_matrix(entries["Phi"], parts["Phi"].shape),
+        inertias=tuple(entries["inertias"]),
         planar=vehicle,
         arms=tuple(arm(entries[f"arm {k}"], vehicle, functions) for k in range(len(output.rows))),
         slopes=tuple(_constant_slope(row) for row in output.rows),

@@ -15,6 +15,9 @@ from itertools import combinations, islice
 import casadi as ca
 import sympy as sp
 
+from ...controllers.balance.steady import analyse_at_rest, listed
+from ...controllers.balance.zero_dynamics import of_outputs
+from ...model.algebra.samples import Sampled
 from ...model.errors import ModelError
 from ..exact.points import random_point
 from ..exact.readable import readable
@@ -201,10 +204,32 @@ class ExtendedForm(NormalForm):
         return "" if len(ways) != 1 else "V > 0" if ways == {1} else "V < 0"
 
 
+@dataclass(frozen=True, eq=False)
+class PartialForm(NormalForm):
+    """The normal form of outputs of an underactuated robot: h~ is the rest of the state [q; nu]. Its zero dynamics are judged at
+    rest, by numbers: `zero_dynamics` are their modes, `stability` the verdict.
+    """
+
+    zero_dynamics: str = ""  # type: ignore[assignment]
+    stability: str = ""  # type: ignore[assignment]
+
+    @property
+    def equations(self) -> dict[str, sp.Expr]:  # type: ignore[override]
+        """Empty: no closed form is derived."""
+        return {}
+
+    @cached_property
+    def moving(self) -> tuple[StraightMotion, ...]:  # type: ignore[override]
+        """Empty: no rule is known."""
+        return ()
+
+
 def normal_form(decoupling: Decoupling) -> NormalForm:
-    """Choose h~ among the coordinates."""
+    """Choose h~ among the coordinates, of an underactuated robot among the states."""
     if decoupling.linearization.integrators:
         return _extended_form(decoupling)
+    if decoupling.linearization.system.underactuated:
+        return _partial_form(decoupling)
     degree = decoupling.linearization.relative_degree
     gradients = decoupling.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(decoupling.q))))
     nu = sp.Matrix(decoupling.nu)
@@ -240,6 +265,26 @@ def _extended_form(decoupling: Decoupling) -> ExtendedForm:
         f"{decoupling.functions.name}: the dynamic extension leaves {left} states besides the outputs' derivatives, whose "
         f"zero dynamics are not decided: they are not {', '.join(c.name for c in (*cyclic, *joints)) or 'cyclic'} alone"
     )
+
+
+def _partial_form(decoupling: Decoupling) -> PartialForm:
+    """Choose h~ among the states, coordinates first, and judge the zero dynamics at rest."""
+    linearization = decoupling.linearization
+    system, chosen, kept = linearization.system, ca.vertcat(linearization.h, linearization.rate), list[sp.Symbol]()
+    state = ca.vertcat(system.mechanism.q, system.nu)
+    parameters = (*system.mechanism.parameters, *linearization.output.parameters)
+    for quantity in system.state:
+        longer = ca.vertcat(chosen, quantity.symbol)
+        if Sampled(ca.jacobian(longer, state), state, parameters, decoupling.functions.name).rank() == longer.numel():
+            chosen = longer
+            kept.append(sp.Symbol(quantity.name))
+    try:
+        found = of_outputs(analyse_at_rest(system.mechanism), linearization)
+    except ModelError as error:
+        judged = "not decided", str(error)
+    else:
+        judged = "not judged" if found.modes is None else f"at rest {listed(found.modes)} 1/s", found.verdict
+    return PartialForm(decoupling, (Chart(tuple(kept), sp.Integer(1), True),), None, *judged)
 
 
 def _charts(decoupling: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
