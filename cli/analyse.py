@@ -109,11 +109,11 @@ def _key(arguments: argparse.Namespace, uncertainty: dict[str, float]) -> tuple:
     """
     from importlib.metadata import version
 
-    from ..model.robots import ROBOTS
+    from ..model.robots import SHIPPED
     from ..simulation.specification.vary import read_varied
 
     specs = [read_varied(file, {}) for file in arguments.start]
-    if any(robot.split(":")[0] not in ROBOTS for robot in (arguments.robot, *(spec.robot for spec in specs))):
+    if any(robot.split(":")[0] not in SHIPPED for robot in (arguments.robot, *(spec.robot for spec in specs))):
         return ()
     tools = [version(name) for name in ("casadi", "mpmath", "numpy", "scipy", "sympy")]
     starts = list(zip(arguments.start, map(repr, specs), strict=True))

@@ -29,7 +29,7 @@ from ..model.names import (
 )
 from ..model.outputs import COURSE, STANDARD, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
-from ..model.robots import ROBOTS, UNDERACTUATED
+from ..model.robots import SHIPPED
 from .errors import BadInput, suggestion
 from .files import read_input
 
@@ -76,19 +76,18 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
     """
     whole, text = text, re.sub(r"(:-?\d{1,15})*\Z", "", text, count=1)
     numbers = [int(number) for number in whole[len(text) :].split(":")[1:]]
-    shipped = ROBOTS | UNDERACTUATED
-    if text in shipped:
-        _check_numbers(whole, shipped[text], numbers)
+    if text in SHIPPED:
+        _check_numbers(whole, SHIPPED[text], numbers)
         try:
-            return shipped[text](*numbers)
+            return SHIPPED[text](*numbers)
         except ModelError as error:
             raise BadInput(f"robot {whole!r}: {error}") from error
     if "\0" in text:
         raise BadInput(f"robot {text!r} is not a valid file name")
     file, colon, name = text.rpartition(":")
     if not colon and not text.endswith(".py"):
-        raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, shipped)}")
-    if file in shipped:
+        raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, SHIPPED)}")
+    if file in SHIPPED:
         raise BadInput(f"robot {whole!r}: the arguments after a shipped name must be integers")
     if not colon:
         file, name = text, ""
@@ -171,7 +170,7 @@ def placed(robot: object, about: str = "") -> Iterator[None]:
 
 def check_trust(robot: str, file: Path | str, trusted: bool) -> None:
     """Raise BadInput if `file` names a robot file, which is Python code, and the user has not given --trust."""
-    if not trusted and robot.split(":")[0] not in ROBOTS and (":" in robot or robot.endswith(".py")):
+    if not trusted and robot.split(":")[0] not in SHIPPED and (":" in robot or robot.endswith(".py")):
         raise BadInput(f"{file} names the robot {robot!r}, a file whose code would be executed; read it, then add --trust")
 
 

@@ -28,10 +28,11 @@ def simulate(
     Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
-    if engine and (spec.feedback or spec.push):
-        what = "[feedback]: its scenes hold robots upright" if spec.feedback else "[[push]]"
-        raise BadInput(f"--engine {engine} does not have {what}; leave the engine out")
     loop = make_loop(spec)
+    if engine and (loop.law.system.underactuated or spec.push):
+        upright = "robots with fewer inputs than degrees of freedom: its scenes hold robots upright"
+        what = upright if loop.law.system.underactuated else "[[push]]"
+        raise BadInput(f"--engine {engine} does not have {what}; leave the engine out")
     floor = None
     if engine:
         from .engine.on_floor import OnFloor  # MuJoCo is optional

@@ -144,9 +144,16 @@ def make_drive(
     believed: np.ndarray,
     vehicle: VehicleLimits | None = None,
 ) -> Drive:
-    """Return the drives of a SPEC. Raises BadInput for limits that do not fit the robot."""
+    """Return the drives of a SPEC. Raises BadInput for limits that do not fit the robot, and for velocities of a robot that has
+    fewer inputs than velocities.
+    """
     if section is None or not section.takes_velocity:
         return TorqueDrive(plant)
+    if law.system.underactuated:
+        raise BadInput(
+            f'[drive] kind = "{section.kind}": {len(law.system.mechanism.inputs)} drives cannot make all {law.system.dof} '
+            f'quasi-velocities of {law.system.mechanism.name} follow commands; take "torque"'
+        )
     return VelocityDrive(section, simulation, plant, law, believed, vehicle)
 
 

@@ -10,6 +10,8 @@ from numpy.polynomial import polynomial
 
 from ..controllers.approach import Approach, make_approach
 from ..controllers.backends import SCALAR, make_controller
+from ..controllers.balance.steady import analyse_at_rest
+from ..controllers.balance.zero_dynamics import of_outputs
 from ..controllers.controller import RUNNING, Controller, Evaluation, Friction, Limits
 from ..controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from ..controllers.estimation.disturbance import DisturbanceObservers
@@ -55,7 +57,7 @@ from .guidance import (
 from .plant import Plant
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
 from .specification.given import at_start, known_functions
-from .specification.spec import AdaptationSection, ApproachSection, Initial, PathSection, Simulation, Spec
+from .specification.spec import AdaptationSection, ApproachSection, Initial, OscillationSection, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
@@ -264,6 +266,7 @@ def make_loop(spec: Spec) -> Loop:
         assert spec.initial is not None, "only a composite path defines its own start"
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
         guidance = _one_path(law, spec, believed, gains, make_leg, start)
+        warnings = (*warnings, *_unstable(law, believed, guidance.leg.config))
     sensing: Sensing | None = None
     if spec.sensors:
         seen = (plant.parameters, believed, start)
@@ -318,6 +321,17 @@ def _feedback_loop(mechanism: Mechanism, spec: Spec) -> Loop:
         raise BadInput("[initial]: the robot has fallen at the start: a coordinate is more than 1.57 (m or rad) off; move it")
     _check_start(loop)
     return loop
+
+
+def _unstable(law: ControlLaw, believed: np.ndarray, config: np.ndarray) -> tuple[str, ...]:
+    """Return a warning if a mode of the zero dynamics of an underactuated robot at rest grows: no gain changes that."""
+    if not law.system.underactuated:
+        return ()
+    try:
+        found = of_outputs(analyse_at_rest(law.system.mechanism, None, believed.tolist()), law.linearization, config.tolist())
+    except ModelError:  # it does not rest at q = 0
+        return ()
+    return (f"zero dynamics of {law.name} at rest: {found}",) if found.unstable else ()
 
 
 def _pushes(spec: Spec, plant: Plant) -> tuple[tuple[float, np.ndarray], ...]:
@@ -517,6 +531,9 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     begin, rates = np.array(offset), np.array(slope)
     if not (kind := spec.reference.moves) or law.output.foot:
         return lambda t: begin + rates * t
+    if oscillation := spec.reference.oscillation:
+        swung = _oscillating(oscillation, law)
+        return lambda t: begin + rates * t + swung(t)
     if [row.unit for row in law.output.rows[:2]] != ["m", "m"]:
         raise BadInput(f"[reference] {kind}: the first two outputs of {law.name} are not a point: give position and velocity")
     moved, (first, second) = _moved_point(spec, max(degrees[:2])), degrees[:2]
@@ -525,6 +542,26 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
         point, made = moved(t), begin + rates * t
         made[: first + second + 2] += [*point.real[: first + 1], *point.imag[: second + 1]]
         return made
+
+    return at
+
+
+def _oscillating(oscillation: OscillationSection, law: ControlLaw) -> Callable[[float], np.ndarray]:
+    """Return the function from t to what an oscillation adds to the reference. Raises BadInput for wrong numbers of entries."""
+    rows, degrees = law.output.rows, law.linearization.relative_degree
+    angles = (0.0,) * len(rows) if oscillation.angle is None else oscillation.angle
+    for name, given in (("amplitude", oscillation.amplitude), ("angle", angles)):
+        if len(given) != len(rows):
+            needed = ", ".join(row.name for row in rows)
+            raise BadInput(f"[reference] oscillation {name} has {len(given)} numbers; it must have {len(rows)}: {needed}")
+
+    def at(t: float) -> np.ndarray:
+        parts = []
+        for amplitude, angle, degree in zip(oscillation.amplitude, angles, degrees, strict=True):
+            s, c = sine_cosine(angle + oscillation.rate * t)
+            quarters, orders = np.array([s, c, -s, -c]), np.arange(degree + 1)
+            parts.append(amplitude * oscillation.rate**orders * quarters[orders % 4])
+        return np.concatenate(parts)
 
     return at
 
@@ -663,4 +700,6 @@ def _why_singular(loop: Loop) -> str:
         return "with a dynamic extension it is where the point that is tracked stands still: start with a speed, [initial] speed"
     if loop.law.output.path:
         return 'the heading is normal to the path: change it, move the point, or set [output] near_singular = "damped"'
+    if loop.law.system.underactuated:
+        return "inertia does not couple the outputs to the inputs there: change [initial]"
     return "the inputs do not affect the outputs independently there: change the heading"

@@ -33,7 +33,7 @@ FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57
 SENSED = "#d08a00"
 SECOND = "#8a4fa3"  # second colour beside POINT
 COLOURS = (POINT, SECOND, AXLE, VEHICLE)
-WIDE = 170  # characters per line of the title
+WIDE = 150  # characters per line of the title
 OUTLINES, APART = 6, 2.5  # largest number of drawn vehicles, and their smallest distance, m
 STAYS = 0.3  # m: a vehicle that ends so near to its start is drawn once
 TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after a full turn it is where it was before
@@ -42,12 +42,14 @@ TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after
 def draw(run: Run) -> Figure:
     """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over time on the right.
     SI units. A run in a physics engine has the slip of each contact as well, one that learns parameters these, one on ground that
-    moves the balance of energy.
+    moves the balance of energy, one of an underactuated robot the coordinates that no output controls.
 
     For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
     """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
-    grid = figure.add_gridspec(3 + bool(run.floor) + bool(run.spec.adaptation) + run.balanced, 2, width_ratios=(1.25, 1))
+    passive = _passive(run)
+    more = (run.floor, run.spec.adaptation, run.balanced, passive)
+    grid = figure.add_gridspec(3 + sum(map(bool, more)), 2, width_ratios=(1.25, 1))
     figure.suptitle(_title(run), fontsize=11)
     plane = figure.add_subplot(grid[:, 0])
     errors = figure.add_subplot(grid[0, 1])
@@ -69,6 +71,9 @@ def draw(run: Run) -> Figure:
     if run.balanced:
         below.append(figure.add_subplot(grid[2 + len(below), 1], sharex=errors))
         _draw_energy(below[-1], run)
+    if passive:
+        below.append(figure.add_subplot(grid[2 + len(below), 1], sharex=errors))
+        _draw_passive(below[-1], run, passive)
     below[-1].set_xlabel("time t (s)")
     for axes in (errors, speed, *below[:-1]):
         axes.tick_params(labelbottom=False)
@@ -274,10 +279,11 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
 
 
 def _draw_errors(axes: Axes, run: Run) -> None:
-    """Draw the errors of the outputs that are functions of q, each with its unit."""
-    of_place = [k for k, row in enumerate(run.law.output.rows) if not ca.depends_on(row.expression, run.law.system.nu)]
-    rows = [run.law.output.rows[k] for k in of_place]
-    for k, row, colour in zip(of_place, rows, COLOURS, strict=False):
+    """Draw the errors of the outputs that are functions of q, or of all if there are none, each with its unit."""
+    every = run.law.output.rows
+    shown = [k for k, row in enumerate(every) if not ca.depends_on(row.expression, run.law.system.nu)] or range(len(every))
+    rows = [every[k] for k in shown]
+    for k, row, colour in zip(shown, rows, COLOURS, strict=False):
         label = f"{row.name} - desired, {run.error[-1, k]:.2g} {row.unit} at the end"
         axes.plot(run.t, run.error[:, k], color=colour, label=label)
     axes.axhline(0.0, color="black", linewidth=0.8)
@@ -337,6 +343,29 @@ def _draw_energy(axes: Axes, run: Run) -> None:
         axes.plot(run.t, values, color=colour, label=name)
     axes.set_ylabel("energy, work (J)")
     legend_on_top(axes)
+
+
+def _passive(run: Run) -> list[int]:
+    """Return the numbers of the coordinates, besides the pose, on which the motion of an underactuated robot depends and that are
+    no outputs.
+    """
+    system = run.law.system
+    if not system.underactuated:
+        return []
+    equations = ca.vertcat(ca.vec(system.Mbar), system.bias)
+    moves = [ca.depends_on(equations, c.symbol) for c in system.mechanism.coordinates]
+    held = [any(ca.is_equal(row.expression, c.symbol) for row in run.law.output.rows) for c in system.mechanism.coordinates]
+    return [k for k, m in enumerate(moves) if m and not held[k] and k not in system.mechanism.pose_numbers]
+
+
+def _draw_passive(axes: Axes, run: Run, passive: Sequence[int]) -> None:
+    """Draw coordinates."""
+    for k, colour in zip(passive, COLOURS, strict=False):
+        quantity = run.law.system.mechanism.coordinates[k]
+        axes.plot(run.t, run.q[:, k], color=colour, label=f"{quantity.name} ({quantity.unit})")
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    axes.set_ylabel("not controlled")
+    axes.legend(loc="best", fontsize=9)
 
 
 def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:

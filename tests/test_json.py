@@ -11,7 +11,7 @@ from noslip.cli import COMMANDS
 from noslip.cli.commands import parser_of
 from noslip.cli.main import main
 from noslip.codegen.explain import explain
-from noslip.model.robots import ROBOTS
+from noslip.model.robots import ROBOTS, UNDERACTUATED
 from noslip.readers import progress
 from noslip.readers.files import SHIPPED
 from noslip.readers.robots import law_of
@@ -112,7 +112,7 @@ def test_kept_answers_are_those_found(monkeypatch, tmp_path, capsys):
 
 @pytest.mark.nightly
 def test_of_other_commands(tmp_path, capsys):
-    assert [robot["name"] for robot in printed(capsys, ["robots"])[0]] == list(ROBOTS)
+    assert [robot["name"] for robot in printed(capsys, ["robots"])[0]] == [*ROBOTS, *UNDERACTUATED]
     assert printed(capsys, ["laws", "knife_edge"])[0].keys() >= {"type_i"}
     script = printed(capsys, ["completion", "bash"])[0]["script"]
     main(["completion", "bash"])

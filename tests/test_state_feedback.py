@@ -222,7 +222,7 @@ def test_bad_specs_are_refused_in_a_line(changed, bad_input, tmp_path):
 
 def test_other_commands_refuse_it(bad_input, tmp_path):
     out = ["-o", str(tmp_path / "run.csv")]
-    assert "--engine mujoco does not have [feedback]" in bad_input(["simulate", "balancer", *out, "--engine", "mujoco"])
+    assert "its scenes hold robots upright" in bad_input(["simulate", "balancer", *out, "--engine", "mujoco"])
     assert "[feedback] has no outer loop" in bad_input(["outer-loop", "balancer", "--spec", "balancer"])
     assert "judges its steady motions" in bad_input(["analyse", "balancer", "--start", "balancer"])
     assert "commands requires [feedback]" in bad_input(["simulate", "line", *out, "--set", "reference.commands=[{time=1}]"])

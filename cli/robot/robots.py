@@ -33,9 +33,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def list_robots(args: argparse.Namespace) -> int:
     """Run `noslip robots`. Return 0."""
-    from ...model.robots import ROBOTS
+    from ...model.robots import SHIPPED
 
-    robots = [(name, robot()) for name, robot in ROBOTS.items()]
+    robots = [(name, robot()) for name, robot in SHIPPED.items()]
     show(args, lambda: _robots_table(robots), lambda: [_robot(name, robot) for name, robot in robots])
     return 0
 

@@ -283,6 +283,17 @@ class CircleSection:
     angle: float = entry(angle, 0.0, "of the desired point at t = 0, from the x-axis to the left")
 
 
+@dataclass(frozen=True, kw_only=True)
+class OscillationSection:
+    """By what desired outputs oscillate: amplitude sin(rate t + angle), with an amplitude for each output in its unit, one rate
+    (rad/s), and an angle (rad) for each, or none.
+    """
+
+    amplitude: tuple[float, ...] = entry(numbers, about="of each desired output, in its unit")
+    rate: float = entry(number("positive", "rad/s"), about="of the oscillation, 2 pi over its period")
+    angle: tuple[float, ...] | None = entry(numbers, None, "of each in rad at t = 0; by default 0")
+
+
 FOLLOW = ("time", "path")
 
 
@@ -334,6 +345,9 @@ def _speed(value: Any, where: str) -> float:
     return FASTEST if value == "fastest" else number(unit="m/s")(value, where)
 
 
+MOTIONS = ("circle", "course", "oscillation")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Reference:
     """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path, at once or with `approach`.
@@ -342,7 +356,8 @@ class Reference:
     (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing. With the speed "fastest", or with `lateral`,
     it follows a profile: the fastest within `lateral`, `acceleration`, `deceleration` and `angular`, by default of friction.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad). With `circle` the
-    first two outputs, a point, also move on a circle about it; with `course` along a curve from it.
+    first two outputs, a point, also move on a circle about it; with `course` along a curve from it; with `oscillation` the
+    outputs of a robot's own move as sines.
     With [feedback]: its steady motion, or from the `position` x, y (m) and heading (rad) on `commands`, or a `course`.
     """
 
@@ -359,6 +374,7 @@ class Reference:
     approach: ApproachSection | None = entry(section(ApproachSection), None)
     circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
     course: CourseSection | None = entry(_course, None, "along which a desired point moves, in addition, or a P_l of type IV")
+    oscillation: OscillationSection | None = entry(section(OscillationSection), None)
     commands: tuple[Command, ...] | None = entry(
         list_of(Command, "{ distance = 2, time = 6 }"), None, "of [feedback]: parts of the desired motion, one after the other"
     )
@@ -370,8 +386,8 @@ class Reference:
 
     @property
     def moves(self) -> str:
-        """On what a desired point moves besides its velocity: circle, course, or an empty text."""
-        return "circle" if self.circle else "course" if self.course else ""
+        """How desired outputs move besides their velocity: circle, course, oscillation, or an empty text."""
+        return next((name for name in MOTIONS if getattr(self, name) is not None), "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -800,16 +816,17 @@ class Spec:
         for name in ("acceleration", "angular"):
             if getattr(self.reference, name) is not None and not self.reference.profiled:
                 raise BadInput(f'[reference] {name} requires lateral, or speed = "fastest": give one of them')
-        if self.reference.circle and self.reference.course:
-            raise BadInput("[reference] has both circle and course: give one of them")
+        if len(several := [name for name in MOTIONS if getattr(self.reference, name) is not None]) > 1:
+            raise BadInput(f"[reference] has both {several[0]} and {several[1]}: give one of them")
         if self.reference.velocity and self.reference.course and self.reference.course.follow == "path":
             raise BadInput('[reference] velocity does not go with a course with follow = "path", which does not depend on time')
         if self.output.along_course:
             self._check_course()
         required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle", "course"))
+        optional = (*optional, "oscillation") if self.output.own else optional
         if self.output.along_course:
             required, optional = "course", ("speed", "position")
-        for name in ("speed", "position", "velocity", "circle", "course"):
+        for name in ("speed", "position", "velocity", *MOTIONS):
             given = getattr(self.reference, name) is not None
             if given and name not in (required, *optional):
                 takes = " and ".join((required, *optional))

@@ -54,6 +54,8 @@ def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
     lists = {
         "reference.position": ["m", "m", "rad"] if spec.feedback else [row.unit for row in rows],
         "reference.velocity": [per_second(row.unit) for row in rows],
+        "reference.oscillation.amplitude": [row.unit for row in rows],
+        "reference.oscillation.angle": ["rad"] * len(rows),
         "initial.q": [q.unit for q in mechanism.coordinates],
         "initial.nu": rates,
         "limits.integral": [_derivative(row.unit, degrees[row.name]) for row in rows if ki.get(f"ki_{row.name}")],
