@@ -87,11 +87,6 @@ class AnalysedProgram:
         return " ".join(filter(None, [self.source, self.law])) + SCALARS[self.scalar][0]
 
     @property
-    def robot(self) -> str:
-        """The name of the law's robot in C."""
-        return self.law.partition("_type_")[0]
-
-    @property
     def extended(self) -> bool:
         """Whether the law has a dynamic extension: its step takes the time since the last one, and it is without friction."""
         return self.law.endswith("_extended")
@@ -117,7 +112,7 @@ class AnalysedProgram:
     def sources(self, task: Task) -> list[Path]:
         """The C files to analyse."""
         suffix = SCALARS[self.scalar][0]
-        more = [task.law_file(f"{self.robot}{suffix}.c")] if self.law else []
+        more = [task.law_file(f"{task.robot_of(self.law)}{suffix}.c")] if self.law else []
         more += [task.law_file(f"{self.law}{suffix}.c")] if self.source == "law" else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
@@ -146,9 +141,9 @@ class AnalysedProgram:
         if not self.law:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
         analysed = "labmate_follower" if self.source == "follower" else self.law
-        law = {"ROBOT": self.robot, "LAW": self.law} | {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
-        kind = {"FOLLOWS": str(int(task.follows(self.law))), "EXTENDED": str(int(self.extended))}
-        return macros | law | kind
+        law = {"ROBOT": task.robot_of(self.law), "LAW": self.law} | {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
+        kind = {"FOLLOWS": task.follows(self.law), "EXTENDED": self.extended, "GRIPS": task.grips(self.law)}
+        return macros | law | {name: str(int(holds)) for name, holds in kind.items()}
 
 
 def programs(task: Task) -> list[AnalysedProgram]:
@@ -158,7 +153,7 @@ def programs(task: Task) -> list[AnalysedProgram]:
     parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", ""), ("balance", "")]
     parts += [("telemetry", "")]
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
-    named = [("law", law) for law in (*laws, *task.chain_law)]
+    named = [("law", law) for law in (*laws, *task.laws_of_others)]
     named += ([] if task.short else grips) + parts[: 2 if task.short else None]
     named += [] if task.short else [("follower", task.laws[-1])]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]

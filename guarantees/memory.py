@@ -61,7 +61,7 @@ def stack(task: Task, target: Machine = M4F) -> str:
     )
     measured: budget.Numbers = {}
     for entry, most in used.items():
-        laws = sorted((*task.laws, *task.chain_law), key=len, reverse=True)
+        laws = sorted((*task.laws, *task.laws_of_others), key=len, reverse=True)
         module = next((name for name in laws if entry.startswith(name)), "runtime")
         measured.setdefault(f"{module}_f", {})[f"stack {entry.removeprefix(module + '_').removesuffix('_f')}"] = most
     worst = max(used, key=used.__getitem__)
@@ -98,7 +98,7 @@ def graph_of(task: Task, target: Machine) -> Graph:
 
 def _structs(task: Task, target: Machine) -> dict[str, int]:
     """Return module -> bytes of the struct that the caller owns."""
-    laws = [law + suffix for law in (*task.laws, *task.chain_law) for suffix in ("", "_f")]
+    laws = [law + suffix for law in (*task.laws, *task.laws_of_others) for suffix in ("", "_f")]
     lines = [f'#include "{header}.h"' for header in (*laws, "noslip_path")]
     lines += [f"char size_of_{kind}[sizeof({kind})] = {{1}};" for kind in (*laws, "noslip_path", "noslip_path_f")]
     source = task.folder / "structs.c"

@@ -36,8 +36,8 @@ class Failed(Exception):
 @dataclass(frozen=True)
 class Task:
     """Arguments of a check: the C, the working folder, short or complete version, whether to record a new budget; `more`: laws of
-    the shipped robot that are generated for the check, beside those of its committed C; `chain`: a law of a robot of many bodies,
-    whose C has loops, likewise: robot and law.
+    the shipped robot that are generated for the check, beside those of its committed C; `others`: laws of other robots, likewise:
+    robot and law, one of each robot.
     """
 
     folder: Path
@@ -45,7 +45,7 @@ class Task:
     short: bool = False
     update: bool = False
     more: tuple[str, ...] = ()
-    chain: tuple[str, str] | None = None
+    others: tuple[tuple[str, str], ...] = ()
 
     @property
     def runtime(self) -> Path:
@@ -68,7 +68,7 @@ class Task:
         """The folders with generated C."""
         laws = self.folder / "laws"
         more = [_written(laws, self.generated.name, self.more)] if self.more else []
-        return [self.generated, *more, *([_written(laws / "chain", self.chain[0], self.chain[1:])] if self.chain else [])]
+        return [self.generated, *more, *(_written(laws / _in_c(robot), robot, (law,)) for robot, law in self.others)]
 
     @property
     def sources(self) -> list[Path]:
@@ -98,9 +98,13 @@ class Task:
         return [*own[:-1], *(f"{self.generated.name}_{name}" for name in self.more), *own[-1:]]
 
     @property
-    def chain_law(self) -> list[str]:
-        """The name in C of the law of a chain, without the scalar, if there is one."""
-        return ["_".join(self.chain).replace(":", "_")] if self.chain else []
+    def laws_of_others(self) -> dict[str, str]:
+        """The laws of other robots and these robots, both by their names in C, without the scalar."""
+        return {f"{_in_c(robot)}_{law}": _in_c(robot) for robot, law in self.others}
+
+    def robot_of(self, law: str) -> str:
+        """Return the name in C of the robot of a law."""
+        return self.laws_of_others.get(law, self.generated.name)
 
     def law_file(self, name: str) -> Path:
         """Return the path of a file of a law."""
@@ -109,6 +113,10 @@ class Task:
     def follows(self, law: str) -> bool:
         """Whether the law has the step function `follow`, which takes the foot on a path."""
         return f"int {law}_follow(" in self.law_file(f"{law}.h").read_text()
+
+    def grips(self, law: str) -> bool:
+        """Whether the law can keep wheels rolling."""
+        return " grip;" in self.law_file(f"{law}.h").read_text()
 
     def driver(self, law: str, suffix: str, text: str) -> str:
         """Return C that includes a file written for any law, for one law: see tests/c/law_names.h."""
@@ -158,6 +166,10 @@ HOST = Machine(platform.machine(), "", (), "gcc")
 ARM = TABLE["toolchain"]["arm"]
 M4F = Machine("cortex-m4f", ARM["prefix"], flags("cortex-m4f"), ARM["package"])
 TARGETS = {target.name: target for target in (HOST, M4F)}
+
+
+def _in_c(robot: str) -> str:
+    return robot.replace(":", "_")
 
 
 def _c_files(folder: Path) -> list[Path]:

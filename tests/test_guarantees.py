@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 from noslip.guarantees import budget, eva, fuzz, instructions, memory, timing, tools
-from noslip.guarantees.__main__ import CHECKS, MORE, checked
+from noslip.guarantees.__main__ import CHECKS, MORE, OTHERS, checked
 from noslip.guarantees.headers import headers
 from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Machine, Missing, Task
+from noslip.readers.robots import find_robot
 from noslip.tests.tools import need
 
 # test_runtime.py has the others already, test_faults.py the faults
@@ -66,6 +67,23 @@ def test_eva_proves_extended_laws_and_finds_an_extension_that_is_not_checked(nam
     assert proved > 10 and not wrong
     text = source.read_text()
     wrong_step = text.replace("self->extension[0] =", "self->extension[1] =")
+    assert wrong_step != text
+    source.write_text(wrong_step)
+    assert eva.analyse(task, program)[1]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("robot", ["balancer", "roller_racer"])
+def test_eva_proves_partial_linearization_and_finds_what_is_wrong(robot, tmp_path):
+    """A law of a robot with fewer inputs than degrees of freedom; the planted defect writes beside the inputs."""
+    need("frama-c")
+    task = Task(tmp_path, others=((robot, dict(OTHERS)[robot]),))
+    (law,) = task.laws_of_others
+    program, source = eva.AnalysedProgram("law", "float", law), task.law_file(f"{law}_f.c")
+    proved, wrong = eva.analyse(task, program)
+    assert proved > 10 and not wrong
+    text, last = source.read_text(), len(find_robot(robot).inputs) - 1
+    wrong_step = text.replace(f"tau[{last}] = ", f"tau[{last + 1}] = ")
     assert wrong_step != text
     source.write_text(wrong_step)
     assert eva.analyse(task, program)[1]

@@ -1,6 +1,6 @@
 /*
  * law.c - the law LAW of ROBOT for EVA, in the scalar REAL with SUFFIX: its init, a step, every other function. FOLLOWS is 1
- * if it has the step function follow, EXTENDED is 1 if it has a dynamic extension.
+ * if it has the step function follow, EXTENDED is 1 if it has a dynamic extension, GRIPS is 1 if it can keep wheels rolling.
  *
  * A step is proved to keep the properties that init establishes for limits and held inputs, so that the results for one step hold for
  * any sequence of steps.
@@ -62,12 +62,12 @@ void check_step(int follow, int grip, int on_error, REAL odd, REAL even, REAL he
     law.on_error = on_error;
     for (k = 0; k < INPUTS; k++) {
         law.limit[k] = k % 2 ? odd : even;
-#if !EXTENDED
+#if GRIPS
         law.clear[k] = grip ? -1 : law.limit[k];
 #endif
         law.held[k] = BETWEEN(held_least, held_most);
     }
-#if !EXTENDED
+#if GRIPS
     if (grip) {
         law.on_limit = NOSLIP_GRIP;
         law.grip.weight = BETWEEN(0, 1000);
@@ -164,7 +164,7 @@ void check_functions(void)
     } else {
         REACHED(decoupling_refused);
     }
-    check_answer(all.Phi[0], INPUTS * INPUTS, status);
+    check_answer(all.Phi[0], (int)(sizeof all.Phi / sizeof(REAL)), status);
 #if !EXTENDED
     status = OF_LAW(_decoupling_rate)(&law, &state, all.Phidot);
     if (status >= 0) {
@@ -172,7 +172,7 @@ void check_functions(void)
     } else {
         REACHED(decoupling_rate_refused);
     }
-    check_answer(all.Phidot[0], INPUTS * INPUTS, status);
+    check_answer(all.Phidot[0], (int)(sizeof all.Phidot / sizeof(REAL)), status);
 #endif
     status = OF_LAW(_feedback)(&law, &state, v, all.tau);
     if (status >= 0) {
@@ -203,7 +203,7 @@ int main(void)
         check_step(follow, 0, NOSLIP_ZERO, LARGEST, SMALLEST, -SMALLEST, SMALLEST);
         check_step(follow, 0, NOSLIP_HOLD, 20, 7, -7, 7);
         check_step(follow, 0, NOSLIP_HOLD, 20, 7, 3, 3);
-#if !EXTENDED
+#if GRIPS
         check_step(follow, 1, NOSLIP_HOLD, 20, 7, -7, 7);
 #endif
     }
