@@ -40,6 +40,7 @@ NIGHTLY = {
         r"test_battery\[tractor_trailer:(1 type_ii|4 type_i)\]",
         r"test_battery\[(bus type_iv_circle|castor_platform type_iv_circle)\]",
         r"test_battery\[labmate type_i(v_segment_damped|v_circle_extended|_kinematic)\]",
+        r"test_battery\[(balancer (wheels|speeds|upright)|sleigh heading|snakeboard shape|roller_racer handlebar)\]",
         r"passes_its_own_test\[((tractor_trailer|car)-|ball_plate-generic)",
         r"energy_is_the_work_done\[(tractor_trailer:4|turtlebot3_waffle_pi|f1tenth|forklift|castor_platform)\]",
     ),
