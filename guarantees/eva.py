@@ -141,7 +141,8 @@ class AnalysedProgram:
         if not self.law:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
         analysed = "labmate_follower" if self.source == "follower" else self.law
-        law = {"ROBOT": task.robot_of(self.law), "LAW": self.law} | {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
+        law = {"ROBOT": task.robot_of(self.law), "LAW": self.law}
+        law |= {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
         kind = {"FOLLOWS": task.follows(self.law), "EXTENDED": self.extended, "GRIPS": task.grips(self.law)}
         return macros | law | {name: str(int(holds)) for name, holds in kind.items()}
 

@@ -31,9 +31,9 @@ class ControlLaw:
 
     Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y);
     longer chains as degree 2, with ka on the error of the second derivative and so on (GAINS); degree 0: v = y_d.
-    `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs; with fewer inputs than n-m, `v` is r x 1 too. They depend
-    on `groups`: parameters, config (of the output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v`
-    are functions of v itself.
+    `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs; with fewer inputs than n-m, `v` is r x 1. They depend on
+    `groups`: parameters, config (of the output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are
+    functions of v itself.
     Of a kinematic law `tau` is the command nu_c, (n-m) x 1, in the units of the quasi-velocities, and `u` is empty.
     With a dynamic extension its states xi are the last of the state, and `extension_rate` is d xi/dt, k x 1; else 0 x 1.
     Of a damped law these are what `outside` and `within` give on either side of the edge of its band.

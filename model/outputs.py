@@ -100,9 +100,9 @@ FOOT = (
 
 @dataclass(frozen=True, eq=False)
 class OutputMap:
-    """n-m outputs, or with fewer inputs as many as these, with their additional parameters. `path` is the curve followed, for Type IV; `extension` allows a dynamic
-    extension; a `kinematic` law commands quasi-velocities instead of inputs. With a `band`, one of the parameters, the inverse of
-    Phi is damped where the cosine of the angle between heading and path is less.
+    """n-m outputs, or with fewer inputs as many as these, with their additional parameters. `path` is the curve followed, for
+    Type IV; `extension` allows a dynamic extension; a `kinematic` law commands quasi-velocities instead of inputs. With a `band`,
+    one of the parameters, the inverse of Phi is damped where the cosine of the angle between heading and path is less.
     """
 
     name: str
