@@ -309,10 +309,12 @@ class Law:
         made = CompiledController(
             self.law, self.plant.params, self.plant.config, self.plant.gains, made_by=self.library(*REFERENCE, "double")
         )
+        S = self.law.function({"S": self.law.system.S})
         worst, size = 0.0, np.median([np.abs(point.truth.values["Phidot"]).max() for point in self.plant.points])
         for point in self.plant.points:
             n = len(point.state) - self.law.system.dof
-            qdot = np.concatenate([point.truth.values["S"] @ point.state[n:], np.zeros(len(point.state) - n)])
+            basis = S(self.plant.params, self.plant.config, self.plant.gains, point.state, point.reference).full()
+            qdot = np.concatenate([basis @ point.state[n:], np.zeros(len(point.state) - n)])
             h = 1e-3 / max(1.0, np.abs(qdot).max())
             at = {k: made.evaluate(point.state + k * h * qdot, point.reference).values["Phi"] for k in (-2, -1, 1, 2)}
             rate = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * h)
