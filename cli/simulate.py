@@ -161,7 +161,9 @@ def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
 
 
 def _recorded(spec: "Spec", simulated: Callable[[], "Run"]) -> tuple["Run", str]:
-    """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target."""
+    """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target, and for
+    [feedback], as a record names a law.
+    """
     from ..controllers.controller import ON_TARGET
     from ..controllers.pil import recorded
     from ..simulation.loop import make_loop
@@ -170,6 +172,8 @@ def _recorded(spec: "Spec", simulated: Callable[[], "Run"]) -> tuple["Run", str]
     backend = spec.simulation.backend
     if backend not in ON_TARGET:
         raise BadInput(f"--record: backend {backend!r} has no target; set [simulation] backend to {' or '.join(ON_TARGET)}")
+    if spec.feedback:
+        raise BadInput("--record: a record is of a law, and [feedback] is none; leave --record out")
     law = make_loop(spec).law
     with recorded(law, backend) as calls:
         completed = simulated()

@@ -1,9 +1,9 @@
 """Processor in the loop: the generated C runs on an emulated processor, or as a program of this host, and is called from here.
 
 firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard input and output; the
-image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, speed
-profiles, odometry, integrators, approaches, what notices slip and commands of velocity drives of that law are objects in it,
-represented here by handles.
+image opens both by semihosting. There is one image, and one process, for a law, or a state feedback, and a target. Controllers,
+trackers, speed profiles, odometry, integrators, approaches, what notices slip and commands of velocity drives of that law are
+objects in it, represented here by handles.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import select
 import struct
 import subprocess
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import IO
@@ -73,30 +73,44 @@ class Call:
     answer: bytes
 
 
-def image(target: Target, law: Library) -> Path:
-    """Return the program that serves calls of a law on a target. Raises BadInput if a tool is missing."""
+@dataclass(frozen=True, eq=False)
+class Served:
+    """Generated C that an image serves: its `files` (name -> text), and the text of pil_law.h that chooses it."""
+
+    files: Mapping[str, str]
+    chosen: str
+
+
+@cache
+def served_law(law: ControlLaw) -> Served:
+    """Return what an image of a law serves: the law and, unless it is kinematic, the dynamics of its robot."""
+    made = library(law, "float")
+    has_grip = "grip" in [name for name, _ in made.ffi.typeof(made.name("")).fields]
+    chosen = CHOSEN.format(robot=made.text.robot, law=made.text.prefix, grip=int(has_grip), extends=made.text.extends)
+    if law.kinematic:
+        return Served(made.files, chosen)
+    sizes = {"coordinates": len(law.system.mechanism.coordinates), "dof": law.system.dof}
+    files = {**made.files, **dynamics_library(law.system, "float").files}
+    return Served(files, chosen + DYNAMICS.format(robot=made.text.robot, **sizes))
+
+
+def image(target: Target, served: Served) -> Path:
+    """Return the program that serves calls of generated C on a target. Raises BadInput if a tool is missing."""
     require(target.compiler, *target.machine[:1])
     own = {path.name: path.read_text() for path in FOLDER.glob("*.[ch]")}
-    has_grip = "grip" in [name for name, _ in law.ffi.typeof(law.name("")).fields]
-    chosen = CHOSEN.format(robot=law.text.robot, law=law.text.prefix, grip=int(has_grip), extends=law.text.extends)
-    system, generated = law.text.system, dict(law.files)
-    if not law.text.law.kinematic:
-        sizes = {"coordinates": len(system.mechanism.coordinates), "dof": system.dof}
-        chosen += DYNAMICS.format(robot=law.text.robot, **sizes)
-        generated |= dynamics_library(system, "float").files
-    files = {**runtime_files(), **target.files(), **generated, **own, "pil_law.h": chosen}
-    sources = [name for name in (*generated, *own) if name.endswith(".c")]
+    files = {**runtime_files(), **target.files(), **served.files, **own, "pil_law.h": served.chosen}
+    sources = [name for name in (*served.files, *own) if name.endswith(".c")]
     command = target.compile() if target.compiler else compiler()
     return built([*command, *STANDARD, "-O2", *sources, *CALLED, *target.start, *target.link()], files, "pil.elf")
 
 
 class Session:
-    """A running image of one law. Raises BadInput if it cannot be built, TargetFault if it does not respond correctly."""
+    """A running image. Raises BadInput if it cannot be built, TargetFault if it does not respond correctly."""
 
-    def __init__(self, target: Target, law: Library):
+    def __init__(self, target: Target, served: Served):
         self.target = target
         self.log: list[Call] | None = None
-        program = image(target, law)
+        program = image(target, served)
         self._process = subprocess.Popen(
             target.run(str(program), *SEMIHOSTING),
             stdin=subprocess.PIPE,
@@ -114,6 +128,7 @@ class Session:
         self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", sizes), strict=True))
         counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals", "approach": "approaches"}
         counts |= {"slip": "slips", "velocity": "velocities", "dynamics": "dynamics", "disturbance": "disturbances"}
+        counts |= {"feedback": "feedbacks"}
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
     @property
@@ -197,15 +212,20 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         pipe.close()
 
 
-_sessions: dict[tuple[ControlLaw, str], Session] = {}
+_sessions: dict[tuple[Served, str], Session] = {}
+
+
+def session_of(served: Served, backend: str) -> Session:
+    """Return the running image of generated C for this backend, started at the first use."""
+    key = served, backend
+    if key not in _sessions or not _sessions[key].alive:
+        _sessions[key] = Session(TARGETS[ON_TARGET[backend]], served)
+    return _sessions[key]
 
 
 def session(law: ControlLaw, backend: str) -> Session:
     """Return the running image of a law for this backend, started at the first use."""
-    key = law, backend
-    if key not in _sessions or not _sessions[key].alive:
-        _sessions[key] = Session(TARGETS[ON_TARGET[backend]], library(law, "float"))
-    return _sessions[key]
+    return session_of(served_law(law), backend)
 
 
 @contextmanager
@@ -222,7 +242,7 @@ def recorded(law: ControlLaw, backend: str) -> Iterator[list[Call]]:
 
 def replay_session(law: ControlLaw, backend: str) -> Session:
     """Return a new image to replay calls on; for the backend cf, a program of this host."""
-    return Session(HOST if backend == "cf" else TARGETS[ON_TARGET[backend]], library(law, "float"))
+    return Session(HOST if backend == "cf" else TARGETS[ON_TARGET[backend]], served_law(law))
 
 
 # -- the interfaces of the compiled C, with the C on a target --------------------------------------------------------------

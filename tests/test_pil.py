@@ -14,10 +14,9 @@ import pytest
 from noslip.cli.main import main
 from noslip.controllers import pil
 from noslip.controllers.backends import make_controller
-from noslip.controllers.compiled import library
 from noslip.controllers.controller import ON_TARGET, Limits
 from noslip.controllers.odometry import make_odometry
-from noslip.controllers.pil import Session, TargetFault
+from noslip.controllers.pil import Session, TargetFault, served_law
 from noslip.controllers.targets import HOST, TARGETS
 from noslip.model.segments import Segment
 from noslip.readers.errors import BadInput
@@ -124,14 +123,14 @@ def test_a_path_that_is_too_long(backend):
 @pytest.fixture
 def host():
     """A program of this host."""
-    session = Session(HOST, library(LAW, "float"))
+    session = Session(HOST, served_law(LAW))
     yield session
     session.close()
 
 
 def test_protocol_errors_have_a_number(host):
     """Each is answered, and then the program ends."""
-    program = pil.image(HOST, library(LAW, "float"))
+    program = pil.image(HOST, served_law(LAW))
     size = host.sizes["state"] + host.sizes["reference"]
     right = [pil.MAGIC, pil.VERSION, pil.OPERATIONS.index("LAW_STEP"), 0, size]
     for place, value, fault in (
@@ -189,7 +188,7 @@ def test_a_target_out_of_order(script, said, tmp_path, monkeypatch):
     monkeypatch.setattr(pil, "image", lambda *_: program)
     monkeypatch.setattr(pil, "PATIENCE", 1)
     with pytest.raises(TargetFault, match=f"^host: the program {said}"):
-        Session(HOST, library(LAW, "float"))
+        Session(HOST, served_law(LAW))
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
 
@@ -252,7 +251,7 @@ def _runs(pid: int) -> bool:
 def record(tmp_path_factory):
     """The text of a record. It is made on this host: what an image answers is the same, which test_loop and others see to."""
     spec = firmware.runs()["line"]
-    session = Session(HOST, library(LAW, "float"))
+    session = Session(HOST, served_law(LAW))
     session.log = calls = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pil, "session", lambda *_: session)
@@ -283,7 +282,7 @@ def test_reading_and_replaying_tell_how_far_they_are(record, tmp_path):
     count = len(read.calls)
     assert told == [(done, count, "calls read") for done in range(1, count + 1)]
     told.clear()
-    session = Session(HOST, library(LAW, "float"))
+    session = Session(HOST, served_law(LAW))
     assert first_difference(read, session, "cf", lambda *each: told.append(each)) is None
     session.close()
     assert told == [(done, count, "calls repeated") for done in range(count)]

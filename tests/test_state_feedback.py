@@ -6,7 +6,10 @@ from noslip.analysis.underactuated import run
 from noslip.cli.main import main
 from noslip.controllers.balance.feedback import Balanced, design
 from noslip.controllers.balance.in_c import BalanceInC, differences
+from noslip.controllers.balance.on_target import BalanceOnTarget
 from noslip.controllers.balance.steady import Steady, analyse_at_rest, analyse_steady
+from noslip.controllers.controller import ON_TARGET
+from noslip.controllers.targets import TARGETS
 from noslip.model import ModelError
 from noslip.planning.course import SmoothCurve
 from noslip.readers.errors import BadInput
@@ -15,6 +18,7 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.feedback.desired import commanded, on_course
 from noslip.simulation.specification.feedback import Command
 from noslip.simulation.specification.vary import read_varied
+from noslip.tests.tools import skip_without
 
 WEIGHTS = {"pitch": 10.0, "x": 40.0, "phi": 20.0, "speed": 1.0, "pitch_rate": 0.1, "yaw_rate": 0.5}
 WHEELS = ("theta_r", "theta_l")
@@ -196,6 +200,26 @@ def test_a_spec_in_steady_motion_and_on_a_course():
     assert 0.005 < (seen.seen - seen.x)[:, -1].std() < 0.02 and not (seen.seen - seen.x)[:, :6].any()
 
 
+@pytest.mark.parametrize("backend", ON_TARGET)
+def test_a_target_gives_the_bits_of_this_host(backend):
+    """The whole table of a run, standing up to the push; errors and limits at random states; no room for a 17th at a time."""
+    skip_without(TARGETS[ON_TARGET[backend]].missing())
+    here = simulate(read_varied("balancer", SHORT), backend="cf")
+    assert here.stopped is None and simulate(read_varied("balancer", SHORT), backend=backend).csv() == here.csv()
+    steady = analyse_at_rest(find_robot("balancer"))
+    feedback, random, seen = design(steady, WEIGHTS, 0.2, WHEELS, 4.0), np.random.default_rng(3), set()
+    loops = BalanceInC(feedback, "float"), BalanceOnTarget(feedback, backend)
+    for size in (*[0.1] * 20, *[1.0] * 20, 1e5, 1e30, 1e300, np.nan):
+        state, desired = size * random.normal(size=(2, len(steady.names)))
+        with np.errstate(over="ignore"):
+            (status, tau), (status_there, tau_there) = (loop.step(state, desired) for loop in loops)
+        assert status == status_there and tau.tobytes() == tau_there.tobytes()
+        seen.add(status)
+    assert seen == {"ok", "saturated", "astray", "range", "nonfinite"}
+    with pytest.raises(BadInput, match="no room for another feedback"):
+        _ = [BalanceOnTarget(feedback, backend) for _ in range(17)]
+
+
 BAD = {
     "feedback.weights={tilt=1}": "unknown state 'tilt'",
     "feedback.effort=[1,1,1]": "effort has 3 numbers; it must have 1 or 2",
@@ -204,7 +228,7 @@ BAD = {
     "initial.state={pitch=2}": "the robot has fallen at the start",
     "limits.mode='slow'": "give torque, and mode",
     "limits.torque=[1,2,3]": "[limits] torque has 3 numbers",
-    "simulation.backend='m4f'": "[feedback] runs by c, cf or casadi",
+    "simulation.backend='m4'": "unknown backend 'm4'; known are",
     "simulation.period=0.0": "[[push]] requires [simulation] period > 0",
     "gains={kp=1}": "[feedback] does not go with [gains]",
     "output={type='I'}": "[feedback] does not go with [output]",
@@ -223,6 +247,8 @@ def test_bad_specs_are_refused_in_a_line(changed, bad_input, tmp_path):
 def test_other_commands_refuse_it(bad_input, tmp_path):
     out = ["-o", str(tmp_path / "run.csv")]
     assert "its scenes hold robots upright" in bad_input(["simulate", "balancer", *out, "--engine", "mujoco"])
+    target = ["--set", "simulation.backend='m4f'", "--record", str(tmp_path / "record")]
+    assert "a record is of a law" in bad_input(["simulate", "balancer", *out, *target])
     assert "[feedback] has no outer loop" in bad_input(["outer-loop", "balancer", "--spec", "balancer"])
     assert "judges its steady motions" in bad_input(["analyse", "balancer", "--start", "balancer"])
     assert "commands requires [feedback]" in bad_input(["simulate", "line", *out, "--set", "reference.commands=[{time=1}]"])

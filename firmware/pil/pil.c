@@ -5,20 +5,44 @@ static int hello(pil *self)
 {
     const pil_input *in = &self->input;
     const pil_output *out = &self->output;
-    const pil_hello hello_answer = {sizeof in->law.params,    sizeof in->law.config,       sizeof in->law.gains,
-                             sizeof in->law.options,   sizeof in->step.state,       sizeof in->step.reference,
-                             sizeof out->evaluation,   sizeof out->step.tau,        sizeof in->segment.segment,
-                             sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
-                             PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
-                             PIL_INTEGRALS,            PIL_APPROACHES,              PIL_SLIPS,
-                             PIL_SEGMENTS,             PIL_VELOCITIES,              PIL_DYNAMICS_COUNT,
-                             PIL_DISTURBANCES};
+    const pil_hello hello_answer = {
+#ifdef PIL_LAW
+        .params = sizeof in->law.params,
+        .config = sizeof in->law.config,
+        .gains = sizeof in->law.gains,
+        .options = sizeof in->law.options,
+        .state = sizeof in->step.state,
+        .reference = sizeof in->step.reference,
+        .evaluation = sizeof out->evaluation,
+        .inputs = sizeof out->step.tau,
+        .laws = PIL_LAWS,
+#endif
+#ifdef PIL_DYNAMICS
+        .dynamics = PIL_DYNAMICS_COUNT,
+#endif
+#ifdef PIL_FEEDBACK
+        .feedbacks = PIL_FEEDBACKS,
+#endif
+        .segment = sizeof in->segment.segment,
+        .path_options = sizeof in->path.options,
+        .guide = sizeof out->guide,
+        .odometry_options = sizeof in->odometry.options,
+        .paths = PIL_PATHS,
+        .odometries = PIL_ODOMETRIES,
+        .integrals = PIL_INTEGRALS,
+        .approaches = PIL_APPROACHES,
+        .slips = PIL_SLIPS,
+        .segments = PIL_SEGMENTS,
+        .velocities = PIL_VELOCITIES,
+        .disturbances = PIL_DISTURBANCES,
+    };
     self->output.hello = hello_answer;
     return NOSLIP_OK;
 }
 
 /* -- the law ----------------------------------------------------------------------------------------------------------- */
 
+#ifdef PIL_LAW
 static int law_init(pil *self)
 {
     return PIL_LAW(_init)(&self->laws[self->request.object], &self->input.law.params, &self->input.law.config,
@@ -71,6 +95,7 @@ static int law_friction(pil *self)
     return NOSLIP_BAD_PARAMETER;
 #endif
 }
+#endif
 
 /* -- the path ---------------------------------------------------------------------------------------------------------- */
 
@@ -285,6 +310,19 @@ static int dynamics_acceleration(pil *self)
 }
 #endif
 
+#ifdef PIL_FEEDBACK
+static int feedback_init(pil *self)
+{
+    return PIL_FEEDBACK(_init)(&self->feedbacks[self->request.object]);
+}
+
+static int feedback_step(pil *self)
+{
+    return noslip_balance_step_f(&self->feedbacks[self->request.object], self->input.balance.state, self->input.balance.desired,
+                                 self->output.tau);
+}
+#endif
+
 /* -- calls ------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -297,9 +335,12 @@ typedef struct {
 
 static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_HELLO] = {hello, 0, GIVES(hello), 1},
+#ifdef PIL_LAW
     [PIL_OP_LAW_INIT] = {law_init, TAKES(law), 0, PIL_LAWS},
     [PIL_OP_LAW_STEP] = {law_step, TAKES(step), GIVES(step), PIL_LAWS},
     [PIL_OP_LAW_EVALUATE] = {law_evaluate, TAKES(evaluate), GIVES(evaluation), PIL_LAWS},
+    [PIL_OP_LAW_FRICTION] = {law_friction, TAKES(friction), 0, PIL_LAWS},
+#endif
     [PIL_OP_PATH_SEGMENT] = {path_segment, TAKES(segment), 0, PIL_PATHS},
     [PIL_OP_PATH_INIT] = {path_init, TAKES(path), GIVES(fault), PIL_PATHS},
     [PIL_OP_PATH_LOOK] = {path_look, TAKES(seen), GIVES(guide), PIL_PATHS},
@@ -320,7 +361,6 @@ static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_SLIP_INIT] = {slip_init, TAKES(slip), 0, PIL_SLIPS},
     [PIL_OP_SLIP_STEP] = {slip_step, TAKES(slip_step), GIVES(noticed), PIL_SLIPS},
     [PIL_OP_SLIP_TRUST] = {slip_trust, 0, 0, PIL_SLIPS},
-    [PIL_OP_LAW_FRICTION] = {law_friction, TAKES(friction), 0, PIL_LAWS},
     [PIL_OP_VELOCITY_INIT] = {velocity_init, TAKES(velocity), 0, PIL_VELOCITIES},
     [PIL_OP_VELOCITY_SET_VEHICLE] = {velocity_set_vehicle, TAKES(vehicle), 0, PIL_VELOCITIES},
     [PIL_OP_VELOCITY_RESET] = {velocity_reset, TAKES(nu), 0, PIL_VELOCITIES},
@@ -331,6 +371,10 @@ static const operation operations[PIL_OPERATIONS] = {
 #ifdef PIL_DYNAMICS
     [PIL_OP_DYNAMICS_INIT] = {dynamics_init, TAKES(params), 0, PIL_DYNAMICS_COUNT},
     [PIL_OP_DYNAMICS_ACCELERATION] = {dynamics_acceleration, TAKES(moved), GIVES(acceleration), PIL_DYNAMICS_COUNT},
+#endif
+#ifdef PIL_FEEDBACK
+    [PIL_OP_FEEDBACK_INIT] = {feedback_init, 0, 0, PIL_FEEDBACKS},
+    [PIL_OP_FEEDBACK_STEP] = {feedback_step, TAKES(balance), GIVES(tau), PIL_FEEDBACKS},
 #endif
 };
 

@@ -1,6 +1,6 @@
 /*
- * pil.h - processor in the loop: a law, paths and their speed profiles, approaches, odometry, integral action, disturbance observers, noticing slip and
- * commands of velocity drives on a target, called by a computer that simulates the vehicle.
+ * pil.h - processor in the loop: a law or a state feedback, paths and their speed profiles, approaches, odometry, integral action,
+ * disturbance observers, noticing slip and commands of velocity drives on a target, called by a computer that simulates the vehicle.
  *
  * A call is a request and an answer, both of 32-bit words in the byte order of the target, with structs as they are in memory. The
  * objects (laws, paths and so on) stay on the target; a request selects one by its number.
@@ -9,6 +9,9 @@
  * float, PIL_GRIP to 1 if the law has the member grip, else 0, and PIL_EXTENSION, the number of states of its dynamic extension.
  * These states are sent with each call and replace those of the law. Unless the law is kinematic, it also defines
  * PIL_DYNAMICS(name), PIL_COORDINATES and PIL_DOF, those of the robot's dynamics.
+ *
+ * In place of a law it may include the header of a state feedback, and define PIL_FEEDBACK(name), its C name in float, and PIL_STATES
+ * and PIL_INPUTS, its sizes. Operations of what an image does not have answer with PIL_FAULT_OBJECT.
  */
 #ifndef PIL_H
 #define PIL_H
@@ -36,6 +39,7 @@
 #define PIL_SLIPS 16
 #define PIL_VELOCITIES 16
 #define PIL_DYNAMICS_COUNT 16
+#define PIL_FEEDBACKS 16
 #define PIL_SEGMENTS 512
 
 /* Operations: input -> output, in addition to the status returned. */
@@ -74,6 +78,8 @@ enum {
     PIL_OP_DYNAMICS_ACCELERATION, /* state, tau -> qdot, nudot */
     PIL_OP_DISTURBANCE_INIT, /* rate, limit -> */
     PIL_OP_DISTURBANCE_STEP, /* measured, v, dt, status -> minus the estimate */
+    PIL_OP_FEEDBACK_INIT,    /* -> */
+    PIL_OP_FEEDBACK_STEP,    /* state, desired -> tau */
     PIL_OPERATIONS
 };
 
@@ -100,14 +106,16 @@ typedef struct {
     uint32_t size;  /* bytes that follow */
 } pil_answer;
 
-/* Sizes of the structs (bytes), to check that both sides use the same ones, and numbers of objects. */
+/* Sizes of the structs (bytes), to check that both sides use the same ones, and numbers of objects; without a law its sizes are 0. */
 typedef struct {
     uint32_t params, config, gains, options, state, reference, evaluation, inputs;
     uint32_t segment, path_options, guide, odometry_options;
     uint32_t laws, paths, odometries, integrals, approaches, slips, segments, velocities, dynamics, disturbances;
+    uint32_t feedbacks;
 } pil_hello;
 
 typedef union {
+#ifdef PIL_LAW
     struct {
         PIL_ROBOT(_params) params;
         PIL_LAW(_config) config;
@@ -128,6 +136,7 @@ typedef union {
         float extension[PIL_EXTENSION];
 #endif
     } evaluate;
+#endif
     struct {
         uint32_t index;
         noslip_segment_f segment;
@@ -213,10 +222,16 @@ typedef union {
         float tau[sizeof((PIL_ROBOT(_options) *)0)->limit / sizeof(float)];
     } moved;
 #endif
+#ifdef PIL_FEEDBACK
+    struct {
+        float state[PIL_STATES], desired[PIL_STATES];
+    } balance;
+#endif
 } pil_input;
 
 typedef union {
     pil_hello hello;
+#ifdef PIL_LAW
     struct {
         float tau[sizeof((PIL_LAW() *)0)->limit / sizeof(float)];
 #if PIL_EXTENSION
@@ -224,6 +239,7 @@ typedef union {
 #endif
     } step;
     PIL_LAW(_evaluation) evaluation;
+#endif
     noslip_path_fault_f fault;
     noslip_guide_f guide;
     noslip_pose_f pose;
@@ -242,6 +258,9 @@ typedef union {
         float qdot[PIL_COORDINATES], nudot[PIL_DOF];
     } acceleration;
 #endif
+#ifdef PIL_FEEDBACK
+    float tau[PIL_INPUTS];
+#endif
 } pil_output;
 
 /* Complete state. Read `request`; if pil_check accepts it, read its bytes into `input` and call pil_call; then write `answer` and
@@ -251,7 +270,9 @@ typedef struct {
     pil_input input;
     pil_answer answer;
     pil_output output;
+#ifdef PIL_LAW
     PIL_LAW() laws[PIL_LAWS];
+#endif
     noslip_path_f paths[PIL_PATHS];
     noslip_segment_f segments[PIL_PATHS][PIL_SEGMENTS];
     noslip_odometry_f odometries[PIL_ODOMETRIES];
@@ -264,6 +285,9 @@ typedef struct {
     noslip_velocity_f velocities[PIL_VELOCITIES];
 #ifdef PIL_DYNAMICS
     PIL_DYNAMICS() dynamics[PIL_DYNAMICS_COUNT];
+#endif
+#ifdef PIL_FEEDBACK
+    noslip_balance_f feedbacks[PIL_FEEDBACKS];
 #endif
 } pil;
 

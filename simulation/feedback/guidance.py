@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...controllers import SCALAR
-from ...controllers.balance.feedback import Balanced, StateFeedback, design, feedback_law
+from ...controllers import BACKENDS, ON_TARGET, SCALAR
+from ...controllers.balance.feedback import Balanced, Feedback, StateFeedback, design, feedback_law
 from ...controllers.balance.in_c import BalanceInC
 from ...controllers.balance.steady import analyse_steady
 from ...model.law import ControlLaw
@@ -80,13 +80,23 @@ def feedback_of(robot: Mechanism, spec: Spec, parameters: list[float]) -> Balanc
 
 
 def make_guidance(law: ControlLaw, balanced: Balanced, spec: Spec, desired: Desired) -> OnMotion:
-    """Return the guidance of a SPEC, with the controller of its backend. Raises BadInput for one that has none."""
-    backend = spec.simulation.backend
-    if backend not in ("casadi", *SCALAR):
-        raise BadInput(f"[simulation] backend = {backend!r}: [feedback] runs by {', '.join(SCALAR)} or casadi")
-    feedback = BalanceInC(balanced, SCALAR[backend]) if backend in SCALAR else None
+    """Return the guidance of a SPEC, with the controller of its backend. Raises BadInput for one that there is not."""
+    feedback = _made(balanced, spec.simulation.backend)
     used = Balanced(balanced.steady, balanced.K, balanced.limit, feedback)
     return OnMotion(Leg(np.zeros(0), StateFeedback(law, used), Regular()), desired, balanced.used)
+
+
+def _made(balanced: Balanced, backend: str) -> Feedback | None:
+    """Return the C of the feedback as run by a backend; None for casadi."""
+    if backend in SCALAR:
+        return BalanceInC(balanced, SCALAR[backend])
+    if backend in ON_TARGET:
+        from ...controllers.balance.on_target import BalanceOnTarget
+
+        return BalanceOnTarget(balanced, backend)
+    if backend not in BACKENDS:
+        raise BadInput(f"unknown backend {backend!r}; known are {', '.join((*BACKENDS, *ON_TARGET))}")
+    return None
 
 
 def desired_of(balanced: Balanced, spec: Spec) -> Desired:
