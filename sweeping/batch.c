@@ -19,13 +19,14 @@
 #include "noslip_solve.h"
 #include "noslip_velocity.h"
 
-#define SHORTER 5        /* maximum number of repetitions of a run with half the step */
+#define REPEATED 6       /* maximum number of repetitions of a run: with the method of order 6, then with half the step, five times */
 #define CROSSING 1e-12   /* s: accuracy of the instant at which a run meets the singular set */
 #define KNOWN 1e-9       /* s: its accuracy in the adaptive simulation */
 #define SAFETY 4         /* factor on the sum of the errors of all calls, which may grow until the end */
 #define WAITING LANES_WAITING
 #define LATEST 16        /* maximum number of calls between two estimates of the integration error */
 #define COMING 64        /* samples that wait for others with the same times */
+#define TEAM (LANES_MOST * LANES_GROUPS) /* most runs of a team */
 
 typedef struct BATCH_LAW() controller;
 typedef struct BATCH_JUDGE() judge; /* the law in double for the true state, whatever the scalar of the controller */
@@ -43,7 +44,7 @@ typedef union { BATCH_JUDGE(_config) named; double at[BATCH_CONFIG + 1]; } confi
 #define AS_MANY(name, type, number) typedef char name[sizeof(type) == sizeof(number) ? 1 : -1]
 AS_MANY(states_are_scalars, BATCH_JUDGE_ROBOT(_state), ((true_state *)0)->at);
 AS_MANY(references_are_scalars, BATCH_LAW(_reference), ((reference_values *)0)->at);
-AS_MANY(outcomes_are_doubles, batch_outcome, double[8 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
+AS_MANY(outcomes_are_doubles, batch_outcome, double[9 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
 
 #if BATCH_SENSED
 /* The state that the controller receives instead of the true one. */
@@ -89,6 +90,7 @@ typedef struct loop {
 #if BATCH_DRIVE == 1
     moved moves;
 #endif
+    int level;               /* how often the run has been repeated with a better method, or shorter steps */
     double step, error;      /* s; of the integrator, and its estimated error so far */
     double edge;             /* change of the state within the accuracy of the instant at which the run meets the singular set */
 #if BATCH_SENSED
@@ -131,7 +133,7 @@ typedef struct team {
     int grounded;            /* 1: the floor of a run is known */
     int ended;               /* 1: a run has ended, which goes_on has not seen yet */
 #if BATCH_LANES
-    lanes_group lanes;
+    lanes_group lanes[LANES_GROUPS];
 #endif
 } team;
 
@@ -1167,25 +1169,31 @@ static void torques(const loop *self, const double *x, const double *given, doub
 }
 #endif
 
-/* The state h seconds later, by one step of the method of order 6 with 7 stages (Butcher, On Runge-Kutta processes of high order,
- * 1964). */
+/* The method with which a run is integrated. */
+static int method_of(const loop *self)
+{
+    return self->level > 0;
+}
+
+/* The state h seconds later, by one step. */
 static int step(const loop *self, const double *x, const double *tau, double h, double *after)
 {
-    static const double share[BATCH_STAGES + 1][BATCH_STAGES] = BATCH_SHARES;
+    const batch_method *method = &batch_methods[method_of(self)];
     double slope[BATCH_STAGES][BATCH_STATE], sum[BATCH_STATE];
     int i, j, k, status;
     copy(after, x, BATCH_STATE);
-    for (k = 0; k < BATCH_STAGES; k++) {
+    for (k = 0; k < method->stages; k++) {
+        const double *share = method->share[k + 1];
         status = rate(self, after, tau, slope[k]);
         if (status < 0) {
             return status;
         }
         for (i = 0; i < BATCH_STATE; i++) {
-            sum[i] = share[k + 1][0] * slope[0][i];
+            sum[i] = share[0] * slope[0][i];
         }
         for (j = 1; j <= k; j++) {
             for (i = 0; i < BATCH_STATE; i++) {
-                sum[i] += share[k + 1][j] * slope[j][i];
+                sum[i] += share[j] * slope[j][i];
             }
         }
         for (i = 0; i < BATCH_STATE; i++) {
@@ -1374,10 +1382,10 @@ static void stop(loop *self, double t, int status)
     self->over = 1;
 }
 
-/* Whether the error is too large and a shorter step is left to try. */
+/* Whether the error is too large and a better method or a shorter step is left to try. */
 static int repeats(const loop *self)
 {
-    return self->error > self->settings->accuracy && self->step > self->settings->longest / (1 << SHORTER);
+    return self->error > self->settings->accuracy && self->level < REPEATED;
 }
 
 /* Adds to the time with the present status. */
@@ -1439,60 +1447,79 @@ static void hold_run(loop *self, const double *given, double t, double duration,
 /* -- a team ------------------------------------------------------------------------------------------------------------ */
 
 #if BATCH_LANES
-/* Copies the entries of a lane from an array of vectors. */
-static void take(const team *self, int lane, const double *from, double *to, int count)
+/* The group of a run, and its lane there. */
+static lanes_group *group_of(team *self, int run)
+{
+    return &self->lanes[run / self->kit->width];
+}
+
+static int lane_of(const team *self, int run)
+{
+    return run % self->kit->width;
+}
+
+/* Copies the entries of a run from an array of vectors. */
+static void take(const team *self, int run, const double *from, double *to, int count)
 {
     int i;
     for (i = 0; i < count; i++) {
-        to[i] = from[i * self->kit->width + lane];
+        to[i] = from[i * self->kit->width + lane_of(self, run)];
     }
 }
 
-/* Copies the entries of a lane to an array of vectors. */
-static void put(const team *self, int lane, const double *from, double *to, int count)
+/* Copies the entries of a run to an array of vectors. */
+static void put(const team *self, int run, const double *from, double *to, int count)
 {
     int i;
     for (i = 0; i < count; i++) {
-        to[i * self->kit->width + lane] = from[i];
+        to[i * self->kit->width + lane_of(self, run)] = from[i];
     }
+}
+
+/* The place of a call in the ring. */
+static int slot(double call)
+{
+    return call < 0 ? -1 : (int)((uint64_t)call % WAITING);
 }
 
 /* What changes in a run is in its lane; the scalar code borrows it, and returns it if the run goes on. */
 static void borrow(team *self, int lane)
 {
+    const lanes_group *group = group_of(self, lane);
     loop *run = &self->run[lane];
-    take(self, lane, self->lanes.x, run->x, BATCH_STATE);
-    take(self, lane, self->lanes.total, &run->error, 1);
+    take(self, lane, group->x, run->x, BATCH_STATE);
+    take(self, lane, group->total, &run->error, 1);
 #if BATCH_STEPS
-    take(self, lane, self->lanes.final, run->outcome->final, BATCH_ROWS);
-    take(self, lane, self->lanes.peak, run->outcome->peak, BATCH_ROWS);
-    take(self, lane, self->lanes.settling, run->outcome->settling, BATCH_ROWS);
-    take(self, lane, self->lanes.effort, run->outcome->effort, BATCH_INPUTS);
+    take(self, lane, group->final, run->outcome->final, BATCH_ROWS);
+    take(self, lane, group->peak, run->outcome->peak, BATCH_ROWS);
+    take(self, lane, group->settling, run->outcome->settling, BATCH_ROWS);
+    take(self, lane, group->effort, run->outcome->effort, BATCH_INPUTS);
 #endif
 }
 
 static void hand_back(team *self, int lane)
 {
+    lanes_group *group = group_of(self, lane);
     loop *run = &self->run[lane];
-    put(self, lane, run->x, self->lanes.x, BATCH_STATE);
-    put(self, lane, &run->error, self->lanes.total, 1);
+    put(self, lane, run->x, group->x, BATCH_STATE);
+    put(self, lane, &run->error, group->total, 1);
 #if BATCH_STEPS
-    put(self, lane, run->outcome->final, self->lanes.final, BATCH_ROWS);
-    put(self, lane, run->outcome->peak, self->lanes.peak, BATCH_ROWS);
-    put(self, lane, run->outcome->settling, self->lanes.settling, BATCH_ROWS);
-    put(self, lane, run->outcome->effort, self->lanes.effort, BATCH_INPUTS);
+    put(self, lane, run->outcome->final, group->final, BATCH_ROWS);
+    put(self, lane, run->outcome->peak, group->peak, BATCH_ROWS);
+    put(self, lane, run->outcome->settling, group->settling, BATCH_ROWS);
+    put(self, lane, run->outcome->effort, group->effort, BATCH_INPUTS);
 #endif
     if (run->made) { /* the law has been initialized */
 #if BATCH_STEPS /* with the limits of the inputs */
-        batch_put_law(&run->law, &self->lanes.believed[lane], self->kit->width);
+        batch_put_law(&run->law, &group->believed[lane_of(self, lane)], self->kit->width);
 #else
-        batch_put_law(&run->believed, &self->lanes.believed[lane], self->kit->width);
+        batch_put_law(&run->believed, &group->believed[lane_of(self, lane)], self->kit->width);
 #endif
-        batch_put_law(&run->truth, &self->lanes.truth[lane], self->kit->width);
-        self->lanes.sign[lane] = run->sign;
+        batch_put_law(&run->truth, &group->truth[lane_of(self, lane)], self->kit->width);
+        put(self, lane, &run->sign, group->sign, 1);
         run->made = 0;
     }
-    self->lanes.going[lane] = !run->over;
+    group->going[lane_of(self, lane)] = !run->over;
     self->ended = self->ended || run->over;
 }
 
@@ -1501,22 +1528,25 @@ static void hand_over(team *self)
 {
     static const lanes_group none = {0};
     const batch_settings *settings = self->run->settings;
-    int lane;
-    self->lanes = none;
+    int lane, i;
+    for (i = 0; i < LANES_GROUPS; i++) {
+        self->lanes[i] = none;
+    }
     self->grounded = 0;
     for (lane = 0; lane < self->count; lane++) {
         const loop *run = &self->run[lane];
         const batch_sample *sample = run->sample;
+        lanes_group *group = group_of(self, lane);
         if (run->over) {
             continue;
         }
-        batch_put_plant(&run->robot, &self->lanes.plant[lane], self->kit->width);
-        put(self, lane, sample->offset, self->lanes.offset, BATCH_REFERENCE);
-        put(self, lane, sample->slope, self->lanes.slope, BATCH_REFERENCE);
-        put(self, lane, &sample->omega, self->lanes.omega, 1);
-        put(self, lane, sample->most_acceleration, self->lanes.most_acceleration, BATCH_DOF);
-        put(self, lane, run->first, self->lanes.first, BATCH_GIVEN);
-        put(self, lane, settings->band, self->lanes.band, BATCH_ROWS);
+        batch_put_plant(&run->robot, &group->plant[lane_of(self, lane)], self->kit->width);
+        put(self, lane, sample->offset, group->offset, BATCH_REFERENCE);
+        put(self, lane, sample->slope, group->slope, BATCH_REFERENCE);
+        put(self, lane, &sample->omega, group->omega, 1);
+        put(self, lane, sample->most_acceleration, group->most_acceleration, BATCH_DOF);
+        put(self, lane, run->first, group->first, BATCH_GIVEN);
+        put(self, lane, settings->band, group->band, BATCH_ROWS);
         self->grounded = self->grounded || sample->mu > 0;
         hand_back(self, lane);
     }
@@ -1527,28 +1557,24 @@ static const double *command_of(team *self, int lane, double call)
 {
     loop *run = &self->run[lane];
     if (call >= 0) {
-        take(self, lane, self->lanes.ring[(uint64_t)call % WAITING], run->given[(uint64_t)call % WAITING], BATCH_GIVEN);
+        take(self, lane, group_of(self, lane)->ring[slot(call)], run->given[slot(call)], BATCH_GIVEN);
     }
     return acting(run, call);
 }
 
 /* Whether a run goes on and its lane is not fine. */
-static int not_fine(const team *self, int lane)
+static int not_fine(team *self, int lane)
 {
-    return !self->run[lane].over && !(self->lanes.fine[lane] > 0);
+    return !self->run[lane].over && !(group_of(self, lane)->fine[lane_of(self, lane)] > 0);
 }
 
 /* Calls the controllers for the k-th time; the first call determines the side of the singular set. */
 static void control_lanes(team *self, double t, double k, double end)
 {
-    double *ring = self->lanes.ring[(uint64_t)k % WAITING];
     const int steps = BATCH_STEPS && k > 0;
     int i, unusual = 0;
-    if (steps) {
-        self->kit->step(&self->lanes, t, ring);
-        if (self->lanes.all && !self->unusual) {
-            return;
-        }
+    if (steps && self->kit->step(self->lanes, t, slot(k)) && !self->unusual) {
+        return;
     }
     for (i = 0; i < self->count; i++) {
         loop *run = &self->run[i];
@@ -1560,7 +1586,7 @@ static void control_lanes(team *self, double t, double k, double end)
         } else {
             borrow(self, i);
             control(run, t, k, end);
-            put(self, i, run->given[(uint64_t)k % WAITING], ring, BATCH_GIVEN);
+            put(self, i, run->given[slot(k)], group_of(self, i)->ring[slot(k)], BATCH_GIVEN);
             hand_back(self, i);
             unusual = unusual || run->status != NOSLIP_OK;
         }
@@ -1571,15 +1597,14 @@ static void control_lanes(team *self, double t, double k, double end)
 /* Integrates with the commands of a call from t, for `duration` seconds in the period until `end`; see hold. */
 static void hold_lanes(team *self, double call, double t, double duration, double weight, double end)
 {
+    const int all = self->kit->hold(self->lanes, slot(call), duration, method_of(self->run), steps_of(self->run, duration),
+                                    SAFETY * weight);
     int i;
-    self->lanes.acting = call < 0 ? self->lanes.first : self->lanes.ring[(uint64_t)call % WAITING];
-    self->kit->hold(&self->lanes, duration, steps_of(self->run, duration), SAFETY * weight);
-    for (i = 0; i < self->count && !self->lanes.all; i++) {
+    for (i = 0; i < self->count && !all; i++) {
         if (not_fine(self, i)) {
             borrow(self, i);
             hold_run(&self->run[i], command_of(self, i, call), t, duration, weight, end);
             hand_back(self, i);
-            self->lanes.turned = 0;
         }
     }
 }
@@ -1589,8 +1614,7 @@ static void note_lanes(team *self, double t, double call)
 {
     int i, every = !BATCH_STEPS || self->grounded || self->run->settings->instants > 0;
     if (BATCH_STEPS) {
-        self->kit->look(&self->lanes, t);
-        every = every || !self->lanes.all;
+        every = !self->kit->look(self->lanes, t) || every;
     }
     for (i = 0; i < self->count && every; i++) {
         loop *run = &self->run[i];
@@ -1603,11 +1627,11 @@ static void note_lanes(team *self, double t, double call)
             hand_back(self, i);
         } else {
             double error[BATCH_ROWS];
-            take(self, i, self->lanes.final, error, BATCH_ROWS);
+            take(self, i, group_of(self, i)->final, error, BATCH_ROWS);
             keep_error(run, t, error);
             if (run->sample->mu > 0) {
                 true_state state;
-                take(self, i, self->lanes.x, state.at, BATCH_STATE);
+                take(self, i, group_of(self, i)->x, state.at, BATCH_STATE);
                 note_use(run, &state, command_of(self, i, call));
             }
         }
@@ -1648,7 +1672,7 @@ static void push_all(team *self, double call)
     int i;
 #if BATCH_STEPS
     if (self->kit != NULL) {
-        self->kit->push(&self->lanes, call < 0 ? self->lanes.first : self->lanes.ring[(uint64_t)call % WAITING]);
+        self->kit->push(self->lanes, slot(call));
         return;
     }
 #endif
@@ -1685,13 +1709,14 @@ static int goes_on(team *self, int last)
         if (!run->over) {
 #if BATCH_LANES
             if (self->kit != NULL) {
-                borrow(self, i);
+                take(self, i, group_of(self, i)->total, &run->error, 1);
             }
 #endif
             run->over = last || repeats(run);
 #if BATCH_LANES
             if (self->kit != NULL && run->over) {
-                self->lanes.going[i] = 0;
+                borrow(self, i);
+                group_of(self, i)->going[lane_of(self, i)] = 0;
             }
 #endif
         }
@@ -1773,8 +1798,8 @@ static void march(team *self)
     }
 }
 
-/* Starts a run with a given step of the integrator, from a start changed by `nudge` in every component. Returns the status. */
-static int start(loop *self, double longest, double nudge)
+/* Starts a run as often repeated as `level` says, from a start changed by `nudge` in every component. Returns the status. */
+static int start(loop *self, int level, double nudge)
 {
     const batch_sample *sample = self->sample;
     union { BATCH_JUDGE_ROBOT(_params) named; double at[BATCH_PARAMETERS]; } params;
@@ -1791,7 +1816,8 @@ static int start(loop *self, double longest, double nudge)
     self->status = NOSLIP_OK;
     self->error = 0;
     self->edge = 0;
-    self->step = longest;
+    self->level = level;
+    self->step = self->settings->longest / (1 << (level > 1 ? level - 1 : 0));
     for (i = 0; i < BATCH_STATE; i++) {
         self->x[i] = sample->start[i] + nudge;
     }
@@ -1833,6 +1859,7 @@ static void finish(loop *self, int status)
     copy(self->outcome->end, self->x, BATCH_STATE);
     self->outcome->integration_error = self->error;
     self->outcome->steps = floor_of(self->sample->period / self->step + 1 - 1e-9);
+    self->outcome->order = batch_methods[method_of(self)].order;
     if (status < 0) { /* not run */
         for (i = 0; i < (int)(sizeof(batch_outcome) / sizeof(double)); i++) {
             numbers[i] = not_a_number();
@@ -1849,11 +1876,11 @@ static void finish(loop *self, int status)
 }
 
 /* The runs of a team, as `start`. */
-static void attempt(team *self, double longest, double nudge)
+static void attempt(team *self, int level, double nudge)
 {
-    int i, status[LANES_MOST];
+    int i, status[TEAM];
     for (i = 0; i < self->count; i++) {
-        status[i] = start(&self->run[i], longest, nudge);
+        status[i] = start(&self->run[i], level, nudge);
         self->run[i].over = status[i] < 0;
     }
     self->unusual = 1;
@@ -1888,7 +1915,7 @@ static double grown(const loop *self)
     alone.kit = NULL;
     alone.count = 1;
     alone.run = &other;
-    attempt(&alone, self->step, self->error);
+    attempt(&alone, self->level, self->error);
     for (i = 0; i < BATCH_STATE; i++) {
         apart[i] = outcome.end[i] - self->outcome->end[i];
     }
@@ -1907,7 +1934,7 @@ static void settle(loop *self)
 
 /* Samples that wait for others to be run with them. */
 typedef struct queue {
-    long sample[COMING + LANES_MOST];
+    long sample[COMING + TEAM];
     int count;
 } queue;
 
@@ -1967,27 +1994,27 @@ static int choose(queue *self, const batch_sample *samples, int most, long *chos
 void batch_run(const batch_settings *settings, const batch_sample *samples, long count, double *outcomes, long width)
 {
     const lanes_kit *kit = kit_of(settings);
-    const int most = kit != NULL ? kit->width : 1;
+    const int most = kit != NULL ? kit->width * LANES_GROUPS : 1;
     const int full = kit != NULL ? COMING : 1;
-    queue queues[SHORTER + 1]; /* for each length of the integrator's step */
+    queue queues[REPEATED + 1]; /* for each number of repetitions */
     long next = 0;
     int level, i;
-    for (level = 0; level <= SHORTER; level++) {
+    for (level = 0; level <= REPEATED; level++) {
         queues[level].count = 0;
     }
     for (;;) {
-        loop runs[LANES_MOST];
-        batch_outcome outcome[LANES_MOST];
-        long chosen[LANES_MOST];
+        loop runs[TEAM];
+        batch_outcome outcome[TEAM];
+        long chosen[TEAM];
         team self;
         while (next < count && queues[0].count < full) {
             queues[0].sample[queues[0].count++] = next++;
         }
-        level = SHORTER; /* a full queue, or, if no sample is left, the first that is not empty */
+        level = REPEATED; /* a full queue, or, if no sample is left, the first that is not empty */
         while (level > 0 && queues[level].count < full) {
             level--;
         }
-        while (level < SHORTER && queues[level].count == 0) {
+        while (level < REPEATED && queues[level].count == 0) {
             level++;
         }
         if (queues[level].count == 0) {
@@ -2005,7 +2032,7 @@ void batch_run(const batch_settings *settings, const batch_sample *samples, long
             runs[i].rows = NULL;
             runs[i].most_rows = 0;
         }
-        attempt(&self, settings->longest / (1 << level), 0);
+        attempt(&self, level, 0);
         for (i = 0; i < self.count; i++) {
             if (repeats(&runs[i])) {
                 queues[level + 1].sample[queues[level + 1].count++] = chosen[i];
@@ -2021,7 +2048,6 @@ long batch_trace(const batch_settings *settings, const batch_sample *sample, bat
 {
     batch_settings alone = *settings;
     batch_outcome outcome;
-    double longest = settings->longest;
     loop run;
     team self;
     alone.instants = 0;
@@ -2034,10 +2060,9 @@ long batch_trace(const batch_settings *settings, const batch_sample *sample, bat
     self.kit = NULL;
     self.count = 1;
     self.run = &run;
-    attempt(&self, longest, 0);
+    attempt(&self, 0, 0);
     while (repeats(&run)) {
-        longest /= 2;
-        attempt(&self, longest, 0);
+        attempt(&self, run.level + 1, 0);
     }
     return run.row_count;
 }

@@ -3,7 +3,8 @@
  *
  * A run is the same as in `noslip simulate` with a sampled controller: at each call the generated law receives the state (true, or
  * dead-reckoned from noisy sensors), its inputs act `delay` s later and are held, and the generated dynamics are integrated with
- * steps of constant length (Runge-Kutta, order 6). Velocity-controlled drives are given commands instead, as in drive.py. batch_law.h, generated for the law, defines the sizes of all arrays.
+ * steps of constant length (Runge-Kutta, order 4, or 6 if the error is too large). Velocity-controlled drives are given commands
+ * instead, as in drive.py. batch_law.h, generated for the law, defines the sizes of all arrays.
  */
 #ifndef BATCH_H
 #define BATCH_H
@@ -22,7 +23,7 @@ typedef struct batch_settings {
     int vectors;                    /* the longest vectors: 0 none, 1 those of every processor, 2 AVX2, 3 AVX-512 */
     double output_step;             /* s: between the instants at which the error is evaluated */
     double longest;                 /* s: first and longest step of the integrator */
-    double accuracy;                /* largest integration error; a run that exceeds it is repeated with shorter steps */
+    double accuracy;                /* largest integration error; a run that exceeds it is repeated, see `order` and `steps` */
     double band[BATCH_ROWS];        /* an output has settled if its error stays within */
     int instants;                   /* number of times in `instant` */
     const double *instant;          /* s, ascending: the outcomes contain the error at the first output time not before each */
@@ -77,6 +78,7 @@ typedef struct batch_outcome {
     double end[BATCH_STATE];        /* true state at the end */
     double integration_error;       /* estimate, of the largest component of the state */
     double steps;                   /* of the integrator in a period */
+    double order;                   /* of the integrator's method: 4, or 6 if that was not enough */
 } batch_outcome;
 
 /* Values at one output time of a run. */

@@ -46,7 +46,7 @@ class Batch:
     use         largest friction use of any contact at an output time, with [contact], of a robot whose laws can limit it
     end.STATE   true state at the end
     integration_error  estimated error of the integrator, the largest component of the state
-    steps       steps of the integrator between two calls
+    steps       steps of the integrator between two calls; order: of its method
     error.ROW[K]  y - y_d at the first output time not before the instant K, NaN if the run stopped before
 
     A sample that is not run because a number is rejected has NaN in all outcomes except status and t_end.
@@ -61,9 +61,9 @@ class Batch:
         longest: float = LONGEST,
         vectors: int = VECTORS,
     ):
-        """`accuracy`: a run whose integration error is larger is repeated with half the step, five times at most; `longest`: the
-        longest step, s. `band`: one for all outputs or one for each, in their units. `instants`: s, ascending. `vectors`: the
-        longest, as in batch.h; the outcomes are the same with all.
+        """`accuracy`: a run whose integration error is larger is repeated with the method of order 6 instead of 4, then with half
+        the step, five times at most; `longest`: the longest step, s. `band`: one for all outputs or one for each, in their
+        units. `instants`: s, ascending. `vectors`: the longest, as in batch.h; the outcomes are the same with all.
 
         Raises BadInput and ModelError as `simulate` does, for a SPEC that is not sampled and for a backend other than c and cf.
         """

@@ -2,7 +2,8 @@
  * lanes.h - robots that are simulated together, one in each lane of vectors; lanes.inc is compiled for several sizes of vectors.
  *
  * An entry is a vector: number k of an array, of the robot in lane i, is at [k * width + i]. Arrays are aligned, since each has as
- * many bytes as a multiple of the longest vector, and what is not an array comes last.
+ * many bytes as a multiple of the longest vector, and what is not an array comes last. Groups take their steps in turn, stage by
+ * stage: an operation of one waits for the operation before it, and meanwhile the processor computes those of another.
  */
 #ifndef LANES_H
 #define LANES_H
@@ -10,19 +11,31 @@
 #include "batch_law.h"
 
 #define LANES_MOST 8     /* lanes of the longest vectors */
+#define LANES_GROUPS 2   /* groups that are simulated together */
 #define LANES_WAITING 64 /* calls whose commands wait for their delay */
 
-#define BATCH_STAGES 7 /* of the integrator, the method of order 6 of Butcher, On Runge-Kutta processes of high order, 1964 */
-#define BATCH_SHARES { \
-    {0}, \
-    {1.0 / 3}, \
-    {0, 2.0 / 3}, \
-    {1.0 / 12, 1.0 / 3, -1.0 / 12}, \
-    {-1.0 / 16, 9.0 / 8, -3.0 / 16, -3.0 / 8}, \
-    {0, 9.0 / 8, -3.0 / 8, -3.0 / 4, 1.0 / 2}, \
-    {9.0 / 44, -9.0 / 11, 63.0 / 44, 18.0 / 11, 0, -16.0 / 11}, \
-    {11.0 / 120, 0, 27.0 / 40, 27.0 / 40, -4.0 / 15, -4.0 / 15, 11.0 / 120}, \
-}
+#define BATCH_STAGES 7 /* of the integrator, most */
+
+/* A method of Runge and Kutta: before each stage after the first, and at the end of a step, the shares of the slopes so far. */
+typedef struct batch_method {
+    int order, stages;
+    double share[BATCH_STAGES + 1][BATCH_STAGES];
+} batch_method;
+
+/* That of order 4 of Kutta (1901), and that of order 6 of Butcher, On Runge-Kutta processes of high order, 1964. */
+static const batch_method batch_methods[2] = {
+    {4, 4, {{0}, {1.0 / 2}, {0, 1.0 / 2}, {0, 0, 1}, {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6}}},
+    {6, 7, {
+        {0},
+        {1.0 / 3},
+        {0, 2.0 / 3},
+        {1.0 / 12, 1.0 / 3, -1.0 / 12},
+        {-1.0 / 16, 9.0 / 8, -3.0 / 16, -3.0 / 8},
+        {0, 9.0 / 8, -3.0 / 8, -3.0 / 4, 1.0 / 2},
+        {9.0 / 44, -9.0 / 11, 63.0 / 44, 18.0 / 11, 0, -16.0 / 11},
+        {11.0 / 120, 0, 27.0 / 40, 27.0 / 40, -4.0 / 15, -4.0 / 15, 11.0 / 120},
+    }},
+};
 
 #if BATCH_LANES
 typedef struct lanes_group {
@@ -47,25 +60,25 @@ typedef struct lanes_group {
     double band[LANES_MOST * BATCH_ROWS];
     double going[LANES_MOST];                          /* 1: the run has not ended */
     double fine[LANES_MOST];                           /* 1: the lane has what was asked for; 0: the scalar code must compute it */
-    const double *acting;                              /* what the drives are given now: `first`, or one of the ring */
-    int turned, all;                                   /* all: 1 if each lane that is going is fine */
+    int turned;                                        /* 1: sine and cosine are those of x */
 } __attribute__((aligned(64))) lanes_group;
 
 #else
 typedef struct lanes_group lanes_group;
 #endif
 
-/* The code for vectors of a size. */
+/* The code for vectors of a size, for LANES_GROUPS groups. Commands are those of number `call` of the ring, or the first if it is
+ * negative. The functions return 1 if each lane that is going is fine. */
 typedef struct lanes_kit {
     const char *name;
     int width;
-    /* Integrates x for `duration` seconds in `count` steps; if `weight` is not 0, also with half the steps, and adds `weight` times
+    /* Integrates x for `duration` seconds in `count` steps of a method; if `weight` is not 0, also with half the steps, and adds `weight` times
      * the largest difference to the error. Lanes that are not fine stay where they are; those of runs that have ended need not. */
-    void (*hold)(lanes_group *group, double duration, int count, double weight);
+    int (*hold)(lanes_group *groups, int call, double duration, int method, int count, double weight);
     /* Where nothing else belongs to the loop: the inputs by the law, the outcomes at an output time, and those of inputs that act. */
-    void (*step)(lanes_group *group, double t, double *given);
-    void (*look)(lanes_group *group, double t);
-    void (*push)(lanes_group *group, const double *given);
+    int (*step)(lanes_group *groups, double t, int call);
+    int (*look)(lanes_group *groups, double t);
+    void (*push)(lanes_group *groups, int call);
 } lanes_kit;
 
 extern const lanes_kit lanes_plain, lanes_avx2, lanes_avx512;

@@ -229,4 +229,5 @@ def _difference(found: dict, identity: dict) -> str:
     """Describe the difference between two identities."""
     if found.get("spec_sha256") != identity["spec_sha256"]:
         return "its SPEC is not this one"
+    found = {"format": 1, **found}  # the first did not say so
     return ", ".join(f"{key} {found.get(key)}, not {value}" for key, value in identity.items() if found.get(key) != value)

@@ -20,6 +20,7 @@ from .plan import Plan, as_sampled, sweep_of
 from .simulated import Simulated
 
 SHORT = ("final", "peak", "settling")  # of each output that is a position or an angle, not a speed
+FORMAT = 2  # of the results: 1 had the integrator of order 6 alone, and no column `order`
 STOPPED = 1e6  # severity of a run that stops early: larger than any other, and the larger the earlier it stops
 
 
@@ -75,6 +76,7 @@ class Study:
             "design": sweep.design,
             "period": self.spec.simulation.period,
             "noslip": __version__,
+            "format": FORMAT,
             "model_sha256": fingerprint(law.system, law),
             "spec_sha256": hashlib.sha256(self.text.encode()).hexdigest(),
         }
@@ -148,7 +150,7 @@ def _criterion(sweep: Sweep, batch: Batch | Simulated) -> Criterion:
     status = bool(given.pop("status", True))
     limits = {long: limit for name, limit in given.items() for long in _in_full(name, batch)}
     for name in limits:
-        if name not in batch.outcomes or name in ("status", "steps"):
+        if name not in batch.outcomes or name in ("status", "steps", "order"):
             raise BadInput(f"[sweep] fails: {name!r} is not an outcome{suggestion(name, batch.outcomes)}")
     return Criterion(status, limits, batch.outcomes)
 

@@ -23,7 +23,7 @@ from noslip.sweeping.designs import points
 from noslip.sweeping.results import figures, statistics
 from noslip.sweeping.results.verify import _differences
 from noslip.sweeping.results.worst import find_worst
-from noslip.sweeping.store import Parts, open_sweep, sample_of
+from noslip.sweeping.store import IDENTITY, Parts, open_sweep, part_size, sample_of
 from noslip.sweeping.study import STOPPED, sample_spec, study_of
 from scipy import stats
 
@@ -206,6 +206,13 @@ def test_another_sweep_of_the_same_name_is_refused(spec, tmp_path, bad_input):
     command = ["--samples", "40", "-o", str(output)]
     assert "its SPEC is not this one; remove it or change -o" in bad_input(["sweep", other, *command])
     assert "samples 40, not 41" in bad_input(["sweep", file, "--samples", "41", "-o", str(output)])
+    text, row, outcome = sample_of(output, 3)
+    older = {key: value for key, value in study_of(text, file, 40).identity.items() if key != "format"}
+    found = pq.read_table(output)
+    metadata = found.schema.metadata | {IDENTITY: json.dumps(older).encode()}
+    pq.write_table(found.replace_schema_metadata(metadata), output, row_group_size=part_size(40))
+    assert "format 1, not 2; remove it or change -o" in bad_input(["sweep", file, *command])
+    assert sample_of(output, 3) == (text, row, outcome), "results of another format can be read"
     output.write_text("mine")
     assert "is not a finished noslip sweep, or is damaged; remove it or change -o" in bad_input(["sweep", file, *command])
     assert output.read_text() == "mine"
