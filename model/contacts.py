@@ -31,6 +31,18 @@ class Ground:
     shift: ca.SX
 
 
+def unknown_loads(mechanism: Mechanism) -> str:
+    """Return why the loads of the contacts are not known from what rests on them; empty if they are."""
+    if not mechanism.contacts:
+        return "the robot defines no contacts"
+    resting = ca.substitute(mechanism.energy(), mechanism.qdot, ca.SX.zeros(len(mechanism.coordinates)))
+    moves = ca.which_depends(resting, mechanism.q, 1, False)
+    units = [c.unit for c, does in zip(mechanism.coordinates, moves, strict=True) if does]
+    if units and "m" not in units:  # on a slope the energy depends on the place too
+        return "it rises and falls as it leans, which changes the loads of its contacts; --engine mujoco has them"
+    return ""
+
+
 def combination(mechanism: Mechanism) -> ca.SX:
     """Return C(q), 2 c x m, such that the velocities along and across at the c contacts are C A qdot; they vanish with the
     constraints. Supports are contacts without velocities, the last ones.

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ..controllers.controller import ON_TARGET
-from ..readers.errors import BadInput
 from .contact import contact_forces, grip
 from .engine.measured import FloorMeasurements
 from .guidance import outputs
@@ -29,10 +28,6 @@ def simulate(
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
     loop = make_loop(spec)
-    if engine and (loop.law.system.underactuated or spec.push):
-        upright = "robots with fewer inputs than degrees of freedom: its scenes hold robots upright"
-        what = upright if loop.law.system.underactuated else "[[push]]"
-        raise BadInput(f"--engine {engine} does not have {what}; leave the engine out")
     floor = None
     if engine:
         from .engine.on_floor import OnFloor  # MuJoCo is optional

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..controllers.odometry import vehicle_wheels
 from ..model.algebra.linear_numbers import least_norm
-from ..model.contacts import GRAVITY, axles, narrow
+from ..model.contacts import GRAVITY, axles, narrow, unknown_loads
 from ..model.mechanism import Mechanism
 from ..planning.profile import Accelerations
 from ..readers.errors import BadInput
@@ -77,6 +77,7 @@ class Grip:
     t: np.ndarray
     contacts: tuple[ContactForce, ...]
     options: ContactSection
+    unknown: str = "the robot defines no contacts"
 
     @property
     def rolls(self) -> bool:
@@ -86,7 +87,7 @@ class Grip:
     def verdict(self) -> str:
         """Return a line for each finding: lifts, would slip, or rolls."""
         if not self.contacts:
-            return "not known whether it rolls: the robot defines no contacts"
+            return f"not known whether it rolls: {self.unknown}"
         lifts = [f"{c.name}, first at t = {self._first(c.load <= 0)}" for c in self.contacts if np.any(c.load <= 0)]
         slips = [self._slip(c) for c in self.contacts if np.any((c.use > 1) & ~(c.load <= 0))]
         lines = [f"{kind}: {'; '.join(found)}" for kind, found in (("wheel lifts", lifts), ("would slip", slips)) if found]
@@ -148,18 +149,19 @@ def grip(run: Run) -> Grip:
     """
     going = slice(None, -1) if run.stopped else slice(None)
     options = run.spec.contact or ContactSection()
-    return Grip(run.t[going], contact_forces(run.plant, run.x[going], run.tau[going], options), options)
+    found = contact_forces(run.plant, run.x[going], run.tau[going], options)
+    return Grip(run.t[going], found, options, unknown_loads(run.plant.system.mechanism))
 
 
 def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: ContactSection) -> tuple[ContactForce, ...]:
-    """Return forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty if it defines no
-    contacts.
+    """Return forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty if `unknown_loads` has
+    a reason.
 
     Supports are contacts too, the last ones. Raises BadInput if a height of the centre of mass is given and an axle has no width,
     or all supports are on one line.
     """
     mechanism = plant.system.mechanism
-    if not mechanism.contacts:
+    if unknown_loads(mechanism):
         return ()
     combination, mass, left = plant.contacts(x)
     lam = plant.constraint_forces(x, tau)
@@ -182,11 +184,11 @@ def friction_accelerations(plant: Plant, options: ContactSection, part: float, t
     line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say. With `torque`, the largest input of
     each motor (N or N m; 0: no limit), those along a line and of the yaw rate also use at most this part of each.
 
-    Raises BadInput as `contact_forces` and `vehicle_wheels` do, and if the robot defines no contacts.
+    Raises BadInput as `contact_forces` and `vehicle_wheels` do, and if `unknown_loads` has a reason.
     """
     mechanism = plant.system.mechanism
-    if not mechanism.contacts:
-        raise BadInput(f"[reference] {mechanism.name} defines no contacts: give lateral, acceleration, deceleration and angular")
+    if reason := unknown_loads(mechanism):
+        raise BadInput(f"[reference] {mechanism.name}: {reason}: give lateral, acceleration, deceleration and angular")
     forward, turn, _ = vehicle_wheels(plant.system, plant.parameters)
     twist, n, inputs = np.array([forward, turn]), len(mechanism.coordinates), len(mechanism.inputs)
 
@@ -249,7 +251,7 @@ def draw_contact(run: Run) -> Figure:
     """Return a figure: friction use of each contact over time, and its force with the friction circle of radius mu load. SI
     units.
 
-    Raises BadInput if the robot defines no contacts, and as `contact_forces` does.
+    Raises BadInput if `unknown_loads` has a reason, and as `contact_forces` does.
     """
     from matplotlib.figure import Figure  # slow to import
 
@@ -257,7 +259,9 @@ def draw_contact(run: Run) -> Figure:
 
     found = grip(run)
     if not found.contacts:
-        raise BadInput(f"{run.law.system.mechanism.name} defines no contacts; add them with contact(name, mass, along, across)")
+        raise BadInput(
+            f"--contact: {found.unknown}; it is for robots that stay level, on contacts: contact(name, mass, along, across)"
+        )
     shown = [contact for contact in found.contacts if not contact.support]
     coloured = list(zip(shown, itertools.cycle((POINT, VEHICLE, AXLE, SECOND)), strict=False))
     figure = Figure(figsize=(13, 6.5), layout="constrained")

@@ -93,27 +93,32 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
 
 
 Hold = Callable[[float, np.ndarray, np.ndarray, float], np.ndarray]  # from t, state, what is held and duration to the state then
+Push = Callable[[np.ndarray, np.ndarray], np.ndarray]  # from a state and an impulse along the quasi-velocities to the state then
 
 
-def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Iterator[Row]:
+def sampled(loop: Loop, simulation: Simulation, moved_by: tuple[Hold, Push] | None = None) -> Iterator[Row]:
     """The controller is called every `period`, what the drives are given held until the next acts, as a firmware loop does.
 
-    `hold` moves the robot in between; without one it is the plant, which rolls.
+    `moved_by` moves the robot in between, and pushes it; without it that is the plant, which rolls.
     """
     period = simulation.period
     xi = loop.extension
     pushes = deque(sorted(loop.pushes, key=lambda push: push[0]))
 
     def rolls(t: float, x: np.ndarray, given: np.ndarray, duration: float) -> np.ndarray:
-        """Move the plant, with the pushes that are due before the end."""
+        return _hold(loop, t, x, xi, given, duration, simulation.tolerance)
+
+    moves, push = moved_by or (rolls, loop.plant.pushed)
+
+    def hold(t: float, x: np.ndarray, given: np.ndarray, duration: float) -> np.ndarray:
+        """Move the robot, with the pushes that are due before the end."""
         while pushes and pushes[0][0] < t + duration:
             when, impulse = pushes.popleft()
             before = max(when - t, 0.0)
-            x = loop.plant.pushed(_hold(loop, t, x, xi, given, before, simulation.tolerance), impulse)
+            x = push(moves(t, x, given, before), impulse)
             t, duration = t + before, duration - before
-        return _hold(loop, t, x, xi, given, duration, simulation.tolerance)
+        return moves(t, x, given, duration)
 
-    hold = hold or rolls
     whole, rest = whole_periods(simulation.delay + loop.drive.delay, period)
     slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
     rows = iter(_row_times(simulation))

@@ -11,7 +11,7 @@ import pytest
 from casadi import cos, sin
 from noslip.codegen.files import fingerprint
 from noslip.model import Mechanism, ModelError, reduce
-from noslip.model.contacts import GRAVITY, axles, combination, ground, narrow
+from noslip.model.contacts import GRAVITY, axles, combination, ground, narrow, unknown_loads
 from noslip.model.robots import ROBOTS
 from noslip.model.robots.labmate import labmate
 from noslip.readers.errors import BadInput
@@ -562,3 +562,15 @@ def test_wrong_supports_are_refused(name):
 def test_supports_are_part_of_the_c():
     one, other = (reduce(cart(("castor", 4.0, place, 0.0))) for place in (-0.6, -0.5))
     assert len({fingerprint(system) for system in (one, other, reduce(labmate()))}) == 3
+
+
+LEANS = {"balancer": "it rises and falls as it leans", "slope_platform": "", "car": ""}
+
+
+@pytest.mark.parametrize("name", LEANS)
+def test_loads_that_change_as_a_body_leans_are_not_known(name):
+    """Nothing is said of its contacts then; on a slope, too, the energy at rest changes, but not by leaning."""
+    plant = Plant(system_of(find_robot(name)), find_robot(name).parameter_values({}))
+    state, reason = np.zeros((1, len(plant.system.state))), unknown_loads(plant.system.mechanism)
+    assert reason.startswith(LEANS[name]) and bool(reason) == bool(LEANS[name])
+    assert bool(reason) != bool(contact_forces(plant, state, np.zeros((1, 2)), ContactSection()))

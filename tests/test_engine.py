@@ -52,7 +52,7 @@ def run(mu: float, height: float = 0.0, share: float = 0.7, gentle: bool = False
     return simulate(spec, engine="mujoco")
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, "castor_platform", "mecanum"])
+@pytest.mark.parametrize("name", [*ROBOTS, "castor_platform", "mecanum", "balancer"])
 def test_the_engines_mass_matrix_is_that_of_the_mechanism(name):
     """MuJoCo's joint-space inertia, taken back to the coordinates and projected by S(q), at random states; its total mass."""
     random, made = np.random.default_rng(1992), engine(name)
@@ -556,3 +556,77 @@ def test_a_cart_with_rollers_rolls_down_a_slope(heading):
 def test_rollers_on_bumps_are_refused():
     with pytest.raises(BadInput, match="wheels with rollers on bumps"):
         rollers(0.7, bump=(Bump(x=1.0, y=0.0, height=0.01, radius=0.1),))
+
+
+# -- a body that leans ---------------------------------------------------------------------------------------------------------
+
+STANDING = {"reference.commands": [], "push": [], "simulation.output_step": 0.01}
+MOVING = {
+    "reference.commands": [{"distance": 0.3, "turn": 0.5, "time": 1.0}],
+    "push": [{"time": 0.305, "on": "speed", "impulse": 1.0}, {"time": 0.6, "on": "yaw_rate", "impulse": 0.05}],
+    "simulation.duration": 1.5,
+    "simulation.output_step": 0.01,
+}
+
+
+def test_a_balancer_leans_as_the_equations_say():
+    """It stands up from a tilt, drives an arc, is pushed twice and stops, by the C of its state feedback: the run with wheels
+    that roll is approached in proportion to the engine's step.
+    """
+    rolling = simulate(read_varied("balancer", MOVING))
+    off, slip = [], []
+    for step in (1e-3, 5e-4):
+        there = simulate(read_varied("balancer", MOVING | {"floor": {"mu": 5.0, "step": step}}), engine="mujoco")
+        assert there.stopped is None
+        slip.append(there.floor.slip.max())
+        off.append(np.abs(there.x - rolling.x).max(axis=0))
+    names = [q.name for q in rolling.law.system.state]
+    largest = dict(zip(names, off[1], strict=True))
+    assert max(largest[name] for name in ("x", "y", "phi", "pitch")) < 2e-3
+    assert max(largest[name] for name in ("speed", "yaw_rate", "pitch_rate")) < 1e-2
+    assert slip[0] < 0.02 and slip[1] < 0.6 * slip[0]
+    ratio = off[1] / off[0]
+    assert ((0.45 < ratio) & (ratio < 0.55)).all(), dict(zip(names, ratio, strict=True))
+
+
+def test_a_balancer_stands_on_a_slope_by_its_weight():
+    """Its wheels hold what its weight pulls down the slope, and all weight is above the axle's line on the ground."""
+    slope = 0.05
+    spec = read_varied("balancer", STANDING | {"floor.slope": [slope, 0.0], "floor.mu": 1.0, "simulation.duration": 6.0})
+    there = simulate(spec, engine="mujoco")
+    p = {q.name: q.default for q in find_robot("balancer").parameters}
+    whole, r, moment = p["m"] + 2 * p["m_w"], p["r"], p["m"] * p["h"]
+    pitch = there.q[-1, [c.name for c in find_robot("balancer").coordinates].index("pitch")]
+    assert pitch < -0.01
+    above = moment * np.sin(pitch) * np.cos(slope) + (whole * r + moment * np.cos(pitch)) * np.sin(slope)
+    assert above == pytest.approx(0.0, abs=1e-3 * whole * r)
+    assert there.tau[-1].sum() == pytest.approx(-whole * 9.81 * r * np.sin(slope), rel=1e-3)
+    assert there.floor.load[-1].sum() == pytest.approx(whole * 9.81 * np.cos(slope), rel=1e-3)
+
+
+def test_a_balancer_without_grip_falls():
+    """On ice its wheels spin, and the run ends where it lies on the floor."""
+    ice = STANDING | {"floor.mu": 0.01, "initial.state": {"pitch": 0.6}, "simulation.duration": 3.0}
+    made = simulate(read_varied("balancer", ice), engine="mujoco")
+    assert made.stopped == "overturned" and made.floor.slip.max() > 0.5
+
+
+def test_a_law_that_lets_it_fall_is_stopped():
+    """Held speeds leave the body to itself: it falls, at the latest to the floor."""
+    falls = {"output": {"type": "speeds"}, "reference": {"position": [0.0, 0.0]}, "push": []}
+    made = simulate(read_varied("balancer_drive", falls), engine="mujoco")
+    pitch = made.q[:, [c.name for c in find_robot("balancer").coordinates].index("pitch")]
+    assert made.stopped == "overturned" and 1.3 < abs(pitch[-1]) < 1.6
+
+
+LEANING = {
+    "contact.height=0.3": "[contact] height is for robots whose bodies stay level",
+    "contact.share=0.9": "castors carry nothing",
+    "scene={file='robot.xml'}": "[feedback] does not go with [scene]",
+}
+
+
+@pytest.mark.parametrize("changed", LEANING)
+def test_what_a_body_that_leans_does_not_have(changed, bad_input, tmp_path):
+    argv = ["simulate", "balancer", "-o", str(tmp_path / "run.csv"), "--engine", "mujoco", "--set", changed]
+    assert LEANING[changed] in bad_input(argv)

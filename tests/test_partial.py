@@ -461,7 +461,6 @@ def test_refused(case):
     [
         ({"drive.kind": "velocity", "drive.bandwidth": 5.0}, None, "2 drives cannot make all 3 quasi-velocities of balancer"),
         ({"limits.mode": "grip", "contact.mu": 0.5}, None, '"grip" does not apply to balancer: it has fewer inputs'),
-        ({}, "mujoco", "does not have robots with fewer inputs than degrees of freedom: its scenes hold robots upright"),
     ],
 )
 def test_sections_that_do_not_go_with_it(changes, engine, message):

@@ -246,7 +246,6 @@ def test_bad_specs_are_refused_in_a_line(changed, bad_input, tmp_path):
 
 def test_other_commands_refuse_it(bad_input, tmp_path):
     out = ["-o", str(tmp_path / "run.csv")]
-    assert "its scenes hold robots upright" in bad_input(["simulate", "balancer", *out, "--engine", "mujoco"])
     target = ["--set", "simulation.backend='m4f'", "--record", str(tmp_path / "record")]
     assert "a record is of a law" in bad_input(["simulate", "balancer", *out, *target])
     assert "[feedback] has no outer loop" in bad_input(["outer-loop", "balancer", "--spec", "balancer"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...readers.errors import BadInput
+from ..contact import GRAVITY
 from ..plant import Plant
 from ..specification.floor import Floor
 from ..specification.spec import ContactSection
@@ -29,6 +30,7 @@ class FloorEngine(Stepped):
         mujoco, bodies = installed(), planar(plant.system.mechanism, plant.parameters)
         self.xml = mjcf(plant.system.mechanism.name, bodies, contact.height, contact.share, floor.bumps)
         super().__init__(plant, bodies, mujoco.MjModel.from_xml_string(self.xml), floor)
+        self._plant = plant
         self.mu = contact.mu if floor.mu is None else floor.mu
         wheels = self.planar.wheels
         self.moving = self._dofs(self._joint_names())
@@ -36,6 +38,8 @@ class FloorEngine(Stepped):
         self._geoms = [self.model.geom(f"wheel_{k}").id for k in range(len(wheels))]
         self._bodies = self.model.geom_bodyid[self._geoms]
         self._radii = [abs(wheel.radius) for wheel in wheels]
+        if bodies.leaning and contact.height:
+            raise BadInput("[contact] height is for robots whose bodies stay level; leave it out")
         self._standing = [self.model.body(f"body_{k}").id for k in range(len(bodies.frames)) if stands(bodies, k)]
         self._uneven = bool(floor.bumps)
         self._rollers = [k for k, wheel in enumerate(wheels) if wheel.rollers]
@@ -49,7 +53,8 @@ class FloorEngine(Stepped):
 
     def _joint_names(self) -> list[str]:
         axles = [f"axle_{k}" for k, wheel in enumerate(self.planar.wheels) if wheel.angle is not None]
-        return ["x", "y", *[f"yaw_{k}" for k in range(len(self.planar.frames))], *axles]
+        leaning = [f"lean_{k}" for k in range(len(self.planar.leaning))]
+        return ["x", "y", *[f"yaw_{k}" for k in range(len(self.planar.frames))], *axles, *leaning]
 
     def _dofs(self, names: list[str]) -> np.ndarray:
         return np.array([self.model.joint(name).dofadr[0] for name in names], int)
@@ -73,6 +78,8 @@ class FloorEngine(Stepped):
         q, qdot = self.coordinates()
         self._aim(q)
         force = self._functions["force"](q, qdot, tau, self._parameters)[0]
+        for body in self.planar.leaning:  # its weight is the engine's
+            force[body.angle] -= GRAVITY * body.moment * np.sin(q[body.angle])
         self.data.qfrc_applied[:] = 0.0
         self.data.qfrc_applied[self.moving] = self._rates.T @ force
         self._rub()
@@ -80,6 +87,15 @@ class FloorEngine(Stepped):
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """See Stepped."""
         return self._rates @ self.data.qpos[self.moving], self._rates @ self.data.qvel[self.moving]
+
+    def pushed(self, x: np.ndarray, impulse: np.ndarray) -> np.ndarray:
+        """See Stepped."""
+        change = self._plant.pushed(x, impulse) - x
+        change[: self._n] = x[: self._n]
+        self.data.qvel[self.moving] += self.planar.joints @ self._functions["qdot"](change, self._parameters)[0]
+        self._mujoco.mj_forward(self.model, self.data)
+        self._roll_idle(x[: self._n])
+        return self.state()
 
     def _aim(self, q: np.ndarray) -> None:
         """Let the friction of wheels with rollers act in the direction in which they roll, and not across it."""
@@ -137,6 +153,11 @@ class FloorEngine(Stepped):
         self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
         self.data.qfrc_applied += J.T @ self._friction
 
+    def _overturned(self) -> bool:
+        """See Stepped; also whether what leans is below its axle."""
+        q = self.coordinates()[0] if self.planar.leaning else np.zeros(0)
+        return super()._overturned() or any(np.cos(q[body.angle]) < 0 for body in self.planar.leaning)
+
     def _mu(self) -> np.ndarray:
         """Return the friction coefficient under each wheel."""
         mu = np.full(len(self._geoms), self.mu)
@@ -169,12 +190,16 @@ class FloorEngine(Stepped):
         self.data.qvel[self.moving] = self.planar.joints @ qdot
         self._aim(q)
         self._mujoco.mj_forward(self.model, self.data)
+        self._roll_idle(q)
+        self.data.time = 0.0
+
+    def _roll_idle(self, q: np.ndarray) -> None:
+        """Turn the wheels whose rotation is no coordinate as they roll."""
         idle, directions = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None], self._directions(q)
         for k, dof in zip(idle, self._free, strict=True):
             self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[self._geoms[k]], self._bodies[k])
             x, y, _ = self._slot @ self.data.qvel
             self.data.qvel[dof] = (np.cos(directions[k]) * x + np.sin(directions[k]) * y) / self._radii[k]
-        self.data.time = 0.0
 
 
 def _tangents(normal: np.ndarray) -> np.ndarray:

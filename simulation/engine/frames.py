@@ -1,4 +1,4 @@
-"""The planar bodies and wheels of a Mechanism, found from its contacts' velocities and its mass matrix.
+"""The planar bodies and wheels of a Mechanism, and what leans on them, found from its contacts' velocities and its mass matrix.
 
 A contact or a body of a Mechanism gives the velocity of a point as rows in the rates of the coordinates. Points with the same yaw
 rate belong to one frame. A frame is hinged about a vertical to the ground or to another frame; the hinge and the places of its
@@ -17,6 +17,7 @@ import numpy as np
 from ...model.algebra.portable import portable
 from ...model.mechanism import Mechanism
 from ...readers.errors import BadInput
+from .leaning import LeaningBody, leaning_angles, parts_of_mass, product
 
 STATES = 12  # random ones at which rows and mass matrix are compared
 EXACT = 1e-9  # relative difference that rounding explains
@@ -61,11 +62,12 @@ class WheelContact:
 
 @dataclass(frozen=True, eq=False)
 class PlanarBodies:
-    """A Mechanism as bodies: frames, wheels, and the map from the rates of its coordinates to those of the hinges and axles.
+    """A Mechanism as bodies: frames, wheels, what leans on the first frame, and the map from the rates of its coordinates to
+    those of the hinges and axles.
 
-    `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle] = joints @ qdot. `normal` is the
-    part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own. `mass` (kg) is the whole,
-    0 where wheels whose rotation is no coordinate also have inertia along.
+    `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle; what leans] = joints @ qdot.
+    `normal` is the part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own. `mass`
+    (kg) is the whole, 0 where wheels whose rotation is no coordinate also have inertia along.
     """
 
     frames: tuple[Frame, ...]
@@ -73,6 +75,7 @@ class PlanarBodies:
     joints: np.ndarray
     normal: float = 1.0
     mass: float = 0.0
+    leaning: tuple[LeaningBody, ...] = ()
 
     def hinge(self, k: int) -> int:
         """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
@@ -136,11 +139,16 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
         points.append(_PointVelocity(label, pair, known, *own))
     frames, found, motions = _frames(name, points, turning, states, x_y)
     radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
-    moved, inertias = M[:, x_y[0], x_y[0]], {}
+    moved = M[:, x_y[0], x_y[0]]
+    inertias: dict[int | None, float] = {}
+    leaning: list[LeaningBody] = []
     mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else 0.0
     if weighed:
         _weigh(name, frames, mass, masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
-        inertias = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}))
+        leans = leaning_angles(rows, turning)
+        parts = [part for angle in leans for part in parts_of_mass(states, angle, motions[0])]
+        inertias, found_of = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}), parts)
+        leaning = [LeaningBody(angle, *each) for angle, each in zip(leans, found_of.reshape(-1, 3).tolist(), strict=True)]
     driven = [abs(radius) for radius in radii if radius]
     if not driven:
         raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
@@ -158,8 +166,11 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
         for k, c in enumerate(mechanism.contacts)
     )
     loaded = sum(wheel.load for wheel in wheels) / (mass or math.inf)
-    joints = _joints(name, frames, wheels, x_y, len(mechanism.coordinates))
-    return PlanarBodies(tuple(frames), wheels, joints, loaded if _sloped(mechanism, x_y) else 1.0, mass)
+    for body in leaning:
+        _check_leaning(name, mechanism.coordinates[body.angle].name, body, frames[0], wheels, mass)
+    joints = _joints(name, frames, wheels, x_y, [body.angle for body in leaning], len(mechanism.coordinates))
+    normal = loaded if _sloped(mechanism, x_y) else 1.0
+    return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning))
 
 
 def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
@@ -301,15 +312,15 @@ def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of:
         raise _refused(name, "its bodies weigh more than all that moves")
 
 
-def _spins(name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndarray, axles: list[int]) -> dict[int | None, float]:
-    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle."""
+def _spins(
+    name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndarray, axles: list[int], more: list[np.ndarray]
+) -> tuple[dict[int | None, float], np.ndarray]:
+    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle, and
+    the factors of `more` parts of M, each (S, n, n).
+    """
     rest, basis = M.copy(), []
     for frame, motion in zip(frames, motions, strict=True):
         forward, left, yaw = (motion[:, k, :, None] for k in range(3))
-
-        def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            return a @ b.swapaxes(1, 2) + b @ a.swapaxes(1, 2)
-
         rest -= frame.mass * (product(forward, forward) + product(left, left)) / 2
         weighs = 1.0 if frame.mass > 0 else 0.0
         basis += [weighs * product(left, yaw), -weighs * product(forward, yaw), product(yaw, yaw) / 2]
@@ -317,6 +328,7 @@ def _spins(name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndar
         unit = np.zeros_like(M)
         unit[:, axle, axle] = 1.0
         basis.append(unit)
+    basis += more
     A = np.stack([each.ravel() for each in basis], axis=1)
     solution = np.linalg.lstsq(A, rest.ravel(), rcond=None)[0]
     if np.abs(A @ solution - rest.ravel()).max() > EXACT * np.abs(M).max():
@@ -326,20 +338,33 @@ def _spins(name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndar
         about = frame.inertia - (frame.moment @ frame.moment / frame.mass if frame.mass else 0.0)
         if about <= 0:
             raise _refused(name, f"a body has no positive inertia about the vertical ({about:.3g} kg m^2)")
-    inertias: dict[int | None, float] = dict(zip(axles, solution[3 * len(frames) :].tolist(), strict=True))
+    own, others = np.split(solution[3 * len(frames) :], [len(axles)])
+    inertias: dict[int | None, float] = dict(zip(axles, own.tolist(), strict=True))
     if any(inertia <= 0 for inertia in inertias.values()):
         raise _refused(name, "a wheel has no inertia about its axle, and so no defined slip; give it one")
-    return inertias
+    return inertias, others
 
 
-def _joints(name: str, frames: list[Frame], wheels: tuple[WheelContact, ...], x_y: list[int], n: int) -> np.ndarray:
+def _check_leaning(name: str, angle: str, body: LeaningBody, frame: Frame, wheels: tuple[WheelContact, ...], mass: float) -> None:
+    """Raise BadInput unless a body leans about the axle of all wheels, and what does not lean weighs nothing beside it."""
+    if body.moment <= 0 or not mass:
+        raise _refused(name, f"what moves with {angle} is no body that leans about an axle, its centre of mass above it")
+    if any(wheel.frame or abs(wheel.place[0]) > EXACT or wheel.radius != wheels[0].radius for wheel in wheels):
+        raise _refused(name, f"a body leans by {angle}, and the wheels are not on one axle that it leans about")
+    if np.abs(frame.moment).max() > EXACT * mass:
+        raise _refused(name, f"a body leans by {angle}, and what does not lean weighs more on one side of the axle")
+
+
+def _joints(
+    name: str, frames: list[Frame], wheels: tuple[WheelContact, ...], x_y: list[int], leaning: list[int], n: int
+) -> np.ndarray:
     """Return `Planar.joints`. Raises BadInput if a coordinate moves none of them."""
     unit = np.eye(n)
     hinges = [frame.heading - (0 if frame.parent is None else frames[frame.parent].heading) for frame in frames]
     axles = [wheel.angle for wheel in wheels if wheel.angle is not None]
     if len(set(axles)) < len(axles):
         raise _refused(name, "one coordinate turns two wheels")
-    joints = np.array([*unit[x_y], *hinges, *unit[axles]])
+    joints = np.array([*unit[x_y], *hinges, *unit[axles], *unit[leaning]])
     if joints.shape != (n, n) or np.linalg.matrix_rank(joints) < n:
         raise _refused(name, "its coordinates are not those of its position, the headings of its bodies and its wheels")
     return joints

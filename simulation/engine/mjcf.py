@@ -8,7 +8,9 @@ contacts; the model adds what carries them:
 - It rolls if it has contacts on both sides, and pitches if it has contacts ahead and behind. Where it has none, it is kept level.
 - What its contacts do not carry, by their loads or with a `share` below 1, is on a castor, a sphere without friction; then the
   body pitches. The castor is where the moments balance.
-- About its horizontal axes through the centre of mass, a body has the inertia that it has about the vertical.
+- A body that leans about the axle of two wheels is hinged there, with all of the mass: where a part of it is on the axle, the
+  motion is the same. It has the inertias of the equations.
+- About its horizontal axes through the centre of mass, any other body has the inertia that it has about the vertical.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import numpy as np
 from ...readers.errors import BadInput
 from ..specification.floor import Bump
 from .frames import Frame, PlanarBodies, WheelContact
+from .leaning import inertia, possible
 
 NOTHING = 1e-12  # kg, kg m^2: a body with a joint must have a mass, also where it only holds others
 FREE = 1e-6  # kg m^2, times the radius / m squared: a wheel whose rotation is no coordinate
@@ -80,9 +83,9 @@ def mjcf(
     """Return the MJCF of a robot.
 
     `height` (m) is that of the centre of mass of each body with a mass, `share` the part of the weight on the contacts. Joints:
-    x, y, yaw_K of frame K, axle_K of wheel K; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K, castor_K. As a `scene` the
-    first frame has a free joint, base, and the others have the names given there. Raises BadInput for a share that cannot be
-    balanced, and for a scene in which the robot would fall over.
+    x, y, yaw_K of frame K, axle_K of wheel K, lean_K of what leans; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K,
+    castor_K. As a `scene` the first frame has a free joint, base, and the others have the names given there. Raises BadInput for
+    a share that cannot be balanced, and for a scene in which the robot would fall over.
     """
     root = xml.Element("mujoco", model=name)
     option = xml.SubElement(root, "option", integrator="implicit")
@@ -202,17 +205,34 @@ def hinges(planar: PlanarBodies, k: int) -> dict[int, np.ndarray]:
 
 
 def _inertial(body: xml.Element, planar: PlanarBodies, k: int, height: float) -> None:
-    """Add mass and inertia of frame k, without what its wheels have about a vertical diameter."""
+    """Add mass and inertia of frame k, or of what leans on it, without what its wheels have about a vertical diameter."""
     frame: Frame = planar.frames[k]
     wheels = [wheel for wheel in planar.wheels if wheel.frame == k]
     centre = frame.moment / frame.mass if frame.mass else np.zeros(2)
     about = frame.inertia - frame.mass * float(centre @ centre) - sum(_diameter(wheel) for wheel in wheels)
     if about <= 0:
         raise BadInput(f"--engine mujoco: the wheels of body {k + 1} have more inertia about a vertical than the body itself")
+    if planar.leaning and k == 0:
+        _leans(body, planar, about)
+        xml.SubElement(body, "inertial", pos="0 0 0", mass=_text([NOTHING]), diaginertia=_text([NOTHING] * 3))
+        return
     place = [*centre.tolist(), height if frame.mass else 0.0]
     xml.SubElement(body, "inertial", pos=_text(place), mass=_text([frame.mass or NOTHING]), diaginertia=_text([float(about)] * 3))
     if abs(planar.normal - 1) > SMALL:
         body.set("gravcomp", _text([1 - planar.normal]))
+
+
+def _leans(body: xml.Element, planar: PlanarBodies, upright: float) -> None:
+    """Add the body that leans, with the mass of the first frame and an inertia `upright` (kg m^2) about the vertical."""
+    if len(planar.leaning) > 1:
+        raise BadInput(f"--engine mujoco: {len(planar.leaning)} bodies lean; it has one that does")
+    height, inertias = inertia(planar.leaning[0], planar.frames[0].mass, upright)
+    if not possible(inertias):
+        raise BadInput(f"--engine mujoco: no rigid body has the inertias of the one that leans, {_text(inertias)} kg m^2")
+    made = _body(body, "leaning_0", (0.0, 0.0, abs(planar.wheels[0].radius)), inertial=False)
+    _joint(made, "lean_0", "hinge", Y)
+    mass = _text([planar.frames[0].mass])
+    xml.SubElement(made, "inertial", pos=_text([0.0, 0.0, height]), mass=mass, diaginertia=_text(inertias))
 
 
 def _diameter(wheel: WheelContact) -> float:

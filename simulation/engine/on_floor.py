@@ -28,6 +28,8 @@ class OnFloor:
             raise BadInput("--engine mujoco requires [simulation] period > 0: the controller is called as in firmware")
         contact, floor = spec.contact or ContactSection(), spec.floor or Floor()
         self.engine: Stepped
+        if spec.scene and spec.push:
+            raise BadInput("[[push]] does not go with [scene]: it is along velocities that only the engine's own bodies have")
         if spec.scene:
             self.engine = SceneEngine(loop.plant, spec.scene, contact, floor, loop.start)
         else:
@@ -41,7 +43,7 @@ class OnFloor:
         def hold(t: float, x: np.ndarray, given: np.ndarray, duration: float) -> np.ndarray:
             return self.engine.hold(t, x, given, duration, self.loop.drive)
 
-        for row in sampled(self.loop, self._simulation, hold):
+        for row in sampled(self.loop, self._simulation, (hold, self.engine.pushed)):
             sensing = self.loop.sensing
             self._looks.append((*self.engine.look(), sensing.reckoned if isinstance(sensing, Sensing) else np.zeros(0)))
             yield row

@@ -80,6 +80,12 @@ class Stepped:
         q, qdot = self.coordinates()
         return np.concatenate([q, self._functions["nu"](q, qdot, self._parameters)[0]])
 
+    def pushed(self, x: np.ndarray, impulse: np.ndarray) -> np.ndarray:
+        """Return the state after an impulse (n-m) along the quasi-velocities, N s or N m s, from x, the state now: all velocities
+        change as those of the robot that rolls, whatever the friction.
+        """
+        raise NotImplementedError
+
     def hold(self, t: float, x: np.ndarray, given: np.ndarray, duration: float, drive: Drive | None = None) -> np.ndarray:
         """Return the state after `duration` seconds from x at time t, the state now, with the inputs (N, N m) `given`, or those
         that drives supply for what is given to them, at each step of the engine.
@@ -142,6 +148,8 @@ def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
 
 def refuse_in_scene(where: str, name: str, bodies: PlanarBodies) -> None:
     """Raise BadInput for a robot that no scene can have. `where` is what asks for it, for the message."""
+    if bodies.leaning:
+        raise BadInput(f"{where}: {name} leans, and scenes are for robots that stand by themselves; leave it out")
     if bodies.normal != 1.0:
         raise BadInput(f"{where}: {name} is on a slope of its own; use a robot on level ground, and [floor] slope")
     if any(wheel.rollers or wheel.turned for wheel in bodies.wheels):

@@ -876,7 +876,7 @@ class Spec:
     def _check_feedback(self) -> None:
         """Raise BadInput for what there is not with a state feedback."""
         without = "[feedback] does not go with"
-        sections = ("gains", "given", "correction", "estimator", "adaptation", "drive", "contact", "floor", "scene")
+        sections = ("gains", "given", "correction", "estimator", "adaptation", "drive", "scene")
         given = [f"[{name}]" for name in sections if getattr(self, name)]
         given += ["[output]"] if self.output != OutputSection(type=FEEDBACK) else []
         known = ("position", "commands", "course")

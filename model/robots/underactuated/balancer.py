@@ -54,6 +54,7 @@ def balancer() -> Mechanism:
         rim = forward - across * turning
         robot.kinetic_energy(m_w * rim**2 / 2 + m_w * sideways**2 / 2 + I_d * turning**2 / 2 + I_w * robot.rate(angle) ** 2 / 2)
         robot.rolls(f"{side} wheel rolls", r * robot.rate(angle) - rim)
+        robot.contact(f"{side} wheel", m / 2 + m_w, along=rim - r * robot.rate(angle), across=sideways, left=across)
         robot.input(f"tau_{side[0]}", "N m", on=robot.rate(angle) - tilting, about=f"{side} motor, between body and wheel")
     robot.quasi_velocity("speed", "m/s", forward, "forward speed of the axle")
     robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate")
