@@ -31,6 +31,7 @@ from .distributions.distribution import distribution, provable
 from .distributions.properties import Check
 from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
+from .flatness.flatness import Flatness, flatness
 from .outputs.decoupling import decouple
 from .outputs.normal_form import NormalForm, StraightMotion, normal_form
 from .underactuated import verdicts
@@ -49,7 +50,7 @@ NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
 class Constraints:
     """n coordinates, m constraints, k of them holonomic. `levels`: the brackets that each step adds; `notes` by title.
 
-    `json`: the documented keys and further ones. Some rolling contacts have no `S` and no `proof` of the growth.
+    `json`: the documented keys and further ones. Some rolling contacts have no `S`, no `proof` of the growth and no `flatness`.
     """
 
     n: int
@@ -63,6 +64,8 @@ class Constraints:
     S: sp.Matrix | None = None
     proof: tuple[str, ...] = ()
     controlled: str = ""  # the system to which the checks apply
+    flatness: tuple[Flatness, ...] = ()
+    no_flatness: str = ""  # why there is no verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +191,9 @@ def as_json(answer: Answer) -> dict[str, Any]:
     }
     return {
         **answer.constraints.json,
+        "flatness": [each.as_json() for each in answer.constraints.flatness],
+        **({"no_flatness": answer.constraints.no_flatness} if answer.constraints.no_flatness else {}),
+        "flat_outputs": [found for each in answer.constraints.flatness if (found := each.outputs_as_json())],
         "outputs": {law: _output_json(form) for law, form in answer.outputs.items()},
         "refused": answer.refused,
         **({"no_outputs": answer.no_outputs} if answer.no_outputs else {}),
@@ -261,7 +267,9 @@ def _of_distribution(system: Mechanism | Kinematics, progress: Reported) -> Cons
     if system not in _analysed:
         if len(_analysed) >= KEPT:
             del _analysed[next(iter(_analysed))]
-        _analysed[system] = _as_constraints(structure.analyse(system, progress))
+        analysis = structure.analyse(system, progress)
+        velocities = [q.name for q in system.quasi_velocities] if isinstance(system, Mechanism) else []
+        _analysed[system] = _with_flatness(_as_constraints(analysis), analysis, velocities)
     return _analysed[system]
 
 
@@ -273,6 +281,14 @@ def _as_constraints(analysis: structure.Analysis) -> Constraints:
     json = analysis.as_json() | {"proof": list(proof)}
     ranks = analysis.n, analysis.m, analysis.k, analysis.growth
     return Constraints(*ranks, levels, notes, analysis.checks, json, analysis.S, proof, analysis.controlled)
+
+
+def _with_flatness(constraints: Constraints, analysis: structure.Analysis, velocities: Sequence[str]) -> Constraints:
+    inputs = analysis.actuation
+    if inputs is not None and not inputs.full:
+        driven = f"the inputs drive {inputs.driven} of {inputs.dof} quasi-velocities"
+        return replace(constraints, no_flatness=f"no verdict: the theorems are about q' = S nu with all of nu driven, {driven}")
+    return replace(constraints, flatness=flatness(analysis.distribution, velocities))
 
 
 def _of_contact(contact: Contact, progress: Reported) -> Constraints:

@@ -35,6 +35,7 @@ def report(answer: Answer) -> str:
         course=_course,
         math=mathml,
         symbol=_symbol,
+        symbol_of=sp.Symbol,
         symbols=SYMBOLS,
         verdicts=VERDICTS,
         marks={True: "✓", False: "✗", None: "?"},

@@ -6,11 +6,16 @@ from collections.abc import Iterable
 from .answers import Answer, damped_near, driven_straight, singular_when, uncontrolled
 from .certification.safety import BASIS
 from .exact.symbolic import written
+from .flatness.flatness import Flatness
 from .outputs.normal_form import SYMBOLS, NormalForm
 
 WIDTH = 120
 VERDICTS = {True: "yes", False: "no", None: "not decided"}
-WORDS = ("growth", "nonholonomic", "involutive", "relative degree", "decoupling matrix", "singularity", "zero dynamics")
+WORDS = (
+    *("growth", "nonholonomic", "involutive", "flat output", "chained form"),
+    *("relative degree", "decoupling matrix", "singularity", "zero dynamics"),
+)
+LONGEST = 500  # characters of a chained form
 SPACE = 18  # columns before the text of a label
 
 
@@ -45,7 +50,24 @@ def constraints(answer: Answer) -> list[str]:
         lines += ["", f"Properties of {structure.controlled}"]
     for check in structure.checks:
         lines += labelled(VERDICTS[check.verdict], [f"{check.question}, on {check.where}: {check.reason}"])
+    if structure.flatness or structure.no_flatness:
+        lines += ["", "Flat outputs of q' = S nu", *labelled("", [structure.no_flatness] if structure.no_flatness else [])]
+    for each in structure.flatness:
+        lines += _flat(each)
     return lines
+
+
+def _flat(flatness: Flatness) -> list[str]:
+    check, found = flatness.check, flatness.found
+    source = f" ({check.reference})" if check.reference else ""
+    lines = labelled(VERDICTS[check.verdict], [f"{flatness.system}: {check.reason}{source}"])
+    if found is None:
+        return lines + labelled("  outputs", [flatness.missing] if flatness.missing else [])
+    lines += labelled("  outputs", [", ".join(f"{written(output.expression)} ({output.unit})" for output in found.outputs)])
+    lines += labelled("  singular", [f"where {condition}" for condition in found.singular] or ["nowhere"])
+    chained = ", ".join(f"z_{k + 1} = {written(z)}" for k, z in enumerate(found.chained))
+    lines += labelled("  chained form", [chained] if 0 < len(chained) <= LONGEST else [])
+    return lines + labelled("  robot file", [found.line])
 
 
 def outputs(answer: Answer) -> list[str]:

@@ -419,8 +419,9 @@ def test_theorems_with_only_holonomic_constraints():
 @pytest.mark.parametrize("name", ["labmate", "knife_edge", "unicycle_1", "pendulum", "slider_crank"])
 def test_second_step_is_involutive_as_said(name):
     """D_2 = span{g, [f, g]} of (13) on R^(2n-m), as a distribution of its own."""
-    Delta = distribution(SYSTEMS[name]())
-    model, inputs = Delta.kinematics, len(Delta.fields)
+    model = kinematics(SYSTEMS[name]())
+    Delta = distribution(model)
+    inputs = len(Delta.fields)
     S = model.S
     if S is None:
         symbols = (*Delta.functions.coordinates, *Delta.functions.parameters)
@@ -599,9 +600,10 @@ def test_factors_by_half_angles_are_the_function():
 
 def test_analyse_leaves_no_progress_behind(monkeypatch):
     """What is asked of the functions after an analysis is not shown as its progress."""
-    used, told = [distribution(SYSTEMS[next(iter(SYSTEMS))]())], []
+    model = SYSTEMS[next(iter(SYSTEMS))]()
+    used, told = [distribution(model)], []
     monkeypatch.setattr("noslip.analysis.distributions.analysis.distribution", lambda _: used[0])
-    analyse(used[0].kinematics, lambda *each: told.append(each))
+    analyse(model, lambda *each: told.append(each))
     before = len(told)
     used[0].functions.progress(1, 2, "terms")
     assert len(told) == before

@@ -59,6 +59,7 @@ class Analysis:
     S: sp.Matrix
     assumed: tuple[str, ...]  # expressions that are assumed to be positive: roots of squares, absolute values
     actuation: Actuation | None  # None for a system without inputs
+    distribution: Distribution
 
     @property
     def controlled(self) -> str:
@@ -138,9 +139,9 @@ def analyse(system: Kinematics | Mechanism | ReducedSystem, progress: Reported =
     mechanism = system.mechanism if isinstance(system, ReducedSystem) else system
     inputs = actuation(mechanism) if isinstance(mechanism, Mechanism) else None
     try:
-        with provable(Delta.kinematics.name):
+        with provable(Delta.name):
             return Analysis(
-                Delta.kinematics.name,
+                Delta.name,
                 functions.n,
                 Delta.m,
                 Delta.growth,
@@ -152,6 +153,7 @@ def analyse(system: Kinematics | Mechanism | ReducedSystem, progress: Reported =
                 Delta.S,
                 tuple(map(written, functions.positive)),
                 inputs,
+                Delta,
             )
     finally:
         functions.progress = silent  # the checks keep them, for later questions

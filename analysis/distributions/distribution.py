@@ -12,7 +12,7 @@ from sympy.polys.rings import PolyElement
 
 from ...model.algebra.ratios import in_lowest_terms
 from ...model.errors import ModelError
-from ...model.mechanism import Mechanism
+from ...model.mechanism import Mechanism, Quantity
 from ...model.reduction import ReducedSystem
 from ...model.rolling.kinematics import Kinematics, kinematics
 from ..exact.functions import Functions, TooLarge, TooMuchWork, Vector
@@ -24,9 +24,15 @@ from .brackets import Filtration, Span, VectorField, filtration
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """Delta, exactly: `fields` are the columns of S, `forms` the rows of A (none if only S is given), up to factors."""
+    """Delta, exactly: `fields` are the columns of S, `forms` the rows of A (none if only S is given), up to factors.
 
-    kinematics: Kinematics
+    `given`: whether S is that of the system, not one computed from A.
+    """
+
+    name: str
+    coordinates: tuple[Quantity, ...]
+    parameters: tuple[Quantity, ...]
+    given: bool
     functions: Functions
     S: sp.Matrix
     fields: tuple[VectorField, ...]
@@ -60,7 +66,7 @@ class Distribution:
     @cached_property
     def annihilator(self) -> list[Vector]:
         """k one-forms that vanish on Delta*: the differentials of the integrals, up to combinations with functions."""
-        with provable(self.kinematics.name):
+        with provable(self.name):
             return Span(self.functions, list(self.filtration.basis)).complement()
 
     def near(self, point: Point | RealPoint) -> "Distribution":
@@ -75,7 +81,7 @@ class Distribution:
         return replace(self, fields=_unscaled(span.complement()))
 
     def _filtration(self, derived: bool) -> Filtration:
-        with provable(self.kinematics.name):
+        with provable(self.name):
             return filtration(self.functions, self.fields, derived)
 
 
@@ -135,7 +141,22 @@ def _distribution(model: Kinematics) -> Distribution:
                 raise ModelError(f"{model.name}: A S is not zero: column {column.name} of S does not satisfy constraint {name!r}")
     if len(_independent(functions, fields)) < len(fields):
         raise ModelError(f"{model.name}: the columns of S depend on each other everywhere; choose other quasi-velocities")
-    return Distribution(model, functions, S, tuple(fields), tuple(forms))
+    return Distribution(
+        model.name, model.coordinates, model.parameters, model.S is not None, functions, S, tuple(fields), tuple(forms)
+    )
+
+
+def part(Delta: Distribution, rows: Sequence[int], columns: Sequence[int], expanded: bool = False) -> Distribution:
+    """Return the distribution of these coordinates alone, spanned by these columns of S, which must be independent in these rows
+    and depend on no other coordinate there. `expanded`: sines and cosines of sums are written in those of the coordinates."""
+    coordinates = tuple(Delta.coordinates[k] for k in rows)
+    S = Delta.S.extract(list(rows), list(columns))
+    parameters = tuple(p for p in Delta.parameters if S.has(symbol(p)))
+    symbols = [symbol(c) for c in coordinates]
+    waves = [sp.cos(q) for q in symbols if any(wave.has(q) for wave in S.atoms(sp.sin, sp.cos))] if expanded else []
+    functions = Functions(Delta.name, symbols, [symbol(p) for p in parameters], [*waves, *S])
+    fields = tuple(_polynomial(functions, list(S.col(k)), f"s{k + 1}") for k in range(S.cols))
+    return Distribution(Delta.name, coordinates, parameters, True, functions, S, fields, ())
 
 
 def _exact(matrix: ca.SX | None, quantities: Sequence, where: str) -> sp.Matrix | None:

@@ -14,6 +14,7 @@ from ...model.errors import ModelError
 from ..exact.functions import Functions, TooLarge, Vector
 from ..exact.points import MODULAR, Point, random_point
 from ..exact.symbolic import written
+from .brackets import VectorField
 from .distribution import Distribution
 
 DEGREE = 3  # highest degree of polynomials in coordinates, sines and cosines
@@ -72,7 +73,9 @@ def holonomic(Delta: Distribution) -> Holonomic:
     point = random_point(functions, seed=count)
     gradients: list[Vector] = []
     integrals: list[FirstIntegral] = []
-    for function, gradient in itertools.chain(_polynomials(Delta), _closed(Delta, forms)):
+    polynomials = constant_polynomials(functions, Delta.filtration.basis)
+    found = ((functions.expression(each), functions.gradient(each)) for each in polynomials)
+    for function, gradient in itertools.chain(found, _closed(Delta, forms)):
         if point.rank([*gradients, gradient]) > len(gradients):
             gradients.append(gradient)
             integrals.append(_integral(functions, function, gradient))
@@ -81,39 +84,50 @@ def holonomic(Delta: Distribution) -> Holonomic:
     return Holonomic(count, expressions, tuple(integrals), _could_go(functions, forms, point))
 
 
-def _polynomials(Delta: Distribution) -> Iterator[tuple[sp.Expr, Vector]]:
-    """Find integrals that are polynomials, with multiples of their gradients.
+def constant_polynomials(functions: Functions, fields: Sequence[VectorField], degree: int = DEGREE) -> Iterator[PolyElement]:
+    """Find polynomials that are constant along the fields.
 
     First in the coordinates with constant coefficients, then of increasing degree in coordinates, sines and cosines.
     """
-    functions = Delta.functions
-    gens = functions.ring.gens
-    coordinates = gens[functions.constants : functions.constants + functions.n]
-    others = [gens[k] for k in range(functions.constants, len(gens)) if k not in functions.roots]
-    for variables, degree in ((coordinates, 1), *((others, degree) for degree in range(1, DEGREE + 1))):
-        monomials = [
-            functions.normal(math.prod(factors, start=functions.ring.one))
-            for size in range(1, degree + 1)
-            for factors in itertools.combinations_with_replacement(variables, size)
-        ]
-        monomials = [m for m in dict.fromkeys(monomials) if len(m) == 1]
-        if len(monomials) > MONOMIALS:
+    coordinates = range(functions.constants, functions.constants + functions.n)
+    others = [k for k in range(functions.constants, len(functions.ring.gens)) if k not in functions.roots]
+    for variables, power in ((coordinates, 1), *((others, power) for power in range(1, degree + 1))):
+        found = monomials(functions, variables, power)
+        if len(found) > MONOMIALS:
             return
         try:
-            integrals = _constant_along(Delta, monomials)
+            integrals = _constant_along(functions, fields, found)
         except TooLarge:
             return
-        for polynomial in integrals:
-            yield functions.expression(polynomial), functions.gradient(polynomial)
+        yield from integrals
 
 
-def _constant_along(Delta: Distribution, monomials: Sequence[PolyElement]) -> list[PolyElement]:
-    """Return combinations of the monomials, with coefficients in the parameters, that are constant along Delta*; the shortest
+def monomials(functions: Functions, variables: Sequence[int], degree: int) -> list[PolyElement]:
+    """Return the products of at most `degree` of these generators, each once; those that are no monomials are left out."""
+    products = [
+        functions.normal(math.prod([functions.ring.gens[k] for k in factors], start=functions.ring.one))
+        for size in range(1, degree + 1)
+        for factors in itertools.combinations_with_replacement(variables, size)
+    ]
+    return [m for m in dict.fromkeys(products) if len(m) == 1]
+
+
+def _constant_along(functions: Functions, fields: Sequence[VectorField], monomials: Sequence[PolyElement]) -> list[PolyElement]:
+    """Return combinations of the monomials, with coefficients in the parameters, that are constant along the fields; the shortest
     first."""
-    functions = Delta.functions
-    fixed = random_point(functions, seed=len(monomials))
-    rates = [functions.rates_along(field.vector) for field in Delta.filtration.basis]
+    rates = [functions.rates_along(field.vector) for field in fields]
     images = [[functions.along(rate, monomial) for rate in rates] for monomial in monomials]
+    integrals = [
+        sum((c * monomials[k] for k, c in combination.items()), functions.ring.zero)
+        for combination in vanishing_combinations(functions, images)
+    ]
+    return [each for each in integrals if each and not any(functions.along(rate, each) for rate in rates)]
+
+
+def vanishing_combinations(functions: Functions, images: Sequence[Sequence[PolyElement]]) -> list[dict[int, PolyElement]]:
+    """Return combinations of vectors, with coefficients in the parameters, without a common factor, that are zero: a basis, the
+    shortest first."""
+    fixed = random_point(functions, seed=len(images))
     rows: dict[tuple, dict[int, PolyElement]] = {}
     for column, image in enumerate(images):
         for place, polynomial in enumerate(image):
@@ -122,10 +136,10 @@ def _constant_along(Delta: Distribution, monomials: Sequence[PolyElement]) -> li
                 term = functions.ring.from_dict({(*powers[: functions.constants], *[0] * len(key[1])): coefficient})
                 entry = rows.setdefault(key, {})
                 entry[column] = entry.get(column, functions.ring.zero) + term
-    supports = _supports([{k: fixed(p) for k, p in row.items()} for row in rows.values()], len(monomials))
+    supports = _supports([{k: fixed(p) for k, p in row.items()} for row in rows.values()], len(images))
     domain = functions.ring.to_domain()
     field = domain.get_field()
-    integrals = []
+    combinations = []
     for support in sorted(supports, key=len):
         used = [[row.get(k, functions.ring.zero) for k in support] for row in rows.values() if any(k in row for k in support)]
         if used:
@@ -139,10 +153,8 @@ def _constant_along(Delta: Distribution, monomials: Sequence[PolyElement]) -> li
                 common = common.lcm(entry.denom)
             scaled = [entry.numer * common.exquo(entry.denom) for entry in solution]
             shared = functools.reduce(PolyElement.gcd, scaled)
-            integral = sum((c.exquo(shared) * monomials[k] for c, k in zip(scaled, support, strict=True)), functions.ring.zero)
-            if integral and not any(functions.along(rate, integral) for rate in rates):
-                integrals.append(integral)
-    return integrals
+            combinations.append({k: c.exquo(shared) for k, c in zip(support, scaled, strict=True) if c})
+    return combinations
 
 
 def _supports(rows: list[dict[int, object]], columns: int) -> list[tuple[int, ...]]:

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import sympy as sp
 from sympy import QQ
@@ -25,6 +26,8 @@ MORE_STEPS = 3  # levels of brackets beyond the generic number, on a set
 AVOIDING = 4  # attempts to avoid other sets
 MINORS = 24  # points evaluated to prove that there is no other set
 TERMS = 400  # most terms of the forms that must vanish at a point
+
+Shared = TypeVar("Shared")
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def places(Delta: Distribution) -> Places:
         if judgement is not None:
             judged[form] = judgement
     found_places, doubts = [], list[tuple[str, ...]]()
-    for form, judgement in _joined(functions, judged).items():
+    for form, judgement in joined(functions, judged).items():
         place = _place(Delta, form, judgement)
         if place.undecided(Delta.growth):
             doubts.append((written(place.condition),))
@@ -131,7 +134,7 @@ def _place(Delta: Distribution, form: PolyElement, judgement: Judgement) -> Plac
     return Place(condition, words(Delta.functions, form), whole=whole, **vars(judgement))
 
 
-def _joined(functions: Functions, judged: dict[PolyElement, Judgement]) -> dict[PolyElement, Judgement]:
+def joined(functions: Functions, judged: dict[PolyElement, Shared]) -> dict[PolyElement, Shared]:
     """Merge pairs of components with the same properties and a shorter common condition, such as angles of 0 and 180 degrees."""
     joined = dict(judged)
     for a, b in itertools.combinations(judged, 2):
@@ -223,7 +226,7 @@ def _judge(
         dependent = bool(Delta.forms) and point.rank(columns) < len(columns)
         pole = any(not point(part) for column in Delta.fields for part in column.above)
         drops.append(drop)
-        fails.append(Delta.kinematics.S is not None and (pole or dependent and not drop))
+        fails.append(Delta.given and (pole or dependent and not drop))
         growths.append(followed.growth_at(point, len(Delta.growth) + MORE_STEPS, Delta.growth[-1]))
     # At a special point ranks may be lower, so that the largest are those of the component.
     best = max(growths, default=())
@@ -235,7 +238,7 @@ def _judge(
 
 def _points_on(Delta: Distribution, form: PolyElement, examined: list[PolyElement]) -> tuple[list[RealPoint | Point], bool]:
     """Return points where the form vanishes and those of `examined` do not: real ones and True, or others if none is found."""
-    parameters, points = Delta.kinematics.parameters, list[RealPoint | Point]()
+    parameters, points = Delta.parameters, list[RealPoint | Point]()
     with contextlib.suppress(NoPoint):
         for seed in range(REAL_POINTS):
             points.append(real_point(Delta.functions, parameters, form, seed, examined))

@@ -16,9 +16,7 @@ SUSSMANN = (
 BROCKETT = "R. W. Brockett, Asymptotic stability and feedback stabilization, 1983"
 ISIDORI = "A. Isidori, Nonlinear Control Systems, 1989: the conditions for exact linearization by static feedback"
 TWO_INPUTS = "P. Martin, P. Rouchon, Feedback linearization and driftless systems, Math. Control Signals Systems 7, 1994"
-FIVE_STATES = (
-    "P. Martin, P. Rouchon, Any (controllable) driftless system with 3 inputs and 5 states is flat, Syst. Control Lett. 25, 1995"
-)
+CODIMENSION_TWO = "P. Martin, P. Rouchon, Any (controllable) driftless system with m inputs and m+2 states is flat, IEEE CDC 1995"
 ONE_INPUT = (
     "H. J. Sussmann, Lie brackets and local controllability: a sufficient condition for scalar-input systems, SIAM J. Control "
     "Optim. 21(3), 1983"
@@ -87,7 +85,7 @@ def checks(Delta: Distribution, inputs: Actuation | None = None) -> tuple[Check,
     """
     where = (SPACE, LEAF) if Delta.holonomic else (SPACE,)
     table = [(_accessible, where), (_controllable, where), (_lagrange, (SPACE,)), (_asymptotic, where), (_static, where)]
-    of_13 = tuple(check(Delta, place) for check, places in table for place in places) + (_dynamic(Delta),)
+    of_13 = tuple(check(Delta, place) for check, places in table for place in places) + (linearizable_dynamically(Delta),)
     driven = Hypothesis(
         "S'E has rank n - m: the inputs drive every quasi-velocity, generic, by numbers", None if inputs is None else inputs.full
     )
@@ -225,7 +223,7 @@ def _static(Delta: Distribution, where: str) -> Check:
     )
 
 
-def _dynamic(Delta: Distribution) -> Check:
+def linearizable_dynamically(Delta: Distribution) -> Check:
     """Return what dynamic feedback can achieve, on the leaf if k > 0: only where a theorem applies."""
     inputs, states = len(Delta.fields), Delta.functions.n - Delta.holonomic
     where = LEAF if Delta.holonomic else SPACE
@@ -248,8 +246,9 @@ def _dynamic(Delta: Distribution) -> Check:
     elif gap == 1:
         verdict, reference = True, PFAFF
         reason = "one nonholonomic constraint: it is flat, dynamic feedback linearizes it"
-    elif (inputs, states) == (3, 5):
-        verdict, reason, reference = True, "three inputs, five states and accessible: it is flat", FIVE_STATES
+    elif gap == 2:
+        verdict, reference = True, CODIMENSION_TWO
+        reason = f"{inputs} inputs, two states more and accessible: it is flat"
     else:
         verdict, reference = None, "no general test is known"
         reason = f"{inputs} inputs and {states} states: none of the theorems used here applies"

@@ -8,7 +8,8 @@ radicand is no square).
 
 import functools
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import lcm, prod
@@ -71,7 +72,7 @@ class Functions:
         self, name: str, coordinates: Sequence[sp.Symbol], parameters: Sequence[sp.Symbol], expressions: Iterable[sp.Expr]
     ):
         self.name = name
-        self.work = 0  # see spend
+        self.work, self.most_work = 0, WORK  # see spend
         self.progress: Reported = silent
         self.coordinates, self.parameters = tuple(coordinates), tuple(parameters)
         self.symbols = (*parameters, *coordinates)
@@ -335,9 +336,18 @@ class Functions:
     def spend(self, terms: int) -> None:
         """Count the terms that an operation takes: what is tried has the same bound on every machine. Raises TooMuchWork."""
         self.work += terms
-        self.progress(self.work, WORK, "terms at most for the constraints")
-        if self.work > WORK:
-            raise TooMuchWork(f"{WORK:,} terms of polynomials")
+        self.progress(self.work, self.most_work, "terms at most for the constraints")
+        if self.work > self.most_work:
+            raise TooMuchWork(f"{self.most_work:,} terms of polynomials")
+
+    @contextmanager
+    def within(self, terms: int) -> Iterator[None]:
+        """Let operations within the block take so many more terms at most; those taken do not count after it."""
+        before, self.most_work = (self.work, self.most_work), self.work + terms
+        try:
+            yield
+        finally:
+            self.work, self.most_work = before
 
     def normal(self, polynomial: PolyElement) -> PolyElement:
         """Return the normal form: no power above the first of a sine or a root."""

@@ -74,10 +74,16 @@ def factors(functions: Functions, polynomial: PolyElement) -> list[tuple[PolyEle
     powers: dict[PolyElement, int] = {}
     for whole, power in functions.factors(polynomial)[1]:
         form = halved(functions, whole)
-        for part, times in factored(form)[1] if len(form) <= LARGEST else [(form, 1)]:
-            part = part if part.LC > 0 else -part
+        for part, times in components(form):
             powers[part] = powers.get(part, 0) + power * times
     return list(powers.items())
+
+
+def components(form: PolyElement) -> list[tuple[PolyElement, int]]:
+    """Return the irreducible factors of a form, up to a number, with their powers and with positive leading terms; one that is
+    too large is its only factor."""
+    parts = factored(form)[1] if len(form) <= LARGEST else [(form, 1)]
+    return [(part if part.LC > 0 else -part, power) for part, power in parts]
 
 
 def never_zero(functions: Functions, form: PolyElement) -> bool:
@@ -111,7 +117,7 @@ def without_roots(functions: Functions, form: PolyElement) -> PolyElement:
     for place in sorted(generators_of(form) & set(functions.roots), reverse=True):
         radicand = functions.roots[place]
         gens, angles = functions.ring.gens, _angles(functions, radicand)
-        one = product(functions, [(gens[a.cosine] ** 2 + gens[a.sine] ** 2) ** _degree(radicand, a) for a in angles])
+        one = product(functions, [(gens[a.cosine] ** 2 + gens[a.sine] ** 2) ** degree_of(radicand, a) for a in angles])
         squared, radicand = form * conjugate(form, place), halved(functions, radicand)
         most, form = max(powers[place] for powers in squared) // 2, functions.ring.zero
         for powers, coefficient in squared.terms():
@@ -126,7 +132,8 @@ def _angles(functions: Functions, polynomial: PolyElement) -> list[Angle]:
     return [angle for angle in functions.angles if used & {angle.cosine, angle.sine}]
 
 
-def _degree(polynomial: PolyElement, angle: Angle) -> int:
+def degree_of(polynomial: PolyElement, angle: Angle) -> int:
+    """Return the degree in cosine and sine of an angle."""
     return max((powers[angle.cosine] + powers[angle.sine] for powers in polynomial), default=0)
 
 
@@ -154,7 +161,7 @@ def _by_sturm(form: PolyElement, unknown: Sequence[int], angles: Sequence[Angle]
         return 0
     place = pair.sine if pair else unknown[0]
     polynomial = sp.Poly.from_dict({(powers[place],): int(c) for powers, c in form.terms()}, sp.Dummy("t"))
-    if pair and polynomial.degree() < _degree(form, pair):
+    if pair and polynomial.degree() < degree_of(form, pair):
         return 0  # zero if the cosine of the half angle is
     return int(sp.sign(polynomial.LC())) if polynomial.degree() % 2 == 0 and not polynomial.count_roots() else 0
 
