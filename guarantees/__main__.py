@@ -43,6 +43,7 @@ OTHERS = (  # a robot of many bodies, whose C has loops; robots with fewer input
     ("balancer", "upright"),
     ("roller_racer", "handlebar"),
 )
+FEEDBACKS = ("balancer",)  # SPECs of state feedbacks
 
 
 def checked(name: str, task: Task) -> tuple[str, str]:
@@ -69,7 +70,7 @@ def main(argv: list[str] | None = None) -> int:
     if unknown := [name for name in arguments.names if name not in CHECKS]:
         parser.error(f"unknown check {unknown[0]}; known are {', '.join(CHECKS)}")
     task = Task(Path(arguments.out).resolve(), short=arguments.short, update=arguments.update)
-    task = task if task.short else replace(task, more=MORE, others=OTHERS)
+    task = task if task.short else replace(task, more=MORE, others=OTHERS, feedbacks=FEEDBACKS)
     ends: list[str] = []
     for name in arguments.names or CHECKS:
         began = time.monotonic()

@@ -53,6 +53,7 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "noslip_telemetry_send": {"self.written", "self.dropped", "ring"},
     "noslip_telemetry_read": {"self.taken", "bytes", "count"},
     "noslip_image_save": {"image", "used"},
+    "noslip_balance_step": {"tau"},
     "noslip_path_look": {"guide"},
     "noslip_path_update": {"self.current", "self.saved", "self.guide", "self.started", "guide"},
 }
@@ -112,6 +113,8 @@ class AnalysedProgram:
     def sources(self, task: Task) -> list[Path]:
         """The C files to analyse."""
         suffix = SCALARS[self.scalar][0]
+        if self.source == "feedback":
+            return [PROGRAMS / "feedback.c"]
         more = [task.law_file(f"{task.robot_of(self.law)}{suffix}.c")] if self.law else []
         more += [task.law_file(f"{self.law}{suffix}.c")] if self.source == "law" else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
@@ -125,7 +128,7 @@ class AnalysedProgram:
     def places(self, task: Task) -> list[str]:
         """The markers REACHED(...) in the program, all of which the analysis must reach."""
         text = (PROGRAMS / f"{self.source}.c").read_text()
-        if not (self.law and task.follows(self.law)):
+        if not (self.law and self.source != "feedback" and task.follows(self.law)):
             text = re.sub(r"#if FOLLOWS.*?#endif", "", text, flags=re.S)
         if self.extended:
             text = re.sub(r"#if !EXTENDED.*?#endif", "", text, flags=re.S)
@@ -138,6 +141,9 @@ class AnalysedProgram:
         macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
         if self.source == "telemetry":
             return macros | {"ROBOT": "labmate", "HEADER": f'"labmate_telemetry{suffix}.h"'}
+        if self.source == "feedback":
+            sizes = {size: f"{self.law.upper()}_{size}" for size in ("STATES", "INPUTS")}
+            return macros | sizes | {"FEEDBACK": self.law, "HEADER": f'"{self.law}.h"'}
         if not self.law:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
         analysed = "labmate_follower" if self.source == "follower" else self.law
@@ -156,6 +162,7 @@ def programs(task: Task) -> list[AnalysedProgram]:
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
     named = [("law", law) for law in (*laws, *task.laws_of_others)]
     named += ([] if task.short else grips) + parts[: 2 if task.short else None]
+    named += [("feedback", name) for name in task.feedback_names]
     named += [] if task.short else [("follower", task.laws[-1])]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 

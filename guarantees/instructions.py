@@ -20,6 +20,7 @@ KINDS = {
     "refused": "refuses",
 }
 PAGE = HERE / "README.md"  # contains the table of the budgeted numbers
+OF_FEEDBACK = ("good", "cut", "refused")  # kinds
 ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_jump", "path_refused")
 SPEED = ("profile_line", "profile_arc", "slip_quiet", "slip_noticed", "slip_refused")
 EKF = ("ekf_gyro", "ekf_wheels", "ekf_fix", "ekf_refused")
@@ -30,7 +31,9 @@ MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial non
 
 
 def instructions(task: Task) -> str:
-    """Count the instructions of all laws, odometry, path, profile, slip, filter and adaptation; compare with the budget."""
+    """Count the instructions of all laws, state feedbacks, odometry, path, profile, slip, filter and adaptation; compare with the
+    budget.
+    """
     need("qemu-system-arm", "qemu-system-arm")
     folder = task.folder / "instructions"
     folder.mkdir(parents=True, exist_ok=True)
@@ -56,15 +59,19 @@ def with_table(page: str, numbers: str) -> str:
     rows = [" | ".join([law.replace("_follow", ", follow"), *(_range(row, kind) for kind in KINDS)]) for law, row in laws.items()]
     head = ["Cortex-M4F, float, -O2", *KINDS]
     table = "\n".join([f"| {' | '.join(head)} |", "|---" * len(head) + "|", *(f"| {row} |" for row in rows)])
+    balancer = modules.get("balancer_lqr_f", {})
     path, odometry, profile, slip = (modules[f"noslip_{name}_f"] for name in ("path", "odometry", "profile", "slip"))
     words = (
         f"Odometry {_range(odometry, 'good')}; of a path (update, which takes the heading) on a line {_range(path, 'line')}, "
         f"on an arc {_range(path, 'arc')},\nat the end of a segment {_range(path, 'next')}, after a jump of 95 m over 5000 arcs, "
         f"64 of which end in each update, {_range(path, 'jump')}.\nA profile of speed on a line {_range(profile, 'line')}, "
         f"on an arc {_range(profile, 'arc')};\nslip while rolling {_range(slip, 'quiet')}, "
-        f"where it is noticed {_range(slip, 'noticed')}."
+        f"where it is noticed {_range(slip, 'noticed')}.\n"
+        f"State feedback of the balancer {_range(balancer, 'good')}, {_range(balancer, 'cut')} where an input is cut, "
+        f"{_range(balancer, 'refused')} where it is refused."
     )
-    return re.sub(r"\| Cortex-M4F, float.*?noticed \d+(?: to \d+)?\.", f"{table}\n\n{words}", page, flags=re.S)
+    before = r"\| Cortex-M4F, float.*?noticed \d+(?: to \d+)?\.(?:\nState feedback.*?refused\.)?"
+    return re.sub(before, f"{table}\n\n{words}", page, flags=re.S)
 
 
 def _range(row: Mapping[str, int], kind: str) -> str:
@@ -75,8 +82,9 @@ def _range(row: Mapping[str, int], kind: str) -> str:
 def _image(task: Task, folder):
     """Build a program for the board that calls all functions to be counted."""
     laws = "".join(task.driver(law, "_f", "instructions.inc") for law in task.laws)
+    laws += "".join(_feedback_driver(name) for name in task.feedback_names)
     states = STATES // 10 if task.short else STATES
-    calls = "".join(f"    count_{law}_f({states});\n" for law in task.laws)
+    calls = "".join(f"    count_{law}_f({states});\n" for law in (*task.laws, *task.feedback_names))
     calls += f"    count_route({states});\n    count_jump();\n    count_ekf({states});\n    count_adaptation({states});\n"
     main = f"void count_adaptation(uint32_t n);\nint main(void)\n{{\n{calls}    return 0;\n}}\n"
     (folder / "main.c").write_text(
@@ -93,6 +101,13 @@ def _image(task: Task, folder):
     return image
 
 
+def _feedback_driver(name: str) -> str:
+    sizes = {size: f"{name.upper()}_{size}" for size in ("STATES", "INPUTS")}
+    defined = "".join(f"#define {macro} {value}\n" for macro, value in {"LAW": name, **sizes}.items())
+    ends = "".join(f"#undef {macro}\n" for macro in ("LAW", *sizes))
+    return f'#include "{name}.h"\n{defined}#include "instructions_feedback.inc"\n{ends}'
+
+
 def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
     """Return (module, kind of result) -> minimum and maximum number of instructions."""
     listing = run([M4F.tool("nm"), "-S", image])
@@ -100,6 +115,8 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
     steps = [(law, f"{law}_f", f"{law}_step_f") for law in task.laws]
     steps += [(law, f"{law}_follow_f", f"{law}_follow_f") for law in task.laws if task.follows(law)]
     selected = {(module, kind): (entry, f"{kind}_{law}_f") for law, module, entry in steps for kind in KINDS}
+    for name in task.feedback_names:
+        selected |= {(f"{name}_f", kind): (f"{name}_give_f", f"{kind}_{name}_f") for kind in OF_FEEDBACK}
     for name in (*ROUTE, *SPEED, *EKF, *ADAPTATION):
         module, kind = name.split("_")
         selected[f"noslip_{module}_f", kind] = ("ekf_correct" if kind == "fix" else ENTRIES[module], name)

@@ -52,7 +52,8 @@ def stack(task: Task, target: Machine = M4F) -> str:
     The compiler's library counts as unknown, so that a use of double in a float function is found.
     """
     graph = graph_of(task, target)
-    entries = [name for name in sorted(graph) if name.endswith("_f") and name.startswith((*IN_HEADERS, "noslip_path", "labmate"))]
+    own = (*IN_HEADERS, "noslip_path", "labmate", *task.feedback_names)
+    entries = [name for name in sorted(graph) if name.endswith("_f") and name.startswith(own)]
     used = {entry: deepest(graph, entry) for entry in entries}
     outside = {(entry, name) for entry in entries for name in reached(graph, entry) - set(graph) - BY_COMPILERS}
     hold(
@@ -61,7 +62,7 @@ def stack(task: Task, target: Machine = M4F) -> str:
     )
     measured: budget.Numbers = {}
     for entry, most in used.items():
-        laws = sorted((*task.laws, *task.laws_of_others), key=len, reverse=True)
+        laws = sorted((*task.laws, *task.laws_of_others, *task.feedback_names), key=len, reverse=True)
         module = next((name for name in laws if entry.startswith(name)), "runtime")
         measured.setdefault(f"{module}_f", {})[f"stack {entry.removeprefix(module + '_').removesuffix('_f')}"] = most
     worst = max(used, key=used.__getitem__)
@@ -98,9 +99,12 @@ def graph_of(task: Task, target: Machine) -> Graph:
 
 def _structs(task: Task, target: Machine) -> dict[str, int]:
     """Return module -> bytes of the struct that the caller owns."""
-    laws = [law + suffix for law in (*task.laws, *task.laws_of_others) for suffix in ("", "_f")]
-    lines = [f'#include "{header}.h"' for header in (*laws, "noslip_path")]
-    lines += [f"char size_of_{kind}[sizeof({kind})] = {{1}};" for kind in (*laws, "noslip_path", "noslip_path_f")]
+    own = [*task.laws, *task.laws_of_others, "noslip_path"]
+    kinds = {**{name: name for name in own}, **dict.fromkeys(task.feedback_names, "noslip_balance")}
+    scalars = ("", "_f")
+    headers = [*(f"{law}{suffix}" for law in own[:-1] for suffix in scalars), "noslip_path", "noslip_balance"]
+    lines = [f'#include "{header}.h"' for header in headers]
+    lines += [f"char size_of_{name}{end}[sizeof({kind}{end})] = {{1}};" for name, kind in kinds.items() for end in scalars]
     source = task.folder / "structs.c"
     source.write_text("\n".join(lines) + "\n")
     listing = run([target.tool("nm"), "-S", *target.compile(task, [source])])

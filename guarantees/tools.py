@@ -14,8 +14,12 @@ from typing import TypeVar
 import noslip
 
 from ..codegen.files import robot_files
+from ..codegen.printing.scalar import SCALARS
 from ..codegen.targets import STANDARD, TABLE, flags
+from ..controllers.balance.in_c import callable_files
 from ..readers.robots import find_robot, law_of, system_of
+from ..simulation.feedback.guidance import feedback_of
+from ..simulation.specification.spec import read_spec
 
 ROOT = Path(noslip.__file__).resolve().parent
 HERE = Path(__file__).resolve().parent
@@ -37,7 +41,7 @@ class Failed(Exception):
 class Task:
     """Arguments of a check: the C, the working folder, short or complete version, whether to record a new budget; `more`: laws of
     the shipped robot that are generated for the check, beside those of its committed C; `others`: laws of other robots, likewise:
-    robot and law, one of each robot.
+    robot and law, one of each robot; `feedbacks`: SPECs whose state feedback is generated, likewise.
     """
 
     folder: Path
@@ -46,6 +50,7 @@ class Task:
     update: bool = False
     more: tuple[str, ...] = ()
     others: tuple[tuple[str, str], ...] = ()
+    feedbacks: tuple[str, ...] = ()
 
     @property
     def runtime(self) -> Path:
@@ -68,7 +73,8 @@ class Task:
         """The folders with generated C."""
         laws = self.folder / "laws"
         more = [_written(laws, self.generated.name, self.more)] if self.more else []
-        return [self.generated, *more, *(_written(laws / _in_c(robot), robot, (law,)) for robot, law in self.others)]
+        others = [_written(laws / _in_c(robot), robot, (law,)) for robot, law in self.others]
+        return [self.generated, *more, *others, *(_feedback(laws, spec) for spec in self.feedbacks)]
 
     @property
     def sources(self) -> list[Path]:
@@ -101,6 +107,11 @@ class Task:
     def laws_of_others(self) -> dict[str, str]:
         """The laws of other robots and these robots, both by their names in C, without the scalar."""
         return {f"{_in_c(robot)}_{law}": _in_c(robot) for robot, law in self.others}
+
+    @property
+    def feedback_names(self) -> list[str]:
+        """The names in C of the state feedbacks, without the scalar."""
+        return [_feedback(self.folder / "laws", spec).name for spec in self.feedbacks]
 
     def robot_of(self, law: str) -> str:
         """Return the name in C of the robot of a law."""
@@ -187,6 +198,19 @@ def _written(folder: Path, robot: str, names: tuple[str, ...]) -> Path:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text)
     return folder
+
+
+@cache
+def _feedback(folder: Path, file: str) -> Path:
+    """Write the header of the state feedback of a SPEC, with sources that call it, into a folder of its own in `folder`, named as
+    in C. Return that folder."""
+    spec = read_spec(file)
+    robot = find_robot(spec.robot)
+    made = folder / f"{robot.name}_lqr"
+    made.mkdir(parents=True, exist_ok=True)
+    for name, text in callable_files(feedback_of(robot, spec, robot.parameter_values({})), list(SCALARS.values())).items():
+        (made / name).write_text(text)
+    return made
 
 
 @cache

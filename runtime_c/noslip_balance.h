@@ -142,15 +142,13 @@ static inline int noslip_balance_inputs(const noslip_balance_options *options, c
         }
     }
     for (k = 0; k < options->inputs; k++) {
-        const double limit = options->limit != NULL ? options->limit[k] : (double)0;
-        tau[k] = noslip_balance_input(options, state, desired, sine, cosine, k);
-        if (!noslip_is_finite(tau[k])) {
+        const double limit = noslip_limit(options->limit != NULL ? options->limit[k] : (double)0);
+        const double input = noslip_balance_input(options, state, desired, sine, cosine, k);
+        if (!noslip_is_finite(input)) {
             return NOSLIP_NONFINITE;
         }
-        if (limit > 0 && noslip_abs(tau[k]) > limit) {
-            tau[k] = noslip_clip(tau[k], limit);
-            status = NOSLIP_SATURATED;
-        }
+        tau[k] = noslip_clip(input, limit);
+        status = noslip_within(input, limit) ? status : NOSLIP_SATURATED;
     }
     return status;
 }
@@ -306,15 +304,13 @@ static inline int noslip_balance_inputs_f(const noslip_balance_options_f *option
         }
     }
     for (k = 0; k < options->inputs; k++) {
-        const float limit = options->limit != NULL ? options->limit[k] : (float)0;
-        tau[k] = noslip_balance_input_f(options, state, desired, sine, cosine, k);
-        if (!noslip_is_finite_f(tau[k])) {
+        const float limit = noslip_limit_f(options->limit != NULL ? options->limit[k] : (float)0);
+        const float input = noslip_balance_input_f(options, state, desired, sine, cosine, k);
+        if (!noslip_is_finite_f(input)) {
             return NOSLIP_NONFINITE;
         }
-        if (limit > 0 && noslip_abs_f(tau[k]) > limit) {
-            tau[k] = noslip_clip_f(tau[k], limit);
-            status = NOSLIP_SATURATED;
-        }
+        tau[k] = noslip_clip_f(input, limit);
+        status = noslip_within_f(input, limit) ? status : NOSLIP_SATURATED;
     }
     return status;
 }

@@ -1,11 +1,12 @@
 """The guarantees, each in its short version; that each check refuses what it must; and the budget."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from noslip.guarantees import budget, eva, fuzz, instructions, memory, timing, tools
-from noslip.guarantees.__main__ import CHECKS, MORE, OTHERS, checked
+from noslip.guarantees.__main__ import CHECKS, FEEDBACKS, MORE, OTHERS, checked
 from noslip.guarantees.headers import headers
 from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Machine, Missing, Task
 from noslip.readers.robots import find_robot
@@ -248,6 +249,25 @@ def test_eva_finds_in_balance(tmp_path):
     task = changed(tmp_path, "runtime_c/noslip_balance.inc", "options->y < options->states && ", "")
     _, lines = eva.analyse(task, eva.AnalysedProgram("balance", "float"))
     assert any("out of bounds read" in line for line in lines), lines
+
+
+@with_eva
+def test_eva_proves_a_state_feedback_and_finds_what_is_wrong(tmp_path):
+    """The generated header of the balancer's; planted are an input beyond its limit, and a state more than there are gains."""
+    task = Task(tmp_path / "right", feedbacks=FEEDBACKS)
+    (name,) = task.feedback_names
+    program = eva.AnalysedProgram("feedback", "float", name)
+    proved, wrong = eva.analyse(task, program)
+    assert proved > 5 and not wrong
+    clip = "tau[k] = NOSLIP_NAME(noslip_clip)(input, limit);"
+    unlimited = changed(tmp_path / "runtime", "runtime_c/noslip_balance.inc", clip, "tau[k] = input;")
+    lines = eva.analyse(replace(unlimited, feedbacks=FEEDBACKS), program)[1]
+    assert any("assertion got status" in line for line in lines)
+    header = task.law_file(f"{name}.h")
+    text = header.read_text()
+    header.write_text(text.replace("options.states = 9;", "options.states = 10;"))
+    assert header.read_text() != text
+    assert any("out of bounds" in line for line in eva.analyse(task, program)[1])
 
 
 EVA_FINDS_IN_GRIP = {

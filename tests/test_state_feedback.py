@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from noslip.analysis.underactuated import run
 from noslip.cli.main import main
+from noslip.codegen.printing.scalar import SCALARS
+from noslip.controllers import build
 from noslip.controllers.balance.feedback import Balanced, design
 from noslip.controllers.balance.in_c import BalanceInC, differences
 from noslip.controllers.balance.on_target import BalanceOnTarget
@@ -18,7 +20,8 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.feedback.desired import commanded, on_course
 from noslip.simulation.specification.feedback import Command
 from noslip.simulation.specification.vary import read_varied
-from noslip.tests.tools import skip_without
+from noslip.tests.test_runtime import STRICT
+from noslip.tests.tools import need, skip_without
 
 WEIGHTS = {"pitch": 10.0, "x": 40.0, "phi": 20.0, "speed": 1.0, "pitch_rate": 0.1, "yaw_rate": 0.5}
 WHEELS = ("theta_r", "theta_l")
@@ -218,6 +221,27 @@ def test_a_target_gives_the_bits_of_this_host(backend):
     assert seen == {"ok", "saturated", "astray", "range", "nonfinite"}
     with pytest.raises(BadInput, match="no room for another feedback"):
         _ = [BalanceOnTarget(feedback, backend) for _ in range(17)]
+
+
+@pytest.mark.parametrize("scalar", SCALARS)
+def test_every_compiler_gives_the_same_bits_without_a_warning(scalar, monkeypatch):
+    """Of the generated header, at 200 random states near and far from desired ones; the processors are above."""
+    for tool in ("gcc", "clang"):
+        need(tool)
+    steady = analyse_at_rest(find_robot("balancer"))
+    feedback, answers = design(steady, WEIGHTS, 0.2, WHEELS, 4.0), {}
+    for compiler, level in (("gcc", "-O0"), ("gcc", "-O2"), ("gcc", "-O3"), ("clang", "-O0"), ("clang", "-O2")):
+        monkeypatch.setenv("CC", f"{compiler} {' '.join(STRICT)}")
+        monkeypatch.setattr(build, "QUICK", (level,))
+        c, random, found = BalanceInC(feedback, scalar), np.random.default_rng(8), []
+        for _ in range(200):
+            desired = random.normal(size=len(steady.names))
+            status, tau = c.step(desired + random.uniform(0.0, 1.0) * random.normal(size=len(desired)), desired)
+            found.append((status, tau.tobytes()))
+        answers[compiler, level] = found
+    first, *others = answers.values()
+    assert all(other == first for other in others)
+    assert {status for status, _ in first} == {"ok", "saturated", "astray"}
 
 
 BAD = {

@@ -72,37 +72,58 @@ def _table(scalar: Scalar, name: str, values: Sequence[float] | np.ndarray) -> l
 
 
 DECLARED = """
-int make({type} *self);
-int give(const {type} *self, const {real} *state, const {real} *desired, {real} *tau);
+int {make}({type} *self);
+int {give}(const {type} *self, const {real} *state, const {real} *desired, {real} *tau);
 """
 DEFINED = """#include "{name}.h"
 {declared}
-int make({type} *self)
+int {make}({type} *self)
 {{
     return {init}(self);
 }}
 
-int give(const {type} *self, const {real} *state, const {real} *desired, {real} *tau)
+int {give}(const {type} *self, const {real} *state, const {real} *desired, {real} *tau)
 {{
     return {step}(self, state, desired, tau);
 }}
 """
 
 
+def _words(balanced: Balanced, scalar: Scalar) -> dict[str, str]:
+    """Return the names in DECLARED and DEFINED."""
+    name = f"{balanced.name}_lqr"
+    own = {word: scalar.name(f"{name}_{word}") for word in ("make", "give", "init")}
+    runtime = {"type": scalar.name("noslip_balance"), "step": scalar.name("noslip_balance_step"), "real": scalar.real}
+    return {"name": name, **own, **runtime}
+
+
+def declared(balanced: Balanced, scalar: Scalar) -> str:
+    """Return the declarations of NAME_make and NAME_give, which call init and step of a feedback, in one scalar."""
+    return DECLARED.format(**_words(balanced, scalar))
+
+
+def callable_files(balanced: Balanced, scalars: Sequence[Scalar]) -> dict[str, str]:
+    """Return the header of a feedback, and a source with these functions for each scalar, by file name."""
+    name = f"{balanced.name}_lqr"
+    sources = {
+        f"{scalar.name(name)}.c": DEFINED.format(declared=declared(balanced, scalar), **_words(balanced, scalar))
+        for scalar in scalars
+    }
+    return {f"{name}.h": header(balanced, "compiled to be called"), **sources}
+
+
 class BalanceInC(InC):
     """The header of a feedback, compiled in one scalar. Raises BadInput without a C compiler."""
 
     def __init__(self, balanced: Balanced, scalar: str = "double"):
-        name, own = f"{balanced.name}_lqr", SCALARS[scalar]
-        words = {"type": own.name("noslip_balance"), "real": own.real}
-        functions = {"init": own.name(f"{name}_init"), "step": own.name("noslip_balance_step")}
-        source = DEFINED.format(name=name, declared=DECLARED.format(**words), **functions, **words)
+        own = SCALARS[scalar]
         self.ffi = cffi.FFI()
-        self.ffi.cdef(declarations(HEADER) + DECLARED.format(**words))
-        self.lib = load(self.ffi, {"library.c": source, f"{name}.h": header(balanced, "compiled to be called")})
+        self.ffi.cdef(declarations(HEADER) + declared(balanced, own))
+        self.lib = load(self.ffi, callable_files(balanced, [own]))
+        make, self._give = (getattr(self.lib, own.name(f"{balanced.name}_lqr_{word}")) for word in ("make", "give"))
         self._self = self.ffi.new(f"{own.name('noslip_balance')} *")
-        if (status := self.lib.make(self._self)) != 0:
-            raise BadInput(f"{name}: init returns {self.status(status)!r}")
+        if (status := make(self._self)) != 0:
+            raise BadInput(f"{balanced.name}_lqr: init returns {self.status(status)!r}")
         sizes = len(balanced.steady.names), len(balanced.steady.names), len(balanced.K)
         self._arrays = [self.ffi.new(f"{own.real}[]", size) for size in sizes]
 
@@ -114,7 +135,7 @@ class BalanceInC(InC):
         """Return status and inputs, N or N m."""
         for numbers, values in zip(self._numbers, (state, desired), strict=False):
             numbers[:] = values
-        status = self.status(self.lib.give(self._self, *self._arrays))
+        status = self.status(self._give(self._self, *self._arrays))
         return status, self._numbers[2].astype(float)
 
 

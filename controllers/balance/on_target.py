@@ -8,7 +8,7 @@ from ...readers.errors import BadInput
 from ..pil import Handle, Served, session_of
 from ..runtime import runtime
 from .feedback import Balanced
-from .in_c import HEADER, header
+from .in_c import HEADER, callable_files
 
 CHOSEN = """#include "{name}.h"
 #define PIL_FEEDBACK(name) {name}##name##_f
@@ -21,7 +21,7 @@ CHOSEN = """#include "{name}.h"
 def served_feedback(balanced: Balanced) -> Served:
     """Return what an image of a feedback serves."""
     name = f"{balanced.name}_lqr"
-    return Served({f"{name}.h": header(balanced, "compiled for a target")}, CHOSEN.format(name=name, upper=name.upper()))
+    return Served(callable_files(balanced, []), CHOSEN.format(name=name, upper=name.upper()))
 
 
 class BalanceOnTarget:
