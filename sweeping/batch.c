@@ -1282,7 +1282,7 @@ static void note_use(loop *self, const true_state *state, const double *tau)
 {
 #if BATCH_CONTACTS
     const batch_sample *sample = self->sample;
-    double ground[4 * BATCH_CONTACTS];
+    double ground[4 * BATCH_STANDING]; /* supports too */
     int k;
     if (!(sample->mu > 0) || BATCH_JUDGE(_ground)(&self->truth, &state->named, tau, ground) != NOSLIP_OK) {
         return;
@@ -1494,6 +1494,7 @@ static void borrow(team *self, int lane)
     take(self, lane, group->peak, run->outcome->peak, BATCH_ROWS);
     take(self, lane, group->settling, run->outcome->settling, BATCH_ROWS);
     take(self, lane, group->effort, run->outcome->effort, BATCH_INPUTS);
+    take(self, lane, group->use, &run->outcome->use, 1);
 #endif
 }
 
@@ -1508,6 +1509,7 @@ static void hand_back(team *self, int lane)
     put(self, lane, run->outcome->peak, group->peak, BATCH_ROWS);
     put(self, lane, run->outcome->settling, group->settling, BATCH_ROWS);
     put(self, lane, run->outcome->effort, group->effort, BATCH_INPUTS);
+    put(self, lane, &run->outcome->use, group->use, 1);
 #endif
     if (run->made) { /* the law has been initialized */
 #if BATCH_STEPS /* with the limits of the inputs */
@@ -1547,6 +1549,9 @@ static void hand_over(team *self)
         put(self, lane, sample->most_acceleration, group->most_acceleration, BATCH_DOF);
         put(self, lane, run->first, group->first, BATCH_GIVEN);
         put(self, lane, settings->band, group->band, BATCH_ROWS);
+        put(self, lane, &sample->mu, group->mu, 1);
+        put(self, lane, &sample->share, group->share, 1);
+        put(self, lane, &sample->height, group->height, 1);
         self->grounded = self->grounded || sample->mu > 0;
         hand_back(self, lane);
     }
@@ -1612,9 +1617,9 @@ static void hold_lanes(team *self, double call, double t, double duration, doubl
 /* Evaluates the errors at an output time. */
 static void note_lanes(team *self, double t, double call)
 {
-    int i, every = !BATCH_STEPS || self->grounded || self->run->settings->instants > 0;
+    int i, every = !BATCH_STEPS || self->run->settings->instants > 0;
     if (BATCH_STEPS) {
-        every = !self->kit->look(self->lanes, t) || every;
+        every = !self->kit->look(self->lanes, t, slot(call), self->grounded) || every;
     }
     for (i = 0; i < self->count && every; i++) {
         loop *run = &self->run[i];
@@ -1629,11 +1634,6 @@ static void note_lanes(team *self, double t, double call)
             double error[BATCH_ROWS];
             take(self, i, group_of(self, i)->final, error, BATCH_ROWS);
             keep_error(run, t, error);
-            if (run->sample->mu > 0) {
-                true_state state;
-                take(self, i, group_of(self, i)->x, state.at, BATCH_STATE);
-                note_use(run, &state, command_of(self, i, call));
-            }
         }
     }
 }

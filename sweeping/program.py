@@ -119,7 +119,7 @@ def vectors_of(law: ControlLaw, dynamics: DynamicsProgram, scalar: str, parts: L
     """Return what the loops of a law have in vectors; None if vectors cannot compute the dynamics or Phi."""
     alone = replace(parts, reckoned=True) == LoopParts() and scalar == DOUBLE.real
     steps = alone and all(row.unit != "rad" for row in law.output.rows)
-    plant, control = dynamics_vectors(dynamics), law_vectors(law_program(law), steps)
+    plant, control = dynamics_vectors(dynamics), law_vectors(law_program(law), steps, knows_ground(law))
     if plant is None or control is None or law.system.dof != 2:
         return None
     first, last = len(law.system.mechanism.coordinates), len(law.system.state)
@@ -196,6 +196,7 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
         "LED_ROWS": _list([each.position[0] if each.position else -1 for each in leads]),
         "LED_SPEEDS": _list([each.speed[0] if each.speed else -1 for each in leads]),
         "CONTACTS": len(mechanism.contacts) if knows_ground(law) else 0,
+        "STANDING": len(mechanism.standing),
     }
     if parts.sensed or parts.route:
         known["POSE"] = _list(pose_coordinates(law.system))

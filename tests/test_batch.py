@@ -191,6 +191,20 @@ def test_friction_is_that_of_simulate(kind):
     assert ("will_slip" in batch.outcomes) == (kind != "slips") and "use" not in made("line")[0].outcomes
 
 
+def test_the_friction_of_a_robot_on_a_castor():
+    """A castor bears load, but has no friction of its own."""
+    made = read_spec(SPECS / "robots/turtlebot3_burger.toml")
+    simulation, floor = replace(made.simulation, duration=2.0, period=0.01), ContactSection(mu=0.6, height=0.05)
+    made = replace(made, simulation=simulation, contact=floor)
+    batch, alone = Batch(made), Batch(made, vectors=0)
+    table = batch.table({"contact.mu": np.linspace(0.2, 0.8, 5), "plant.m_c": batch.nominal["plant.m_c"] * 1.2}, 5)
+    outcomes = batch.run(table)
+    assert outcomes.tobytes() == alone.run(table).tobytes()
+    for row, sample in zip(outcomes[[0, -1]], table[[0, -1]], strict=True):
+        worst = max(use.max() for use in simulate(batch.spec_of(sample)).use.values())
+        assert row[batch.outcomes.index("use")] == pytest.approx(worst, abs=1e-9) and worst > 0.01
+
+
 @pytest.mark.nightly
 def test_a_bend_taken_too_fast_will_slip():
     turning = Initial(q=(30.0, 20.0, math.pi / 2, 0.0, 0.0), nu=(36.0, 31.0))  # 5 m/s on a circle of 10 m

@@ -57,12 +57,12 @@ def dynamics_vectors(program: DynamicsProgram) -> VectorText | None:
     return _text(text, ["acceleration"])
 
 
-def law_vectors(program: Program, steps: bool) -> VectorText | None:
-    """det Phi and the outputs, `lanes_decoupling` and `lanes_output`; where it `steps`, also the inputs, `lanes_step`. None if
-    vectors cannot compute them.
+def law_vectors(program: Program, steps: bool, grounded: bool) -> VectorText | None:
+    """det Phi and the outputs, `lanes_decoupling` and `lanes_output`; where it `steps`, also the inputs, `lanes_step`, and if
+    `grounded` the forces on the ground, `lanes_ground`. None if vectors cannot compute them.
     """
-    text = _LawText(program, VECTOR, [])
-    return None if text.extends else _text(text, ["decoupling", "output", *(["step"] if steps else [])])
+    text, more = _LawText(program, VECTOR, []), ["step", *(["ground"] if grounded else [])]
+    return None if text.extends else _text(text, ["decoupling", "output", *(more if steps else [])])
 
 
 def turns_function(turns: Sequence[int]) -> str:
