@@ -239,8 +239,7 @@ def linearizable_dynamically(Delta: Distribution) -> Check:
         says = (
             "so it is flat: dynamic feedback linearizes it"
             if verdict
-            else "so the whole robot is not flat: no endogenous dynamic feedback linearizes it; "
-            "this does not apply to the robot without its cyclic coordinates"
+            else "so it is not flat: no endogenous dynamic feedback linearizes it"
         )
         reason, reference = f"two inputs and a derived flag of dimensions ({listed}), {says}", TWO_INPUTS
     elif gap == 1:
