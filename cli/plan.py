@@ -151,7 +151,7 @@ def _run_course(arguments: argparse.Namespace) -> int:
         written = json.dumps({"reference": reference}, indent=2) + "\n"
     else:
         written = "[reference]\n" + "".join(f"{name} = {toml(value)}\n" for name, value in reference.items())
-    count, length, largest = len(course.lengths), sum(course.lengths), max(map(abs, course.curvatures))
+    count, length, largest = len(course.lengths), course.way, max(map(abs, course.curvatures))
     about = f"course: {_counted(count, 'part')}, {length:.6g} m, largest curvature at their ends {largest:.4g} 1/m"
 
     def draw() -> "Figure":

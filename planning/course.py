@@ -5,12 +5,16 @@ that all derivatives of the position up to order 6 are continuous: an output of 
 curvature of a clothoid has a rate that jumps, which no torque at a steered wheel can follow. With a `rounding` the parts are
 lines, arcs and clothoids, and only within half that length of where two of them meet the rate changes smoothly instead. Before
 the beginning the first curvature stays. There the rate jumps if a course with a rounding begins with a clothoid.
+
+Parts of negative length are driven in reverse. Where the sign changes is a cusp: the direction of the course continues, so that a
+vehicle stops there, and drives back with its heading, its steering angle and the angles of its hitches as they are.
 """
 
+import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +36,7 @@ NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: plac
 
 
 Polynomial = tuple[float, ...]  # coefficients by power
-Part = tuple[float, Polynomial]  # length in m, curvature in 1/m as a polynomial in the part of the length
+Part = tuple[float, Polynomial]  # length in m, negative in reverse; curvature in 1/m as a polynomial in the part of the length
 BLEND = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)  # coefficients of the change from 0 at 0 to 1 at 1
 RISE = (0.0, 0.0, 0.0, 0.0, 0.0, 7.0, -14.0, 10.0, -2.5)  # integral of such a change with three derivatives, 1/2 at 1
 
@@ -58,14 +62,16 @@ def rounded(first: float, before: float, after: float) -> Polynomial:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a course from `begin` on, m: its direction there (rad), its `length` (m), and the coefficients of its curvature
-    (1/m) as a polynomial in the part of the length. Before its beginning the curvature is that of the beginning.
+    """A part of a course from `begin` on, m: the direction of travel there (rad), its `length` (m), and the coefficients of its
+    curvature (1/m, positive to the left of travel) as a polynomial in the part of the length; `backward`: whether it is driven in
+    reverse. Before its beginning the curvature is that of the beginning.
     """
 
     begin: float
     heading: float
     length: float
     coefficients: Polynomial
+    backward: bool = False
 
     def curvature(self, at: float, order: int = 0) -> float:
         """Return the derivative of an order of the curvature, 1/m^(1 + order), `at` m after its beginning."""
@@ -90,6 +96,8 @@ class Stretch:
 class SmoothCurve:
     """From (x, y) in m in the direction `heading` (rad): `curvatures` (1/m, positive turns left) at the beginning of the first
     of the `lengths` (m) and at the end of each; before the first and after the last the curvature stays. `speed`, m/s, along it.
+    Parts of negative length lead back, against the direction. Lengths along the course, its direction and its curvature are those
+    of travel.
 
     With a `rounding` (m, at most the shortest of the lengths) the curvature is linear over each part, except within half of it
     of where parts meet and where the last ends; without, it changes smoothly over the whole of each part.
@@ -105,37 +113,78 @@ class SmoothCurve:
 
     @cached_property
     def stretches(self) -> tuple[Stretch, ...]:
-        """The parts, the last without an end."""
-        begin, direction, parts = 0.0, self.heading, []
-        for length, coefficients in [*(self._rounded() if self.rounding else self._blended()), (1.0, (self.curvatures[-1],))]:
-            parts.append(Stretch(begin, direction, length, coefficients))
-            begin, direction = begin + length, parts[-1].direction(length)
-        return tuple(parts)
+        """The parts; the last of each piece leads on from its end, without one of its own."""
+        found: list[Stretch] = []
+        for signed, coefficients in self._parts() or [(1.0, self.curvatures)]:
+            backward, length = signed < 0.0, abs(signed)
+            begin, heading = 0.0, self.heading + math.pi * backward
+            if found:
+                last = found[-1]
+                turn = math.pi if backward else -math.pi
+                cusp = backward != last.backward
+                begin = last.begin + (0.0 if cusp else last.length)
+                heading = last.heading + turn if cusp else last.direction(last.length)
+            found.append(Stretch(begin, heading, length, tuple(-c if backward else c for c in coefficients), backward))
+        return tuple(found)
 
-    def _blended(self) -> list[Part]:
-        """Return lengths and polynomials of parts over which the curvature changes smoothly."""
-        ends = zip(self.curvatures, self.curvatures[1:], strict=False)
-        return [(length, blended(*pair)) for length, pair in zip(self.lengths, ends, strict=True)]
+    @property
+    def way(self) -> float:
+        """Its length in m, forward and in reverse."""
+        return sum(map(abs, self.lengths))
 
-    def _rounded(self) -> list[Part]:
-        """Return lengths and polynomials of lines, arcs and clothoids, and of what is in between."""
-        half, begin = self.rounding / 2, 0.0
+    @property
+    def cusps(self) -> int:
+        """How many there are."""
+        return len(self.pieces) - 1
+
+    @cached_property
+    def pieces(self) -> tuple["SmoothCurve", ...]:
+        """The courses from cusp to cusp."""
+        ends = [k + 1 for k in range(len(self.lengths)) if self._ends(k)] or [0]
+        stretches, pieces, begin = self.stretches, [], 0
+        first = [0, *[k + 1 for k, (a, b) in enumerate(itertools.pairwise(stretches)) if a.backward != b.backward]]
+        for k, end in zip(first, ends, strict=True):
+            x, y = self._places[k].real, self._places[k].imag
+            heading = stretches[k].heading - math.pi * stretches[k].backward
+            lengths, curvatures = self.lengths[begin:end], self.curvatures[begin : end + 1]
+            pieces.append(replace(self, x=x, y=y, heading=heading, lengths=lengths, curvatures=curvatures))
+            begin = end
+        return tuple(pieces)
+
+    def _ends(self, part: int) -> bool:
+        """Whether a part ends at a cusp, or with the course."""
+        return part + 1 == len(self.lengths) or (self.lengths[part] < 0.0) != (self.lengths[part + 1] < 0.0)
+
+    def _parts(self) -> list[Part]:
+        """Return lengths and polynomials of all parts, and of what leads on from the ends of pieces."""
         parts: list[Part] = []
-        slopes = [
-            (last - first) / length
-            for length, first, last in zip(self.lengths, self.curvatures, self.curvatures[1:], strict=False)
-        ]
-        for k, (length, slope, after) in enumerate(zip(self.lengths, slopes, [*slopes[1:], 0.0], strict=True)):
-            straight, last = length - begin - half, self.curvatures[k + 1]
-            first = self.curvatures[k] + slope * begin
-            if straight > 0.0:
-                parts.append((straight, (first, slope * straight)))
-            parts.append((self.rounding, rounded(last - slope * half, slope * self.rounding, after * self.rounding)))
-            begin = half
+        for k, signed in enumerate(self.lengths):
+            way = math.copysign(1.0, signed)
+            parts += [(way * length, c) for length, c in (self._rounded(k) if self.rounding else self._blended(k))]
+            parts += [(way, self.curvatures[k + 1 : k + 2])] if self._ends(k) else []
         return parts
 
+    def _blended(self, k: int) -> list[Part]:
+        """Return length and polynomial of a part over which the curvature changes smoothly."""
+        return [(abs(self.lengths[k]), blended(self.curvatures[k], self.curvatures[k + 1]))]
+
+    def _rounded(self, k: int) -> list[Part]:
+        """Return lengths and polynomials of a line, arc or clothoid, and of what is between it and the next."""
+        half, ends, slope = self.rounding / 2, self._ends(k), self._slope(k)
+        cusp, after = ends and k + 1 < len(self.lengths), 0.0 if ends else self._slope(k + 1)
+        begin = half if k > 0 and not self._ends(k - 1) else 0.0
+        straight, last = abs(self.lengths[k]) - begin - (0.0 if cusp else half), self.curvatures[k + 1]
+        own: Polynomial = (self.curvatures[k] + slope * begin, slope * straight)
+        parts = [(straight, own)] if straight > 0.0 else []
+        joint = (self.rounding, rounded(last - slope * half, slope * self.rounding, after * self.rounding))
+        return parts if cusp else [*parts, joint]
+
+    def _slope(self, k: int) -> float:
+        """Return the rate of the curvature of a part, 1/m^2, before rounding."""
+        return (self.curvatures[k + 1] - self.curvatures[k]) / abs(self.lengths[k])
+
     def direction(self, length: float) -> float:
-        """Return the direction at a length along the course, rad."""
+        """Return the direction of travel at a length along the course, rad."""
         stretch = self.stretches[self._part(length)]
         return stretch.direction(length - stretch.begin)
 
@@ -162,9 +211,9 @@ class SmoothCurve:
         return np.array([self.position(length), *[self.speed * each for each in forward[:order]]])
 
     def nearest(self, point: complex, near: float | None = None) -> float:
-        """Return the length along the course at which it is nearest to a point x + i y, m, by Newton's method from the length
-        `near`; without one, from the nearest of places that are NEAR apart. NaN if the point is as far as the centre of
-        curvature, or too far ahead, by the rule of noslip_course_nearest. Raises BadInput as `_scanned` does.
+        """Return the length along the course, which has no cusp, at which it is nearest to a point x + i y, m, by Newton's method
+        from the length `near`; without one, from the nearest of places that are NEAR apart. NaN if the point is as far as the
+        centre of curvature, or too far ahead, by the rule of noslip_course_nearest. Raises BadInput as `_scanned` does.
         """
         length = self._scanned(point) if near is None else near
         for _ in range(STEPS):
@@ -218,8 +267,9 @@ class SmoothCurve:
     def _places(self) -> list[complex]:
         """The position at the beginning of each part."""
         places = [complex(self.x, self.y)]
-        for stretch in self.stretches[:-1]:
-            places.append(places[-1] + self._moved(stretch, stretch.length))
+        for stretch, after in zip(self.stretches, self.stretches[1:], strict=False):
+            moved = 0j if after.backward != stretch.backward else self._moved(stretch, stretch.length)
+            places.append(places[-1] + moved)
         return places
 
     @staticmethod

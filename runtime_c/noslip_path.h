@@ -287,22 +287,27 @@ NOSLIP_HOT int noslip_project(const noslip_path *self, double x, double y,
     return NOSLIP_OK;
 }
 
-/* Sets the desired forward speed and its rate near a stop. */
-NOSLIP_HOT void noslip_slow_down(const noslip_path *self, double forward_speed,
-               noslip_guide *guide)
+/*
+ * Sets the desired forward speed and its rate `remaining` m before a stop: at most `top` and at least `creep` without sign, negative
+ * if `backward`. `brake` is twice the deceleration, `braking_rate` the rate of the speed.
+ */
+NOSLIP_HOT void noslip_slow_down(double remaining, double brake, double creep, double top,
+             int backward, double braking_rate, double forward_speed,
+             double *speed, double *speed_rate)
 {
-    double speed = noslip_sqrt(self->brake * guide->remaining), share = 0;
-    const int creeps = !(speed > self->creep);
+    double desired = noslip_sqrt(brake * remaining), share = 0;
+    const int creeps = !(desired > creep);
     if (creeps) {
-        speed = self->creep < self->speed ? self->creep : self->speed;
+        desired = creep < top ? creep : top;
     }
-    guide->speed = guide->backward ? -speed : speed;
+    desired = backward ? -desired : desired;
     if (!creeps) {
         /* with this factor the speed error decays; a rate of -deceleration would slow down a vehicle that is too slow already */
-        share = forward_speed / guide->speed;
+        share = forward_speed / desired;
         share = share < 0 ? 0 : share > 2 ? 2 : share;
     }
-    guide->speed_rate = self->current.braking_rate * share;
+    *speed = desired;
+    *speed_rate = braking_rate * share;
 }
 
 /* Returns 1 if the projection and the forward speed are finite. */
@@ -333,7 +338,8 @@ NOSLIP_HOT void noslip_set_remaining(const noslip_path *self, double left,
     guide->left = left;
     guide->remaining = left + self->current.rest;
     if (guide->remaining < self->near) {
-        noslip_slow_down(self, forward_speed, guide);
+        noslip_slow_down(guide->remaining, self->brake, self->creep, self->speed, guide->backward,
+                                      self->current.braking_rate, forward_speed, &guide->speed, &guide->speed_rate);
     } else {
         if (!(guide->remaining < DBL_MAX)) {
             guide->remaining = DBL_MAX;
@@ -580,22 +586,27 @@ NOSLIP_HOT int noslip_project_f(const noslip_path_f *self, float x, float y,
     return NOSLIP_OK;
 }
 
-/* Sets the desired forward speed and its rate near a stop. */
-NOSLIP_HOT void noslip_slow_down_f(const noslip_path_f *self, float forward_speed,
-                  noslip_guide_f *guide)
+/*
+ * Sets the desired forward speed and its rate `remaining` m before a stop: at most `top` and at least `creep` without sign, negative
+ * if `backward`. `brake` is twice the deceleration, `braking_rate` the rate of the speed.
+ */
+NOSLIP_HOT void noslip_slow_down_f(float remaining, float brake, float creep, float top,
+           int backward, float braking_rate, float forward_speed,
+           float *speed, float *speed_rate)
 {
-    float speed = noslip_sqrt_f(self->brake * guide->remaining), share = 0;
-    const int creeps = !(speed > self->creep);
+    float desired = noslip_sqrt_f(brake * remaining), share = 0;
+    const int creeps = !(desired > creep);
     if (creeps) {
-        speed = self->creep < self->speed ? self->creep : self->speed;
+        desired = creep < top ? creep : top;
     }
-    guide->speed = guide->backward ? -speed : speed;
+    desired = backward ? -desired : desired;
     if (!creeps) {
         /* with this factor the speed error decays; a rate of -deceleration would slow down a vehicle that is too slow already */
-        share = forward_speed / guide->speed;
+        share = forward_speed / desired;
         share = share < 0 ? 0 : share > 2 ? 2 : share;
     }
-    guide->speed_rate = self->current.braking_rate * share;
+    *speed = desired;
+    *speed_rate = braking_rate * share;
 }
 
 /* Returns 1 if the projection and the forward speed are finite. */
@@ -626,7 +637,8 @@ NOSLIP_HOT void noslip_set_remaining_f(const noslip_path_f *self, float left,
     guide->left = left;
     guide->remaining = left + self->current.rest;
     if (guide->remaining < self->near) {
-        noslip_slow_down_f(self, forward_speed, guide);
+        noslip_slow_down_f(guide->remaining, self->brake, self->creep, self->speed, guide->backward,
+                                      self->current.braking_rate, forward_speed, &guide->speed, &guide->speed_rate);
     } else {
         if (!(guide->remaining < FLT_MAX)) {
             guide->remaining = FLT_MAX;

@@ -9,7 +9,7 @@ import numpy as np
 from ..controllers.controller import ON_TARGET
 from .contact import contact_forces, grip
 from .engine.measured import FloorMeasurements
-from .guidance import outputs
+from .guidance import distances, outputs
 from .integrate import continuous, sampled
 from .loop import Loop, make_loop
 from .run import Run
@@ -77,6 +77,7 @@ def simulate(
         floor=measured,
         disturbance=memory[:, len(loop.integral.rows) :],
         disturbance_rows=loop.observers.rows,
+        distance=distances(law, x, loop.plant.parameters, config) if law.output.foot else np.zeros(0),
     )
 
 
@@ -110,15 +111,19 @@ def as_json(run: Run) -> dict[str, Any]:
         "status": str(run.status[-1]),
         "duration": run.t[-1],
         "rows": len(run.t),
-        "errors": {
-            row.name: {"unit": row.unit, "final": error[-1], "peak": np.abs(error).max()}
-            for row, error in zip(run.law.output.rows, run.error.T, strict=True)
-        },
+        "errors": {name: {"unit": unit, "final": error[-1], "peak": np.abs(error).max()} for name, unit, error in _errors(run)},
         "inputs": {i.name: {"unit": i.unit, "peak": peak} for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True)},
         **(_rolls(run) if run.floor is None else {"floor": run.floor.as_json(run.t, run.law.system.mechanism)}),
         **({"learned": learned} if (learned := _learned(run)) else {}),
         "warnings": run.warnings,
     }
+
+
+def _errors(run: Run) -> list[tuple[str, str, np.ndarray]]:
+    """Return name, unit and error of each output, and the distance from a course that is none of the outputs."""
+    errors = [(row.name, row.unit, error) for row, error in zip(run.law.output.rows, run.error.T, strict=True)]
+    known = not run.distance.size or any(name == "distance" for name, _, _ in errors)
+    return errors if known else [("distance", "m", run.distance), *errors]
 
 
 def _learned(run: Run) -> dict[str, dict[str, Any]]:

@@ -23,6 +23,7 @@ from ..model.outputs import forward_speed
 from ..model.paths import course
 from ..model.reduction import ReducedSystem
 from ..planning.course import SmoothCurve
+from ..planning.course_tracker import CourseGuide, CourseTracker
 from ..readers.errors import BadInput
 from .specification.spec import CourseSection, Spec
 
@@ -154,6 +155,9 @@ class OnePath:
         """Do nothing: there is no other path."""
 
 
+NO_NEAREST = "[initial]: the robot is as far from the course as the centre of its curvature; move it"
+
+
 class OnCourse(OnePath):
     """A course on which the desired point is the one nearest to that of the robot, whatever the time; both move at the speed of
     the course.
@@ -168,7 +172,7 @@ class OnCourse(OnePath):
         super().__init__(leg, reference, prepare)
         self._course, self._along = course, course.nearest(self._point(start))
         if math.isnan(self._along):
-            raise BadInput("[initial]: the robot is as far from the course as the centre of its curvature; move it")
+            raise BadInput(NO_NEAREST)
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference at the nearest point; NaN if there is none."""
@@ -198,55 +202,74 @@ class AlongCourse(OnePath):
         parameters: np.ndarray,
         config: np.ndarray,
         reference: Callable[[float], np.ndarray],
-        course: SmoothCurve,
+        tracker: CourseTracker,
         make_leg: LegMaker,
         start: np.ndarray,
     ):
         """`config` is that of the law besides the path, `start` the state that the controller sees at first. Raises BadInput if
         no point of the course is the nearest.
         """
-        self._place, self._parameters, self._course = Direct(point_followed(law)), parameters, course
-        names = [c.name for c in law.config]
+        self._motion, self._parameters, self._tracker = Direct(vehicle_motion(law.system)), parameters, tracker
+        names, given = [c.name for c in law.config], [q.name for q in law.reference]
         first = names.index("x_s")
-        self._entries = slice(first, first + sum(c.name in COURSE_PARAMETERS for c in law.config))
-        self._config, self._unknown = np.array(config), np.full(len(law.reference), math.nan)
-        self._along = course.nearest(self._point(start))
-        if math.isnan(self._along):
-            raise BadInput("[initial]: the robot is as far from the course as the centre of its curvature; move it")
-        at = self._at(self._along)
-        super().__init__(make_leg(at, start), reference, ShortWay(law, parameters, at))
+        self._entries = slice(first, first + sum(name in COURSE_PARAMETERS for name in names))
+        self._L = names.index("L") if "L" in names else None
+        speed = given.index("speed")
+        self._speed = slice(speed, speed + (1 if law.kinematic else 2))  # with its rate, where the law uses it
+        self._config, self._unknown, self._make_leg = np.array(config), np.full(len(given), math.nan), make_leg
+        guide = tracker.update(*self._seen(start))
+        if guide.status not in ("ok", "arrived"):
+            raise BadInput(NO_NEAREST)
+        config = self._at(guide)
+        super().__init__(make_leg(config, start), reference, ShortWay(law, parameters, config))
 
     def leg_at(self, x: np.ndarray) -> Leg:
         """Return the controller, with the point of the course nearest to a state."""
-        along = self._nearest(x)
-        if not math.isnan(along):
-            config = self._at(along)
+        guide = self.guide(x)
+        if guide.status in ("ok", "arrived"):
+            config = self._at(guide)
             self.leg.controller.place(config)
             self.leg = Leg(config, self.leg.controller, self.leg.side.at(config))
         return self.leg
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Return the reference at t; NaN if no point of the course is the nearest."""
-        return self._unknown if math.isnan(self._nearest(x)) else self._desired(t)
+        """Return the reference, at the tracker's speed; NaN if no point of the course is the nearest."""
+        guide = self.guide(x)
+        if guide.status not in ("ok", "arrived"):
+            return self._unknown
+        reference = self._desired(t).copy()
+        reference[self._speed] = (guide.speed, guide.speed_rate)[: self._speed.stop - self._speed.start]
+        return reference
+
+    def guide(self, x: np.ndarray) -> CourseGuide:
+        """Return where on the course the robot is."""
+        return self._tracker.look(*self._seen(x))
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """Return the distance left to a stop, m, or m/s while waiting for a standstill."""
+        guide = self.guide(x)
+        return guide.left if guide.status == "ok" else math.inf
 
     def update(self, t: float, x: np.ndarray) -> None:
-        """Search from the nearest point next time."""
-        along = self._nearest(x)
-        self._along = self._along if math.isnan(along) else along
+        """Search from the nearest point next time; where the robot stands at a cusp, go on to the next piece."""
+        guide = self._tracker.update(*self._seen(x))
+        if guide.status in ("ok", "arrived"):
+            self.arrived = guide.arrived
+            if guide.changed:
+                self.piece = guide.piece
+                self.leg = self._make_leg(self._at(guide), x)
 
-    def _at(self, along: float) -> np.ndarray:
-        """Return the config of the law for the point at a length along the course."""
+    def _at(self, guide: CourseGuide) -> np.ndarray:
+        """Return the config of the law for a point of the course."""
         config = self._config.copy()
-        place, curvatures = self._course.position(along), self._entries.stop - self._entries.start - 3
-        bends = [self._course.bend(along, order) for order in range(curvatures)]
-        config[self._entries] = [place.real, place.imag, self._course.direction(along), *bends]
+        curvatures = self._entries.stop - self._entries.start - 3
+        config[self._entries] = [guide.x, guide.y, guide.direction, *guide.curvature[:curvatures]]
+        if self._L is not None:
+            config[self._L] = guide.L
         return config
 
-    def _nearest(self, x: np.ndarray) -> float:
-        return self._course.nearest(self._point(x), self._along)
-
-    def _point(self, x: np.ndarray) -> complex:
-        return complex(*self._place(x, self._parameters, self._config)[0])
+    def _seen(self, x: np.ndarray) -> np.ndarray:
+        return self._motion(x, self._parameters)[0][:4]
 
 
 COURSE_PARAMETERS = frozenset(q.name for q in course().parameters)
@@ -501,6 +524,14 @@ def point_followed(law: ControlLaw) -> ca.Function:
     foot, given = law.output.foot, [symbols(group) for group in (law.system.state, law.parameters, law.config)]
     assert foot is not None, "the law follows a course"
     return portable(ca.Function(law.name, given, [ca.densify(foot.place)]))
+
+
+def distances(law: ControlLaw, x: np.ndarray, parameters: np.ndarray, config: np.ndarray) -> np.ndarray:
+    """Return how far P_l is to the left of a course, m, for rows of states and of the config that has the nearest point."""
+    names = [c.name for c in law.config]
+    x_s, y_s, direction = (config[:, names.index(name)] for name in ("x_s", "y_s", "direction"))
+    P_l = point_followed(law)(x.T, parameters, config.T).full()
+    return np.cos(direction) * (P_l[1] - y_s) - np.sin(direction) * (P_l[0] - x_s)
 
 
 @lru_cache(maxsize=16)

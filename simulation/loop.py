@@ -13,6 +13,7 @@ from ..controllers.backends import SCALAR, make_controller
 from ..controllers.balance.steady import analyse_at_rest
 from ..controllers.balance.zero_dynamics import of_outputs
 from ..controllers.controller import RUNNING, Controller, Evaluation, Friction, Limits
+from ..controllers.direct import Direct
 from ..controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from ..controllers.estimation.disturbance import DisturbanceObservers
 from ..controllers.ground.slip import Noticed
@@ -29,6 +30,8 @@ from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import PATH_GAIN, axle
 from ..model.vehicle import steered_axle
+from ..planning.course import SmoothCurve
+from ..planning.course_tracker import CourseOptions, CourseTracker
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
@@ -39,6 +42,7 @@ from .drive import Drive, make_drive
 from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
 from .guidance import (
     COURSE_PARAMETERS,
+    NO_NEAREST,
     AlongCourse,
     Approaching,
     Guidance,
@@ -52,6 +56,7 @@ from .guidance import (
     accelerations,
     course_of,
     led_units,
+    point_followed,
     smooth_curve,
 )
 from .plant import Plant
@@ -264,7 +269,10 @@ def make_loop(spec: Spec) -> Loop:
     else:
         spec, warnings = _facing(spec, law, believed)
         assert spec.initial is not None, "only a composite path defines its own start"
-        start = _start(spec.initial, plant, spec.output.L, spec.output.W)
+        course, L = spec.reference.course, spec.output.L
+        if spec.output.along_course and course and course.cusps and spec.desired_speed < 0.0:
+            L = sides(law, spec)[1]
+        start = _start(spec.initial, plant, L, spec.output.W)
         guidance = _one_path(law, spec, believed, gains, make_leg, start)
         warnings = (*warnings, *_unstable(law, believed, guidance.leg.config))
     sensing: Sensing | None = None
@@ -452,15 +460,13 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
         speed, deceleration = min(speed, limits.top_speed(path.segments)), limits.deceleration
     if any(segment.backward for segment in path.segments) and steered_axle(law.system):
         raise BadInput("[output] path: a vehicle with a steered wheel folds in reverse; give segments without backward")
-    ahead = 0.0 - axle_at(law, spec.parameters)
-    mirrored = -output.L - 2 * ahead
     options = TrackerOptions(
         speed=speed,
         deceleration=deceleration,
         creep=reference.creep or 0.0,
-        L=(output.L, mirrored if output.L_backward is None else output.L_backward),
+        L=sides(law, spec),
         W=output.W,
-        ahead=ahead,
+        ahead=0.0 - axle_at(law, spec.parameters),
         reversing="switch" if output.reversing == "switch" else "refuse",
         stop=path.stop,
         closed=path.closed,
@@ -470,8 +476,8 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
 
 def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
     """Return the SPEC with P_l on the side of the axle that the speed requires, if configured; else a warning."""
-    output, speed = spec.output, spec.desired_speed
-    if output.type != "IV" or not speed:
+    output, speed, course = spec.output, spec.desired_speed, spec.reference.course
+    if output.type != "IV" or not speed or (output.along_course and course and course.cusps):
         return spec, ()
     try:
         ahead = vehicle_wheels(law.system, believed)[2]
@@ -576,10 +582,44 @@ def _one_path(
         return OnePath(leg, reference, ShortWay(law, believed, leg.config))
     curve = course_of(spec)
     if law.output.foot:
-        return AlongCourse(law, believed, config, reference, curve, make_leg, start)
+        return AlongCourse(
+            law, believed, config, reference, _on_course(law, spec, curve, believed, config, start), make_leg, start
+        )
     _check_along(law, gains)
     leg = make_leg(config, start)
     return OnCourse(leg, reference, ShortWay(law, believed, leg.config), curve, start)
+
+
+def _on_course(
+    law: ControlLaw, spec: Spec, curve: SmoothCurve, believed: np.ndarray, config: np.ndarray, start: np.ndarray
+) -> CourseTracker:
+    """Return the tracker of a course. Raises BadInput for a course that cannot be followed, or if none of its points is the
+    nearest.
+    """
+    reference, output, stop = spec.reference, spec.output, spec.output.path.stop if spec.output.path else "point"
+    place = curve.pieces[0].nearest(complex(*Direct(point_followed(law))(start, believed, config)[0]))
+    if np.isnan(place):
+        raise BadInput(NO_NEAREST)
+    axle_matters = curve.cusps or stop == "axle" or output.reversing != "allow"
+    options = CourseOptions(
+        speed=curve.speed if reference.speed is None else reference.speed,
+        deceleration=reference.deceleration or 0.0,
+        creep=reference.creep or 0.0,
+        start=place,
+        L=sides(law, spec) if curve.cusps else (output.L, output.L),
+        W=output.W,
+        ahead=0.0 - axle_at(law, spec.parameters) if axle_matters else 0.0,
+        reversing=output.reversing,
+        stop=stop,
+        endless=not reference.stops,
+    )
+    return CourseTracker(curve, options, SCALAR.get(spec.simulation.backend, "double"))
+
+
+def sides(law: ControlLaw, spec: Spec) -> tuple[float, float]:
+    """Return L (m) driving forward, and in reverse: as given, else as far behind the axle."""
+    mirrored = 2 * axle_at(law, spec.parameters) - spec.output.L
+    return spec.output.L, mirrored if spec.output.L_backward is None else spec.output.L_backward
 
 
 def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:

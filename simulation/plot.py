@@ -103,7 +103,9 @@ def _title(run: Run) -> str:
     simulation = run.spec.simulation
     held = f"controller called every {simulation.period:g} s" if simulation.period else "continuous"
     held += f", delay {simulation.delay:g} s" if simulation.delay else ""
-    first = f"{run.law.system.mechanism.name}: {run.law.output.about}  ({run.law.name}, backend {simulation.backend}, {held})"
+    what = f"{run.law.system.mechanism.name}: {run.law.output.about}"
+    how = f"({run.law.name}, backend {simulation.backend}, {held})"
+    first = what + ("\n" if len(what) + len(how) > WIDE else "  ") + how
     names = [p.name for p in run.law.parameters]
     place = [] if run.spec.output.own else [f"L = {run.spec.output.L:g} m"]
     shown = [*place, *[f"{name} = {value:g}" for name, value in _gains(run).items()]]
@@ -233,9 +235,13 @@ def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
 def _draw_course(axes: Axes, run: Run) -> None:
     """Draw the course of the reference, which Type IV follows, up to its end or as far as the run came."""
     course, feet = course_of(run.spec), run.config[:, [c.name in ("x_s", "y_s") for c in run.law.config]]
-    lengths = np.linspace(0.0, sum(course.lengths), 400)
-    places = np.array([course.position(length) for length in lengths])
-    axes.plot(places.real, places.imag, color=FOLLOWED, linewidth=4, alpha=0.6, label="path to follow: course", zorder=0)
+    for piece in course.pieces:
+        places = np.array([piece.position(length) for length in np.linspace(0.0, piece.way, 400)])
+        backward = piece.stretches[0].backward and course.cusps
+        style: Any = (0, (2, 1)) if backward else "-"
+        axes.plot(places.real, places.imag, color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
+    label = "path to follow: course" + (" (dashed: in reverse)" if course.cusps else "")
+    axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=label)
     axes.plot(*feet.T, color=FOLLOWED, linewidth=4, alpha=0.3, zorder=0)
     _make_square(axes)
 
@@ -280,6 +286,13 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
 
 def _draw_errors(axes: Axes, run: Run) -> None:
     """Draw the errors of the outputs that are functions of q, or of all if there are none, each with its unit."""
+    if run.distance.size and all(row.name != "distance" for row in run.law.output.rows):
+        label = f"distance from the course, {run.distance[-1]:.2g} m at the end"
+        axes.plot(run.t, run.distance, color=COLOURS[0], label=label)
+        axes.axhline(0.0, color="black", linewidth=0.8)
+        axes.set_ylabel("path error (m)")
+        axes.legend(loc="best", fontsize=9)
+        return
     every = run.law.output.rows
     shown = [k for k, row in enumerate(every) if not ca.depends_on(row.expression, run.law.system.nu)] or range(len(every))
     rows = [every[k] for k in shown]

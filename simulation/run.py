@@ -42,15 +42,15 @@ class Run(Outputs):
 
     SI units, columns named by `law`; `spec` is the SPEC with backend and tolerance used. y are the true outputs, with the
     plant's parameters; y_d are the desired ones. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
-    `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, `integral`
-    (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`, `extension`
-    (N, k) the states of the law's dynamic extension. `command`
-    (N, n-m) are the velocities that velocity-controlled drives were given, (N, 0) with other drives. `noticed` (N, 3) are the
-    friction believed and by how much dead reckoning may be wrong because of slip, rad and m, if the SPEC has notice_slip, else
-    (N, 0). `learned` (N, k) are the parameters in use that [adaptation] learns. `use` is the
-    friction use (N) of each contact by name, if the SPEC has [contact]. `floor` is what was measured in a physics engine, where
-    the robot need not roll; None otherwise. `disturbance` (N, K) are the estimates of the observers, of the outputs
-    `disturbance_rows`.
+    `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, or piece of a
+    course, `integral` (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action,
+    `integral_rows`, `extension` (N, k) the states of the law's dynamic extension. `command` (N, n-m) are the velocities that
+    velocity-controlled drives were given, (N, 0) with other drives. `noticed` (N, 3) are the friction believed and by how
+    much dead reckoning may be wrong because of slip, rad and m, if the SPEC has notice_slip, else (N, 0). `learned` (N, k)
+    are the parameters in use that [adaptation] learns. `use` is the friction use (N) of each contact by name, if the SPEC has
+    [contact]. `floor` is what was measured in a physics engine, where the robot need not roll; None otherwise. `disturbance`
+    (N, K) are the estimates of the observers, of the outputs `disturbance_rows`. `distance` (N) is that of P_l from a course,
+    m, positive to the left of travel; empty without one.
     If a run stopped, its last row has the time, the state and the status that stopped it, and no torque.
     """
 
@@ -79,6 +79,7 @@ class Run(Outputs):
     floor: FloorMeasurements | None = None
     disturbance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     disturbance_rows: tuple[str, ...] = ()
+    distance: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def learned_parameters(self) -> list[tuple[Quantity, np.ndarray, float]]:
@@ -134,12 +135,18 @@ class Run(Outputs):
         names += ["believed_mu", "uncertain_heading", "uncertain_way"][: self.noticed.shape[1]]
         names += [f"learned_{name}" for name in self.spec.learned]
         names += self.floor.columns(mechanism) if self.floor else []
-        return [*names, "piece"] if self.composite else names
+        names += ["distance"] if self.distance.size else []
+        return [*names, "piece"] if self.in_pieces else names
 
     @property
     def composite(self) -> bool:
         """Whether the path is a composite one."""
         return bool(self.spec.output.segments)
+
+    @property
+    def in_pieces(self) -> bool:
+        """Whether the path has pieces: segments of a composite one, or those of a course between its cusps."""
+        return self.composite or bool(self.distance.size)
 
     @property
     def x(self) -> np.ndarray:
@@ -163,9 +170,10 @@ class Run(Outputs):
                 self.noticed,
                 self.learned,
                 *floor,
+                *([self.distance] if self.distance.size else []),
             ]
         ).tolist()
-        pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
+        pieces = [[str(piece)] if self.in_pieces else [] for piece in self.piece]
         lines = [
             ",".join([*(f"{v:.17g}" for v in row), status, *(f"{v:.17g}" for v in rest), *piece])
             for row, status, rest, piece in zip(numbers, self.status, more, pieces, strict=True)

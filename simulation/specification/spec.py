@@ -119,16 +119,18 @@ OPTIONS = {
     "stop": one_of("point", "axle").about("what stops at the end and at cusps: P_l, or the middle of the axle"),
     "closed": flag.about("whether the last segment is followed by the first"),
 }
+OF_COURSE = {"stop": OPTIONS["stop"]}
 
 
 def _path_schema() -> Schema:
     """Return the schema of a path: that of a curve with named numbers, unless its kind is one of COMPOSITE."""
-    of_kind: list[Schema] = []
+    course = table_of({"kind": one_of(COURSE).about(KIND), **OF_COURSE}, ["kind"])
+    of_kind: list[Schema] = [{"if": {"properties": {"kind": {"const": COURSE}}}, "then": course}]
     for kind, readers in COMPOSITE.items():
         made = table_of({"kind": one_of(kind).about(KIND), **readers, **OPTIONS}, ["kind", *readers])
         of_kind.append({"if": {"properties": {"kind": {"const": kind}}}, "then": made})
     curve = {"properties": {"kind": text.about(KIND).schema()}, "additionalProperties": number().schema()}
-    others = {"if": {"properties": {"kind": {"not": {"enum": list(COMPOSITE)}}}}, "then": curve}
+    others = {"if": {"properties": {"kind": {"not": {"enum": [*COMPOSITE, COURSE]}}}}, "then": curve}
     return {
         "type": "object",
         "description": "the curve that type IV follows, by its kind",
@@ -144,10 +146,11 @@ def _read_path(value: Any, where: str) -> PathSection:
     if "kind" not in rest:
         raise BadInput(f'{where} kind is missing, for example path = {{ kind = "line", A = 1, B = -1, C = 0 }}')
     kind = text(rest.pop("kind"), f"{where} kind")
+    known = OPTIONS if kind in COMPOSITE else OF_COURSE if kind == COURSE else {}
+    options = {key: reader(rest.pop(key), f"{where} {key}") for key, reader in known.items() if key in rest}
     if kind not in COMPOSITE:
-        return PathSection(kind=kind, parameters=named_numbers(rest, where))
+        return PathSection(kind=kind, parameters=named_numbers(rest, where), **options)
     readers = COMPOSITE[kind] | OPTIONS
-    options = {key: readers[key](rest.pop(key), f"{where} {key}") for key in OPTIONS if key in rest}
     check_keys(rest, readers, where)
     for key in sorted(set(COMPOSITE[kind]) - set(rest)):
         raise BadInput(f"{where} {key} is missing; {kind} takes {', '.join(sorted(COMPOSITE[kind]))}")
@@ -221,6 +224,8 @@ class OutputSection:
             raise BadInput("[output] extension needs no reversing: P_l on the axle is followed forward and in reverse")
         if self.arclength and (self.extension or not self.along_course):
             raise BadInput('[output] arclength is for type IV with path = { kind = "course" }, without extension')
+        if self.arclength and self.reversing != "allow":
+            raise BadInput("[output] arclength needs no reversing: P_l on the axle is followed forward and in reverse")
         if self.poles is not None and not self.arclength:
             raise BadInput("[output] poles requires arclength = true; gains of other laws are in [gains]")
         if self.poles is not None and not all(pole < 0.0 for pole in self.poles):
@@ -302,12 +307,12 @@ class CourseSection:
     """A smooth curve on which the desired point moves at `speed` (m/s), from `position` on in the direction `heading` (rad):
     `curvatures` (1/m, positive turns left) at the beginning of the first of the `lengths` (m) and at the end of each. With a
     `rounding` the parts are lines, arcs and clothoids, rounded over that length where they meet. It is followed in time, or from
-    wherever the robot is beside it.
+    wherever the robot is beside it. Parts of negative length are driven in reverse: where the sign changes is a cusp.
     """
 
     speed: float = entry(number("positive", "m/s"), about="of the desired point along the curve")
     heading: float = entry(angle, 0.0, "in which the desired point moves at t = 0, from the x-axis to the left")
-    lengths: tuple[float, ...] = entry(numbers, about="of the parts in m, each positive")
+    lengths: tuple[float, ...] = entry(numbers, about="of the parts in m; those driven in reverse are negative")
     curvatures: tuple[float, ...] = entry(numbers, about="in 1/m where each part begins, and where the last ends")
     rounding: float = entry(
         number("nonnegative", "m"), 0.0, "over which the curvature's rate changes where parts meet; 0: over the whole parts"
@@ -320,10 +325,26 @@ class CourseSection:
         parts, ends = len(self.lengths), len(self.curvatures)
         if ends != parts + 1:
             raise BadInput(f"[reference] course has {parts} lengths and {ends} curvatures: give one curvature more than lengths")
-        if not all(length > 0.0 for length in self.lengths):
-            raise BadInput("[reference] course: lengths must be positive")
-        if self.rounding > min(self.lengths, default=0.0):
+        if not all(self.lengths):
+            raise BadInput("[reference] course: lengths must not be 0: they are positive, or negative in reverse")
+        if self.rounding > min(map(abs, self.lengths), default=0.0):
             raise BadInput(f"[reference] course: rounding = {self.rounding:g} must be at most the shortest of the lengths")
+        for k in self.cusps if self.rounding else ():
+            if len(set(self.curvatures[k - 1 : k + 2])) > 1:
+                raise BadInput(
+                    f"[reference] course: with a rounding, parts {k} and {k + 1}, which meet at a cusp, must have the same "
+                    "constant curvature: add a line or an arc on both sides"
+                )
+
+    @property
+    def cusps(self) -> tuple[int, ...]:
+        """How many parts are before each cusp."""
+        return tuple(k for k in range(1, len(self.lengths)) if (self.lengths[k - 1] < 0.0) != (self.lengths[k] < 0.0))
+
+    @property
+    def reverses(self) -> bool:
+        """Whether any part is driven in reverse."""
+        return any(length < 0.0 for length in self.lengths)
 
 
 def _course_schema() -> Schema:
@@ -353,7 +374,8 @@ class Reference:
     """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path, at once or with `approach`.
 
     On a composite path, speed is that along it; before the end and each cusp the desired speed decreases with `deceleration`
-    (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing. With the speed "fastest", or with `lateral`,
+    (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing; on a course too, which without these and
+    without a cusp has no end: its last curvature stays. With the speed "fastest", or with `lateral`,
     it follows a profile: the fastest within `lateral`, `acceleration`, `deceleration` and `angular`, by default of friction.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad). With `circle` the
     first two outputs, a point, also move on a circle about it; with `course` along a curve from it; with `oscillation` the
@@ -366,7 +388,7 @@ class Reference:
     acceleration: float | None = entry(number("positive", "m/s^2"), None, "largest forward acceleration along a composite path")
     angular: float | None = entry(number("positive", "rad/s^2"), None, "largest change of the yaw rate where arcs begin and end")
     deceleration: float | None = entry(
-        number("nonnegative", "m/s^2"), None, "before the end and cusps of a composite path; 0: at once"
+        number("nonnegative", "m/s^2"), None, "before the end and cusps of a composite path or a course; 0: at once"
     )
     creep: float | None = entry(number("positive", "m/s"), None, "speed below which the vehicle counts as standing")
     position: tuple[float, ...] | None = entry(numbers, None, "desired outputs of types I to III at t = 0, one for each")
@@ -378,6 +400,12 @@ class Reference:
     commands: tuple[Command, ...] | None = entry(
         list_of(Command, "{ distance = 2, time = 6 }"), None, "of [feedback]: parts of the desired motion, one after the other"
     )
+
+    @property
+    def stops(self) -> bool:
+        """Whether a course has an end at which the vehicle stops."""
+        given = self.deceleration is not None or self.creep is not None
+        return given or bool(self.course and self.course.cusps)
 
     @property
     def profiled(self) -> bool:
@@ -809,8 +837,10 @@ class Spec:
         if self.reference.approach and not self.simulation.period:
             raise BadInput("[reference] approach requires [simulation] period > 0: it is advanced at the calls of the controller")
         for name in ("deceleration", "creep", "lateral", "acceleration", "angular"):
-            if getattr(self.reference, name) is not None and not composite:
-                raise BadInput(f"[reference] {name} applies to composite paths only")
+            stops = name in ("deceleration", "creep") and self.output.along_course
+            if getattr(self.reference, name) is not None and not composite and not stops:
+                where = "composite paths and courses" if name in ("deceleration", "creep") else "composite paths"
+                raise BadInput(f"[reference] {name} applies to {where} only")
         if self.reference.speed == FASTEST and not composite:
             raise BadInput('[reference] speed = "fastest" applies to composite paths only: give a speed in m/s')
         for name in ("acceleration", "angular"):
@@ -822,6 +852,11 @@ class Spec:
             raise BadInput('[reference] velocity does not go with a course with follow = "path", which does not depend on time')
         if self.output.along_course:
             self._check_course()
+        elif self.reference.course and self.reference.course.reverses:
+            raise BadInput(
+                '[reference] course: parts of negative length, in reverse, are for type IV with path = { kind = "course" }, and '
+                "arclength = true or a P_l off the axle"
+            )
         required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle", "course"))
         optional = (*optional, "oscillation") if self.output.own else optional
         if self.output.along_course:
@@ -841,9 +876,10 @@ class Spec:
 
     @property
     def desired_speed(self) -> float:
-        """Desired forward speed of type IV, m/s: by default that of a course."""
+        """Desired forward speed of type IV at first, m/s: by default that of a course, in reverse where it begins so."""
         course, speed = self.reference.course, self.reference.speed
-        return speed if speed is not None else course.speed if course else 0.0
+        along = speed if speed is not None else course.speed if course else 0.0
+        return -along if course and course.lengths and course.lengths[0] < 0.0 else along
 
     @property
     def simulated(self) -> tuple[str, ...]:
@@ -909,6 +945,16 @@ class Spec:
             raise BadInput(f"{without} [reference] approach; start the robot near the course")
         if self.reference.position is not None and len(self.reference.position) != 2:
             raise BadInput(f"[reference] position has {len(self.reference.position)} numbers; a course begins at [x, y]")
+        course = self.reference.course
+        if self.output.extension and self.reference.stops:
+            raise BadInput(
+                "[output] extension is singular at standstill, where a course stops: set arclength = true, or give neither cusps "
+                "nor [reference] deceleration and creep"
+            )
+        if course and course.cusps and not (self.output.extension or self.output.arclength) and self.output.reversing != "switch":
+            raise BadInput(
+                '[reference] course has cusps, where P_l off the axle changes sides: set [output] reversing = "switch"'
+            )
         if self.simulation.backend not in BACKENDS:
             known = ", ".join(BACKENDS)
             raise BadInput(f"{without} [simulation] backend = {self.simulation.backend!r}; known are {known}")
