@@ -53,5 +53,195 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "noslip_telemetry_send": {"self.written", "self.dropped", "ring"},
     "noslip_telemetry_read": {"self.taken", "bytes", "count"},
     "noslip_image_save": {"image", "used"},
+    "noslip_balance_step": {"tau"},
     "noslip_course_tracker_look": {"guide"},
     "noslip_course_tracker_update": {"tracker.now", "tracker.started", "guide"},
+    "noslip_path_look": {"guide"},
+    "noslip_path_update": {"self.current", "self.saved", "self.guide", "self.started", "guide"},
+}
+FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts are replaced; the objects only
+    "labmate_follower_init": {"self"},
+    "labmate_follower_tick": {"self", "command"},
+    "labmate_follower_tick_angles": {"self", "command"},
+    "labmate_follower_update": {"self"},
+    "labmate_follower_correct": {"self"},
+    "labmate_follower_reset": {"self"},
+    "labmate_follower_twist": {"twist"},
+}
+MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
+MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
+MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
+NOT_SPLIT = ("noslip_abs", *(f"noslip_course_{part}" for part in ("ends", "cusp_ok", "backward", "left")))  # by what they return
+MOST_IN_FOLLOWER = {"labmate_follower_init": 2000, "init_drives": 20, "set_params": 20} | dict.fromkeys(
+    ("init_encoders", "init_path", "init_laws", "init_law", "init_approach", "init_integrals", "set_wheels"), 0
+)
+MOST_IN_FRAMES = {"noslip_crc32": 0, "noslip_frame_begin": 0, "noslip_frame_word": 20}  # the bytes are arbitrary
+MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_init": 2000, "check_update": 3000, "main": 10000}
+
+
+@dataclass(frozen=True)
+class AnalysedProgram:
+    """A program of c/eva/ for a law or the runtime, in one scalar."""
+
+    source: str
+    scalar: str
+    law: str = ""
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, [self.source, self.law])) + SCALARS[self.scalar][0]
+
+    @property
+    def extended(self) -> bool:
+        """Whether the law has a dynamic extension: its step takes the time since the last one, and it is without friction."""
+        return self.law.endswith("_extended")
+
+    @property
+    def precision(self) -> list[str]:
+        """Options for the number of states kept apart (slevel), and the functions with another number.
+
+        Separate states are needed to distinguish limits that are absent and sizes that are infinite. The states at a return are
+        split by the returned value; the value -1 is not a size, so that states of a size are not split.
+        """
+        suffix = SCALARS[self.scalar][0]
+        of_frames = MOST_IN_FRAMES if self.source == "telemetry" else {}
+        whole = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "follower": MOST_IN_FOLLOWER}
+        whole |= {"course": MOST_IN_COURSE, "tracker": MOST_IN_COURSE}
+        own = whole.get(self.source, {})
+        most = {"noslip_limit": 0, "noslip_abs": 0} | own
+        most = {f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()} | of_frames
+        each = ",".join(f"{function}:{n}" for function, n in most.items())
+        kept = ",".join(f"{function}{suffix}:-1" for function in NOT_SPLIT)
+        split = ["-eva-split-return", "full", "-eva-split-return-function", kept]
+        levels = {"path": "100", "slip": "20", "course": "20", "tracker": "20", "telemetry": "300", "follower": "100"}
+        level = levels.get(self.source, "2000")
+        return ["-eva-slevel", level, "-eva-slevel-function", each, *split]
+
+    def sources(self, task: Task) -> list[Path]:
+        """The C files to analyse."""
+        suffix = SCALARS[self.scalar][0]
+        if self.source == "feedback":
+            return [PROGRAMS / "feedback.c"]
+        more = [task.law_file(f"{task.robot_of(self.law)}{suffix}.c")] if self.law else []
+        more += [task.law_file(f"{self.law}{suffix}.c")] if self.source == "law" else []
+        more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
+        more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
+        more += [task.runtime / "noslip_watchdog.c"] if self.source in ("drives", "follower") else []
+        if self.source == "telemetry":
+            parts = [task.runtime / f"noslip_{part}.c" for part in ("telemetry", "image")]
+            more = [task.generated / f"labmate_telemetry{suffix}.c", *parts]
+        return [PROGRAMS / f"{self.source}.c", *more]
+
+    def places(self, task: Task) -> list[str]:
+        """The markers REACHED(...) in the program, all of which the analysis must reach."""
+        text = (PROGRAMS / f"{self.source}.c").read_text()
+        if not (self.law and self.source != "feedback" and task.follows(self.law)):
+            text = re.sub(r"#if FOLLOWS.*?#endif", "", text, flags=re.S)
+        if self.extended:
+            text = re.sub(r"#if !EXTENDED.*?#endif", "", text, flags=re.S)
+        return re.findall(r"REACHED\((\w+)\)", text)
+
+    def defined(self, task: Task) -> dict[str, str]:
+        """The macros used by the programs: name -> replacement."""
+        suffix, smallest, largest, upper = SCALARS[self.scalar]
+        macros = {"SUFFIX": suffix, "REAL": self.scalar, "SMALLEST": smallest, "LARGEST": largest}
+        macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
+        if self.source == "telemetry":
+            return macros | {"ROBOT": "labmate", "HEADER": f'"labmate_telemetry{suffix}.h"'}
+        if self.source == "feedback":
+            sizes = {size: f"{self.law.upper()}_{size}" for size in ("STATES", "INPUTS")}
+            return macros | sizes | {"FEEDBACK": self.law, "HEADER": f'"{self.law}.h"'}
+        if not self.law:
+            return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
+        analysed = "labmate_follower" if self.source == "follower" else self.law
+        law = {"ROBOT": task.robot_of(self.law), "LAW": self.law}
+        law |= {name: f'"{analysed}{suffix}.{end}"' for name, end in FILES.items()}
+        kind = {"FOLLOWS": task.follows(self.law), "EXTENDED": self.extended, "GRIPS": task.grips(self.law)}
+        return macros | law | {name: str(int(holds)) for name, holds in kind.items()}
+
+
+def programs(task: Task) -> list[AnalysedProgram]:
+    """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
+    laws = task.laws[-1:] if task.short else task.laws
+    scalars = ["float"] if task.short else list(SCALARS)
+    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", ""), ("tracker", "")]
+    parts += [("balance", ""), ("telemetry", "")]
+    grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
+    named = [("law", law) for law in (*laws, *task.laws_of_others)]
+    named += ([] if task.short else grips) + parts[: 2 if task.short else None]
+    named += [("feedback", name) for name in task.feedback_names]
+    named += [] if task.short else [("follower", task.laws[-1])]
+    return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
+
+
+def eva(task: Task) -> str:
+    """Check that no program has an alarm or an unproved assertion, and that functions write only to permitted objects."""
+    need("frama-c", "frama-c-base")
+    if not task.short:
+        task = replace(task, folder=task.folder / "eva", more=(*task.more, *EXTENDED))
+    analyses = each(lambda program: analyse(task, program), programs(task))
+    wrong = [line for _, lines in analyses for line in lines]
+    if wrong:
+        raise Failed("\n".join(wrong))
+    return f"{len(analyses)} programs, {sum(shown for shown, _ in analyses)} assertions proved, 0 alarms"
+
+
+def same_bits(task: Task) -> str:
+    """Check that the C for Frama-C, which differs in six places (`__FRAMAC__`), has the same digest of all laws and paths."""
+    need("gcc", "gcc")
+    states, folder = "2000" if task.short else "20000", task.folder / "framac"
+    folder.mkdir(parents=True, exist_ok=True)
+    include, sources = (
+        [*task.include, f"-I{task.root / 'tests/c'}"],
+        [*task.sources, *task.lanes, task.root / "tests/c/law_digest.c"],
+    )
+
+    def digest(name: str, flags: list[str]) -> str:
+        run(["gcc", *STANDARD, "-O0" if task.short else "-O2", *flags, *include, *sources, "-lm", "-o", folder / name])
+        return run([folder / name, states, states])
+
+    digests = each(lambda way: digest(*way), [("shipped", []), ("analysed", ["-D__FRAMAC__"])])
+    if digests[0] != digests[1]:
+        raise Failed(f"shipped:  {digests[0]}analysed: {digests[1]}")
+    return f"one digest of {states} states"
+
+
+def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
+    """Return the number of proved assertions, and a message for each that is not proved or not reached."""
+    code, text = attempt(command(task, program))
+    if code or (shown := re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", text)) is None:
+        return 0, [f"{program}: frama-c ended with {code}", *text.splitlines()[-10:]]
+    wrong = [f"{program}: {' '.join(each.split())}" for each in re.findall(r"\[eva:alarm\] (.*?)(?=\n\[|\n$|\Z)", text, re.S)]
+    if int(shown[2]) + int(shown[3]) and not wrong:
+        wrong = [f"{program}: {shown[0]}"]
+    if not re.search(r"^ +0 alarms generated", text, re.M) and not wrong:
+        wrong = [f"{program}: alarms that are not listed"]
+    reached = set(re.findall(r"Frama_C_show_each_reached_(\w+)", text))
+    wrong += [f"{program}: {place} is not reached" for place in program.places(task) if place not in reached]
+    whole = program.source == "follower"
+    may_write = FOLLOWER_MAY_WRITE if whole else MAY_WRITE
+    for function, written in re.findall(r"Out \(external\) for function (\w+):\n((?: +.*\n)+)", text):
+        name = function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0])
+        allowed = may_write.get(name)
+        if program.extended and name in ("step", "reset"):
+            allowed = MAY_WRITE[name] | EXTENSION
+        written = re.sub(r"\[[^]]*\]", "", written)
+        while (plain := re.sub(r"([\w.]+){([^{}]*)}", _members, re.sub(GROUPED, r"\1\2", written))) != written:
+            written = plain
+        places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - NOT_OF_THE_C
+        places = {place.split(".")[0] for place in places} if whole else places
+        if allowed is not None and not places <= allowed:
+            wrong.append(f"{program}: {function} writes to {' '.join(written.split())}")
+    return int(shown[1]), wrong
+
+
+def _members(braced: re.Match[str]) -> str:
+    """Return a{.b; .c} as a.b; a.c."""
+    return "; ".join(braced[1] + member.strip() for member in braced[2].split(";"))
+
+
+def command(task: Task, program: AnalysedProgram) -> list[str]:
+    """Return the complete command line."""
+    places = [*task.include, f"-I{PROGRAMS}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
+    preprocess = " ".join(place.replace('"', '\\"') for place in places)
+    options = [*OPTIONS, *program.precision, f"-cpp-extra-args={preprocess}"]
+    return ["frama-c", *options, *map(str, program.sources(task))]

@@ -185,14 +185,18 @@ static inline const noslip_stretch *noslip_course_stretch(const noslip_course *s
 /*
  * Adds a stretch whose curvature, positive to the left of the course's direction, has these coefficients; in reverse after one
  * forward, or the other way round, it begins where that of the end before it does, and leads back. Returns 1, or 0 if it is too
- * long or turns too far.
+ * long or turns too far, or there is no room.
  */
-static inline int noslip_course_add(noslip_stretch *stretches, int *count, double length,
-                  const double *curvature, int terms)
+static inline int noslip_course_add(noslip_stretch *stretches, int room, int *count,
+                       double length, const double *curvature, int terms)
 {
-    noslip_stretch *own = &stretches[*count];
+    noslip_stretch *own;
     double turn = 0;
     int k;
+    if (*count < 0 || *count >= room) {
+        return 0;
+    }
+    own = &stretches[*count];
     own->length = noslip_abs(length);
     own->terms = terms;
     own->backward = length < 0;
@@ -230,15 +234,15 @@ static inline int noslip_course_ends(const noslip_course_options *options, int p
 }
 
 /* Adds what leads on from the end of a part, where vehicles that overshoot are: the curvature stays. Returns as the last. */
-static inline int noslip_course_lead_on(noslip_stretch *stretches, int *count,
+static inline int noslip_course_lead_on(noslip_stretch *stretches, int room, int *count,
                            const noslip_course_options *options, int part)
 {
     const double length = part >= 0 && options->lengths[part] < 0 ? (double)-1 : (double)1;
-    return noslip_course_add(stretches, count, length, &options->curvatures[part + 1], 1);
+    return noslip_course_add(stretches, room, count, length, &options->curvatures[part + 1], 1);
 }
 
 /* Adds a part of a course without rounding: four derivatives of its curvature are continuous. Returns as the last. */
-static inline int noslip_course_blend(noslip_stretch *stretches, int *count,
+static inline int noslip_course_blend(noslip_stretch *stretches, int room, int *count,
                          const noslip_course_options *options, int part)
 {
     static const double smooth[9] = {0, 0, 0, 0, 126, -420, 540, -315, 70};
@@ -250,7 +254,7 @@ static inline int noslip_course_blend(noslip_stretch *stretches, int *count,
     for (k = 0; k < 9; k++) {
         curvature[k + 1] = change * smooth[k];
     }
-    return noslip_course_add(stretches, count, options->lengths[part], curvature, terms);
+    return noslip_course_add(stretches, room, count, options->lengths[part], curvature, terms);
 }
 
 /* Returns the rate of the curvature along a part of a course with rounding, 1/m^2. */
@@ -260,7 +264,7 @@ static inline double noslip_course_rate(const noslip_course_options *options, in
 }
 
 /* Adds a part of a course with rounding: a line, arc or clothoid, and the way from there to the next. */
-static inline int noslip_course_round(noslip_stretch *stretches, int *count,
+static inline int noslip_course_round(noslip_stretch *stretches, int room, int *count,
                          const noslip_course_options *options, int part)
 {
     static const double rise[7] = {0, 0, 0, 7, -14, 10, (double)-2.5};
@@ -277,7 +281,7 @@ static inline int noslip_course_round(noslip_stretch *stretches, int *count,
     if (straight > 0) {
         curvature[0] = options->curvatures[part] + rate * begin;
         curvature[1] = rate * straight;
-        if (!noslip_course_add(stretches, count, way * straight, curvature, terms)) {
+        if (!noslip_course_add(stretches, room, count, way * straight, curvature, terms)) {
             return 0;
         }
     }
@@ -289,7 +293,7 @@ static inline int noslip_course_round(noslip_stretch *stretches, int *count,
     for (k = 0; k < 7; k++) {
         curvature[k + 2] = change * rise[k];
     }
-    return noslip_course_add(stretches, count, way * options->rounding, curvature, NOSLIP_COURSE_TERMS - 1);
+    return noslip_course_add(stretches, room, count, way * options->rounding, curvature, NOSLIP_COURSE_TERMS - 1);
 }
 
 /* Returns 1 unless a part with rounding ends at a cusp beside which the curvature changes: its rate would jump there. */
@@ -351,16 +355,16 @@ NOSLIP_NODISCARD static inline int noslip_course_init(noslip_course *self,
         stretches[0].heading += (double)NOSLIP_COURSE_BACK;
     }
     for (k = 0; k < options->count && good; k++) {
-        good = options->rounding > 0 ? noslip_course_round(stretches, &count, options, k)
-                                     : noslip_course_blend(stretches, &count, options, k);
+        good = options->rounding > 0 ? noslip_course_round(stretches, room, &count, options, k)
+                                     : noslip_course_blend(stretches, room, &count, options, k);
         if (good && noslip_course_ends(options, k)) {
-            good = noslip_course_lead_on(stretches, &count, options, k);
+            good = noslip_course_lead_on(stretches, room, &count, options, k);
         }
     }
     if (options->count == 0) {
-        good = good && noslip_course_lead_on(stretches, &count, options, -1);
+        good = good && noslip_course_lead_on(stretches, room, &count, options, -1);
     }
-    if (!good) {
+    if (!good || count < 1) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->stretches = stretches;
@@ -621,6 +625,30 @@ static inline int noslip_course_advance(const noslip_course_tracker *self, const
     return status;
 }
 
+/* Copies a guide, by members: an assignment may call memcpy. */
+static inline void noslip_course_copy(const noslip_course_guide *from,
+                         noslip_course_guide *to)
+{
+    int k;
+    to->piece = from->piece;
+    to->backward = from->backward;
+    to->changed = from->changed;
+    to->waiting = from->waiting;
+    to->arrived = from->arrived;
+    to->L = from->L;
+    to->length = from->length;
+    to->distance = from->distance;
+    to->left = from->left;
+    to->x = from->x;
+    to->y = from->y;
+    to->direction = from->direction;
+    for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
+        to->curvature[k] = from->curvature[k];
+    }
+    to->speed = from->speed;
+    to->speed_rate = from->speed_rate;
+}
+
 /* Computes the guide at a place, which it writes unless there is an error. Returns NOSLIP_ARRIVED at the end. */
 static inline int noslip_course_guided(const noslip_course_tracker *self, const double pose[4],
                      double forward_speed,
@@ -648,8 +676,8 @@ static inline int noslip_course_guided(const noslip_course_tracker *self, const 
     noslip_sincos(own.direction, &sine, &cosine);
     noslip_course_place(stretch, along, &own.x, &own.y);
     noslip_course_bends(stretch, along, 1, own.curvature);
-    own.distance = cosine * (pose[1] - own.y) - sine * (pose[0] - own.x) +
-                      own.L * (cosine * pose[3] - sine * pose[2]) + options->W * (cosine * pose[2] + sine * pose[3]);
+    own.distance = cosine * (pose[1] - own.y) - sine * (pose[0] - own.x) + own.L * (cosine * pose[3] - sine * pose[2]) +
+                   options->W * (cosine * pose[2] + sine * pose[3]);
     own.left = noslip_course_left(self, now);
     own.speed = own.backward ? -top : top;
     own.speed_rate = 0;
@@ -668,7 +696,7 @@ static inline int noslip_course_guided(const noslip_course_tracker *self, const 
     if (!noslip_sum_finite(size, own.speed, own.speed_rate) || !noslip_is_finite(own.left)) {
         return NOSLIP_NONFINITE;
     }
-    *guide = own;
+    noslip_course_copy(&own, guide);
     return own.arrived ? NOSLIP_ARRIVED : NOSLIP_OK;
 }
 
@@ -735,6 +763,7 @@ NOSLIP_NODISCARD static inline int noslip_course_tracker_init(
     noslip_course_tracker *self, const noslip_course *course,
     const noslip_course_tracker_options *options)
 {
+    noslip_course_tracker_options *own;
     int status;
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -750,10 +779,19 @@ NOSLIP_NODISCARD static inline int noslip_course_tracker_init(
         return NOSLIP_BAD_PARAMETER;
     }
     self->course = course;
-    self->options = *options;
-    if (!(options->creep > 0)) {
-        self->options.creep = (double)0.01;
-    }
+    own = &self->options; /* by members: an assignment may call memcpy */
+    own->speed = options->speed;
+    own->deceleration = options->deceleration;
+    own->creep = options->creep > 0 ? options->creep : (double)0.01;
+    own->window = options->window;
+    own->start = options->start;
+    own->L[0] = options->L[0];
+    own->L[1] = options->L[1];
+    own->W = options->W;
+    own->ahead = options->ahead;
+    own->reversing = options->reversing;
+    own->stop = options->stop;
+    own->endless = options->endless;
     self->now.first = 0;
     self->now.last = noslip_course_last(course, 0);
     self->now.piece = 0;
@@ -954,14 +992,18 @@ static inline const noslip_stretch_f *noslip_course_stretch_f(const noslip_cours
 /*
  * Adds a stretch whose curvature, positive to the left of the course's direction, has these coefficients; in reverse after one
  * forward, or the other way round, it begins where that of the end before it does, and leads back. Returns 1, or 0 if it is too
- * long or turns too far.
+ * long or turns too far, or there is no room.
  */
-static inline int noslip_course_add_f(noslip_stretch_f *stretches, int *count, float length,
-                     const float *curvature, int terms)
+static inline int noslip_course_add_f(noslip_stretch_f *stretches, int room, int *count,
+                           float length, const float *curvature, int terms)
 {
-    noslip_stretch_f *own = &stretches[*count];
+    noslip_stretch_f *own;
     float turn = 0;
     int k;
+    if (*count < 0 || *count >= room) {
+        return 0;
+    }
+    own = &stretches[*count];
     own->length = noslip_abs_f(length);
     own->terms = terms;
     own->backward = length < 0;
@@ -999,15 +1041,15 @@ static inline int noslip_course_ends_f(const noslip_course_options_f *options, i
 }
 
 /* Adds what leads on from the end of a part, where vehicles that overshoot are: the curvature stays. Returns as the last. */
-static inline int noslip_course_lead_on_f(noslip_stretch_f *stretches, int *count,
+static inline int noslip_course_lead_on_f(noslip_stretch_f *stretches, int room, int *count,
                                const noslip_course_options_f *options, int part)
 {
     const float length = part >= 0 && options->lengths[part] < 0 ? (float)-1 : (float)1;
-    return noslip_course_add_f(stretches, count, length, &options->curvatures[part + 1], 1);
+    return noslip_course_add_f(stretches, room, count, length, &options->curvatures[part + 1], 1);
 }
 
 /* Adds a part of a course without rounding: four derivatives of its curvature are continuous. Returns as the last. */
-static inline int noslip_course_blend_f(noslip_stretch_f *stretches, int *count,
+static inline int noslip_course_blend_f(noslip_stretch_f *stretches, int room, int *count,
                              const noslip_course_options_f *options, int part)
 {
     static const float smooth[9] = {0, 0, 0, 0, 126, -420, 540, -315, 70};
@@ -1019,7 +1061,7 @@ static inline int noslip_course_blend_f(noslip_stretch_f *stretches, int *count,
     for (k = 0; k < 9; k++) {
         curvature[k + 1] = change * smooth[k];
     }
-    return noslip_course_add_f(stretches, count, options->lengths[part], curvature, terms);
+    return noslip_course_add_f(stretches, room, count, options->lengths[part], curvature, terms);
 }
 
 /* Returns the rate of the curvature along a part of a course with rounding, 1/m^2. */
@@ -1029,7 +1071,7 @@ static inline float noslip_course_rate_f(const noslip_course_options_f *options,
 }
 
 /* Adds a part of a course with rounding: a line, arc or clothoid, and the way from there to the next. */
-static inline int noslip_course_round_f(noslip_stretch_f *stretches, int *count,
+static inline int noslip_course_round_f(noslip_stretch_f *stretches, int room, int *count,
                              const noslip_course_options_f *options, int part)
 {
     static const float rise[7] = {0, 0, 0, 7, -14, 10, (float)-2.5};
@@ -1046,7 +1088,7 @@ static inline int noslip_course_round_f(noslip_stretch_f *stretches, int *count,
     if (straight > 0) {
         curvature[0] = options->curvatures[part] + rate * begin;
         curvature[1] = rate * straight;
-        if (!noslip_course_add_f(stretches, count, way * straight, curvature, terms)) {
+        if (!noslip_course_add_f(stretches, room, count, way * straight, curvature, terms)) {
             return 0;
         }
     }
@@ -1058,7 +1100,7 @@ static inline int noslip_course_round_f(noslip_stretch_f *stretches, int *count,
     for (k = 0; k < 7; k++) {
         curvature[k + 2] = change * rise[k];
     }
-    return noslip_course_add_f(stretches, count, way * options->rounding, curvature, NOSLIP_COURSE_TERMS - 1);
+    return noslip_course_add_f(stretches, room, count, way * options->rounding, curvature, NOSLIP_COURSE_TERMS - 1);
 }
 
 /* Returns 1 unless a part with rounding ends at a cusp beside which the curvature changes: its rate would jump there. */
@@ -1120,16 +1162,16 @@ NOSLIP_NODISCARD static inline int noslip_course_init_f(noslip_course_f *self,
         stretches[0].heading += (float)NOSLIP_COURSE_BACK;
     }
     for (k = 0; k < options->count && good; k++) {
-        good = options->rounding > 0 ? noslip_course_round_f(stretches, &count, options, k)
-                                     : noslip_course_blend_f(stretches, &count, options, k);
+        good = options->rounding > 0 ? noslip_course_round_f(stretches, room, &count, options, k)
+                                     : noslip_course_blend_f(stretches, room, &count, options, k);
         if (good && noslip_course_ends_f(options, k)) {
-            good = noslip_course_lead_on_f(stretches, &count, options, k);
+            good = noslip_course_lead_on_f(stretches, room, &count, options, k);
         }
     }
     if (options->count == 0) {
-        good = good && noslip_course_lead_on_f(stretches, &count, options, -1);
+        good = good && noslip_course_lead_on_f(stretches, room, &count, options, -1);
     }
-    if (!good) {
+    if (!good || count < 1) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->stretches = stretches;
@@ -1390,6 +1432,30 @@ static inline int noslip_course_advance_f(const noslip_course_tracker_f *self, c
     return status;
 }
 
+/* Copies a guide, by members: an assignment may call memcpy. */
+static inline void noslip_course_copy_f(const noslip_course_guide_f *from,
+                             noslip_course_guide_f *to)
+{
+    int k;
+    to->piece = from->piece;
+    to->backward = from->backward;
+    to->changed = from->changed;
+    to->waiting = from->waiting;
+    to->arrived = from->arrived;
+    to->L = from->L;
+    to->length = from->length;
+    to->distance = from->distance;
+    to->left = from->left;
+    to->x = from->x;
+    to->y = from->y;
+    to->direction = from->direction;
+    for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
+        to->curvature[k] = from->curvature[k];
+    }
+    to->speed = from->speed;
+    to->speed_rate = from->speed_rate;
+}
+
 /* Computes the guide at a place, which it writes unless there is an error. Returns NOSLIP_ARRIVED at the end. */
 static inline int noslip_course_guided_f(const noslip_course_tracker_f *self, const float pose[4],
                         float forward_speed,
@@ -1417,8 +1483,8 @@ static inline int noslip_course_guided_f(const noslip_course_tracker_f *self, co
     noslip_sincos_f(own.direction, &sine, &cosine);
     noslip_course_place_f(stretch, along, &own.x, &own.y);
     noslip_course_bends_f(stretch, along, 1, own.curvature);
-    own.distance = cosine * (pose[1] - own.y) - sine * (pose[0] - own.x) +
-                      own.L * (cosine * pose[3] - sine * pose[2]) + options->W * (cosine * pose[2] + sine * pose[3]);
+    own.distance = cosine * (pose[1] - own.y) - sine * (pose[0] - own.x) + own.L * (cosine * pose[3] - sine * pose[2]) +
+                   options->W * (cosine * pose[2] + sine * pose[3]);
     own.left = noslip_course_left_f(self, now);
     own.speed = own.backward ? -top : top;
     own.speed_rate = 0;
@@ -1437,7 +1503,7 @@ static inline int noslip_course_guided_f(const noslip_course_tracker_f *self, co
     if (!noslip_sum_finite_f(size, own.speed, own.speed_rate) || !noslip_is_finite_f(own.left)) {
         return NOSLIP_NONFINITE;
     }
-    *guide = own;
+    noslip_course_copy_f(&own, guide);
     return own.arrived ? NOSLIP_ARRIVED : NOSLIP_OK;
 }
 
@@ -1504,6 +1570,7 @@ NOSLIP_NODISCARD static inline int noslip_course_tracker_init_f(
     noslip_course_tracker_f *self, const noslip_course_f *course,
     const noslip_course_tracker_options_f *options)
 {
+    noslip_course_tracker_options_f *own;
     int status;
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -1519,10 +1586,19 @@ NOSLIP_NODISCARD static inline int noslip_course_tracker_init_f(
         return NOSLIP_BAD_PARAMETER;
     }
     self->course = course;
-    self->options = *options;
-    if (!(options->creep > 0)) {
-        self->options.creep = (float)0.01;
-    }
+    own = &self->options; /* by members: an assignment may call memcpy */
+    own->speed = options->speed;
+    own->deceleration = options->deceleration;
+    own->creep = options->creep > 0 ? options->creep : (float)0.01;
+    own->window = options->window;
+    own->start = options->start;
+    own->L[0] = options->L[0];
+    own->L[1] = options->L[1];
+    own->W = options->W;
+    own->ahead = options->ahead;
+    own->reversing = options->reversing;
+    own->stop = options->stop;
+    own->endless = options->endless;
     self->now.first = 0;
     self->now.last = noslip_course_last_f(course, 0);
     self->now.piece = 0;

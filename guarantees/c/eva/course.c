@@ -15,9 +15,6 @@ int main(void)
     OF(noslip_stretch) stretches[NOSLIP_COURSE_ROOM(PARTS)];
     OF(noslip_course) self;
     OF(noslip_course_point) point;
-    OF(noslip_course_tracker_options) following;
-    OF(noslip_course_tracker) tracker;
-    OF(noslip_course_guide) guide;
     REAL lengths[PARTS], curvatures[PARTS + 1], length;
     int status, k;
     ANY(options);
@@ -56,35 +53,6 @@ int main(void)
         REACHED(nearest_good);
     } else {
         REACHED(nearest_refused);
-    }
-    ANY(following);
-    ANY(tracker);
-    status = OF(noslip_course_tracker_init)(&tracker, &self, &following);
-    if (status == NOSLIP_OK) {
-        REACHED(tracker_good);
-        /*@ assert tracker.now.first == 0 && 0 <= tracker.now.last < 5 && tracker.ready == NOSLIP_READY; */
-    } else {
-        REACHED(tracker_refused);
-        /*@ assert tracker.ready == 0; */
-    }
-    ANY(tracker);
-    tracker.course = &self;
-    tracker.now.first = Frama_C_interval(0, COUNT(stretches) - 1);
-    tracker.now.last = Frama_C_interval(0, COUNT(stretches) - 1);
-    tracker.now.piece = Frama_C_interval(0, COUNT(stretches));
-    self.count = COUNT(stretches);
-    status = OF(noslip_course_tracker_look)(&tracker, any_real(), any_real(), any_real(), any_real(), &guide);
-    if (status >= 0) {
-        REACHED(look_good);
-    } else {
-        REACHED(look_refused);
-    }
-    status = OF(noslip_course_tracker_update)(&tracker, any_real(), any_real(), any_real(), any_real(), &guide);
-    if (status >= 0) {
-        REACHED(update_good);
-        /*@ assert 0 <= tracker.now.first < 5 && 0 <= tracker.now.last < 5; */
-    } else {
-        REACHED(update_refused);
     }
     REACHED(end);
     return 0;
