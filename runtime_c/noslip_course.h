@@ -347,6 +347,9 @@ NOSLIP_NODISCARD static inline int noslip_course_init(noslip_course *self,
         return NOSLIP_FULL;
     }
     good = noslip_course_options_ok(options);
+    for (k = 0; k < room; k++) {
+        stretches[k].terms = 1; /* of those that no part needs, too */
+    }
     stretches[0].begin = 0;
     stretches[0].x = options->x;
     stretches[0].y = options->y;
@@ -1154,6 +1157,9 @@ NOSLIP_NODISCARD static inline int noslip_course_init_f(noslip_course_f *self,
         return NOSLIP_FULL;
     }
     good = noslip_course_options_ok_f(options);
+    for (k = 0; k < room; k++) {
+        stretches[k].terms = 1; /* of those that no part needs, too */
+    }
     stretches[0].begin = 0;
     stretches[0].x = options->x;
     stretches[0].y = options->y;
