@@ -291,7 +291,7 @@ def _draw_errors(axes: Axes, run: Run) -> None:
         axes.plot(run.t, run.distance, color=COLOURS[0], label=label)
         axes.axhline(0.0, color="black", linewidth=0.8)
         axes.set_ylabel("path error (m)")
-        axes.legend(loc="best", fontsize=9)
+        legend_on_top(axes)
         return
     every = run.law.output.rows
     shown = [k for k, row in enumerate(every) if not ca.depends_on(row.expression, run.law.system.nu)] or range(len(every))
