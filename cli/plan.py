@@ -6,7 +6,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..model.segments import Segment
+    from ..planning.course import SmoothCurve
 
 EXAMPLE = """examples:
   noslip plan dubins --from 0 0 0 --to 4 3 1.5708 --radius 1
   noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 1.5 --plot path.png
+  noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 3 --course 0.5 --speed 0.5 -o course.toml
   noslip plan waypoints points.csv --tolerance 0.05 --c --scalar float -o path.h
   noslip plan course points.csv --tolerance 0.01 --speed 0.5 -o reference.toml"""
 
@@ -46,6 +48,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         way.add_argument("--to", dest="goal", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
         way.add_argument("--radius", type=quantity("m"), metavar="R", required=True, help="smallest turning radius, m")
         _add_segments(way)
+        way.add_argument(
+            "--course",
+            type=quantity("m"),
+            metavar="M",
+            help="print a course instead, for the [reference] of a SPEC: its curvature changes over ramps of this length, m",
+        )
+        way.add_argument("--speed", type=quantity("m/s"), metavar="V", help="along the course, m/s; default: 1")
         way.set_defaults(way=name, plan=_between_poses)
     way = ways.add_parser(
         "waypoints",
@@ -105,6 +114,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.scalar and not arguments.c:
         raise BadInput("--scalar requires --c")
     segments, waypoints = arguments.plan(arguments)
+    if getattr(arguments, "course", None) is not None:
+        return _run_between(arguments, segments)
+    if getattr(arguments, "speed", None) is not None:
+        raise BadInput("--speed requires --course: lines and arcs have no speed of their own")
     written = _written(segments, arguments)
     about = _summary(segments, arguments.way)
 
@@ -136,9 +149,8 @@ def _hand_out(
 
 
 def _run_course(arguments: argparse.Namespace) -> int:
-    from ..planning.points import read_waypoints, reference_of
+    from ..planning.points import read_waypoints
     from ..planning.smooth import fit_course  # slow to import
-    from ..readers.printing import toml
 
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], [arguments.points])
     points, headings = read_waypoints(arguments.points, arguments.degrees)
@@ -146,20 +158,41 @@ def _run_course(arguments: argparse.Namespace) -> int:
         course = fit_course(points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings)
     except BadInput as error:
         raise BadInput(f"{arguments.points}: {error}") from error
+    return _hand_out_course(arguments, course, "course", points)
+
+
+def _run_between(arguments: argparse.Namespace, segments: list["Segment"]) -> int:
+    """Run `noslip plan dubins` or `reeds-shepp` with --course. Return 0. Raises BadInput, OSError."""
+    from ..planning.ramps import with_ramps  # slow to import
+
+    if arguments.c:
+        raise BadInput("--c prints lines and arcs; with --course take --json, or nothing")
+    speed = 1.0 if arguments.speed is None else arguments.speed
+    return _hand_out_course(arguments, with_ramps(segments, arguments.course, speed), arguments.way, [])
+
+
+def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: str, points: Sequence[Sequence[float]]) -> int:
+    """Write a course and, if desired, its plot beside points, and describe it. Return 0."""
+    from ..planning.points import reference_of  # slow to import
+    from ..readers.printing import toml
+
     reference = reference_of(course)
     if arguments.json:
         written = json.dumps({"reference": reference}, indent=2) + "\n"
     else:
         written = "[reference]\n" + "".join(f"{name} = {toml(value)}\n" for name, value in reference.items())
     count, length, largest = len(course.lengths), course.way, max(map(abs, course.curvatures))
-    about = f"course: {_counted(count, 'part')}, {length:.6g} m, largest curvature at their ends {largest:.4g} 1/m"
+    about = f"{way}: " if way == "course" else f"{way}, a course: "
+    about += f"{_counted(count, 'part')}, {length:.6g} m, "
+    about += f"{_counted(course.cusps, 'cusp')}, " if course.cusps else ""
+    about += f"largest curvature at their ends {largest:.4g} 1/m"
 
     def draw() -> "Figure":
         from ..planning.picture import draw_course  # slow to import
 
         return draw_course(course, about, points)
 
-    measures = {"way": "course", "parts": count, "length": length, "largest_curvature_at_ends": largest}
+    measures = {"way": way, "parts": count, "length": length, "cusps": course.cusps, "largest_curvature_at_ends": largest}
     return _hand_out(arguments, written, draw, about, measures)
 
 

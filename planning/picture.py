@@ -43,21 +43,33 @@ def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[f
 
 
 def draw_course(course: SmoothCurve, title: str, points: Sequence[Sequence[float]]) -> Figure:
-    """Return a plot of a course beside the `points` (x, y) in m that it was fitted to, and its curvature over the length."""
+    """Return a plot of a course beside the `points` (x, y) in m that it was fitted to, if any, and its curvature over the length:
+    that of the vehicle, which at a cusp is the same on both sides.
+    """
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     plane, bend = figure.subplots(1, 2)
-    ends = np.concatenate([[0.0], np.cumsum(course.lengths)])
-    at = np.linspace(0.0, ends[-1], PLACES)
-    places = np.array([course.position(float(s)) for s in at])
+    ends = np.concatenate([[0.0], np.cumsum(np.abs(course.lengths))])
     joins = np.array([course.position(float(s)) for s in ends])
-    plane.plot(places.real, places.imag, color=LEFT, linewidth=2.2, label="course")
+    begin, backward = 0.0, []
+    for piece in course.pieces:
+        at = np.linspace(0.0, piece.way, 2 + int(PLACES * piece.way / ends[-1]))
+        places = np.array([piece.position(float(s)) for s in at])
+        backward.append(piece.stretches[0].backward)
+        colour, style, name = (RIGHT, "--", "course, backward") if backward[-1] else (LEFT, "-", "course")
+        plane.plot(places.real, places.imag, color=colour, linestyle=style, linewidth=2.2, label=name)
+        bends = np.array([piece.bend(float(s)) for s in at]) * (-1.0 if backward[-1] else 1.0)
+        bend.plot(begin + at, bends, color=colour, linestyle=style, linewidth=1.8)
+        begin += piece.way
     plane.plot(joins.real, joins.imag, "o", color="black", markersize=4, linestyle="", label="end of a part", zorder=3)
-    plane.plot(*np.transpose(points), "o", color=GIVEN, markersize=6, fillstyle="none", linestyle="", label="waypoint", zorder=4)
-    first, last = ((p.real, p.imag, course.direction(float(s))) for p, s in zip(joins[[0, -1]], ends[[0, -1]], strict=True))
-    _finish_plane(plane, first, last)
-    bends = np.array([course.bend(float(s)) for s in at])
-    bend.plot(at, bends, color=LEFT, linewidth=1.8)
-    bend.plot(ends, np.interp(ends, at, bends), "o", color="black", markersize=4)
+    if len(points):
+        plane.plot(
+            *np.transpose(points), "o", color=GIVEN, markersize=6, fillstyle="none", linestyle="", label="waypoint", zorder=4
+        )
+    last = course.pieces[-1]
+    way = last.stretches[-1].begin if not course.rounding else last.way
+    finish = (joins[-1].real, joins[-1].imag, last.direction(way))
+    _finish_plane(plane, (course.x, course.y, course.direction(0.0)), finish, (backward[0], backward[-1]))
+    bend.plot(ends, course.curvatures, "o", color="black", markersize=4)
     bend.set(xlabel="length along the course (m)", ylabel="curvature, positive to the left (1/m)")
     bend.grid(alpha=0.3)
     figure.suptitle(title, fontsize=11)

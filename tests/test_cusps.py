@@ -1,5 +1,6 @@
 """Courses with cusps: the curve and the tracker in C, and runs of a car and of trailers, against paths integrated here."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -7,9 +8,13 @@ from pathlib import Path
 import noslip
 import numpy as np
 import pytest
+from noslip.cli.main import main
 from noslip.controllers.runtime import runtime
+from noslip.planning import reeds_shepp
 from noslip.planning.course import SmoothCurve
 from noslip.planning.course_tracker import CourseOptions, CourseTracker
+from noslip.planning.points import read_reference
+from noslip.planning.ramps import with_ramps
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import read_spec, spec_of
@@ -312,3 +317,40 @@ def test_what_a_spec_refuses(name):
         text = text.replace("deceleration = 0.3\ncreep = 0.005\n", "position = [0.0, 0.0]\n")
     with pytest.raises(BadInput, match=says):
         simulate(spec_of(text, "spec"))
+
+
+def test_planned_paths_become_courses():
+    """Reeds and Shepp's between random poses, with ramps: driven here they end at the goal, and turn no more sharply."""
+    random, made, cusps = np.random.default_rng(7), 0, 0
+    for _ in range(20):
+        goal = *random.uniform(-6.0, 6.0, 2), random.uniform(-3.0, 3.0)
+        try:
+            curve = with_ramps(reeds_shepp((0.5, -0.2, 0.4), goal, 2.0), 0.2, 0.7)
+        except BadInput as error:
+            assert "ramps of 0.2 m" in str(error)
+            continue
+        _, place, heading = driven(curve, 2)
+        assert abs(place[-1] - complex(*goal[:2])) < 1e-8 and abs(np.exp(1j * (heading[-1] - goal[2])) - 1.0) < 1e-8
+        assert (curve.x, curve.y, curve.heading, curve.speed) == pytest.approx((0.5, -0.2, 0.4, 0.7), abs=1e-12)
+        assert curve.curvatures[0] == curve.curvatures[-1] == 0.0 and np.abs(curve.curvatures).max() < 0.5 + 1e-12
+        made, cusps = made + 1, cusps + curve.cusps
+    assert made >= 8 and cusps >= 8
+
+
+def test_the_command_writes_such_a_course(tmp_path, capsys):
+    out, picture = tmp_path / "course.json", tmp_path / "course.png"
+    command = ["plan", "reeds-shepp", "--from", "0", "0", "0", "--to", "0", "2", "180", "--degrees", "--radius", "3"]
+    assert main([*command, "--course", "0.5", "--speed", "0.4", "--json", "-o", str(out), "--plot", str(picture)]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["cusps"] == 2 and said["parts"] == 9 and picture.read_bytes().startswith(b"\x89PNG")
+    read = read_reference(out)["course"]
+    assert read["speed"] == 0.4 and [length < 0.0 for length in read["lengths"]] == [False] * 3 + [True] * 3 + [False] * 3
+    for more, says in (
+        (["--course", "5"], "ramps of 5 m"),
+        (["--course", "-1"], "ramp = -1 m is not positive"),
+        (["--course", "0.5", "--c"], "--c prints lines and arcs"),
+        (["--speed", "1"], "--speed requires --course"),
+    ):
+        assert main([*command, *more]) == 2
+        refusal = capsys.readouterr().err.strip()
+        assert says in refusal and refusal.count("\n") == 0
