@@ -260,7 +260,7 @@ def draw_contact(run: Run) -> Figure:
     found = grip(run)
     if not found.contacts:
         raise BadInput(
-            f"--contact: {found.unknown}; it is for robots that stay level, on contacts: contact(name, mass, along, across)"
+            f"--contact: {found.unknown}; the figure is for robots that stay level, with contact(name, mass, along, across)"
         )
     shown = [contact for contact in found.contacts if not contact.support]
     coloured = list(zip(shown, itertools.cycle((POINT, VEHICLE, AXLE, SECOND)), strict=False))

@@ -626,6 +626,12 @@ LEANING = {
 }
 
 
+def test_figures_and_files_are_of_robots_that_stay_level(bad_input, tmp_path):
+    argv = ["simulate", "balancer", "-o", str(tmp_path / "run.csv"), "--set", "simulation.duration=0.1", "--set", "push=[]"]
+    assert "scenes are for robots that stand by themselves" in bad_input([*argv, "--write-scene", str(tmp_path / "x.xml")])
+    assert "it rises and falls as it leans" in bad_input([*argv, "--contact", str(tmp_path / "x.png")])
+
+
 @pytest.mark.parametrize("changed", LEANING)
 def test_what_a_body_that_leans_does_not_have(changed, bad_input, tmp_path):
     argv = ["simulate", "balancer", "-o", str(tmp_path / "run.csv"), "--engine", "mujoco", "--set", changed]
