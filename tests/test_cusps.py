@@ -9,8 +9,9 @@ import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
-from noslip.controllers.runtime import runtime
-from noslip.planning import reeds_shepp
+from noslip.controllers.build import RUNTIME
+from noslip.controllers.runtime import SOURCE, Runtime, load, runtime
+from noslip.planning import course_tracker, reeds_shepp
 from noslip.planning.course import SmoothCurve
 from noslip.planning.course_tracker import CourseOptions, CourseTracker
 from noslip.planning.points import read_reference
@@ -354,3 +355,26 @@ def test_the_command_writes_such_a_course(tmp_path, capsys):
         assert main([*command, *more]) == 2
         refusal = capsys.readouterr().err.strip()
         assert says in refusal and refusal.count("\n") == 0
+
+
+DEFECTS = {  # what is changed in the C, in double
+    "no turn at a cusp": ("(double)(own->backward ? NOSLIP_COURSE_BACK : -NOSLIP_COURSE_BACK)", "0.0"),
+    "a curvature without its sign": ("own->backward ? -curvature[k] : curvature[k]", "curvature[k]"),
+    "does not wait": ("noslip_abs(forward_speed) <= self->options.creep", "noslip_abs(forward_speed) < 1e9"),
+    "forward in reverse": ("own.speed = own.backward ? -top : top;", "own.speed = top;"),
+    "does not stop": ("now->stopped = now->stopped ||", "now->stopped = 0 &&"),
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.nightly) if n != "does not wait" else n for n in DEFECTS])
+def test_a_planted_defect_is_found(name, monkeypatch):
+    """By the walk along the course: it is given the changed C."""
+    old, new = DEFECTS[name]
+    text = (RUNTIME / "noslip_course.h").read_text()
+    assert old in text
+    planted = Runtime.__new__(Runtime)
+    planted.ffi = runtime("noslip_course.h").ffi
+    planted.lib = load(planted.ffi, {"library.c": SOURCE.replace('#include "{header}"\n', "") + text.replace(old, new, 1)})
+    monkeypatch.setattr(course_tracker, "runtime", lambda header: planted)
+    with pytest.raises((AssertionError, BadInput)):
+        test_a_vehicle_on_the_course("double", 1e-9)
