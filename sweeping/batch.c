@@ -1514,6 +1514,10 @@ static void hand_back(team *self, int lane)
     if (run->made) { /* the law has been initialized */
 #if BATCH_STEPS /* with the limits of the inputs */
         batch_put_law(&run->law, &group->believed[lane_of(self, lane)], self->kit->width);
+#if BATCH_CONTACTS
+        put(self, lane, &run->law.grip.weight, group->weight, 1);
+        put(self, lane, &run->law.grip.height, group->raised, 1);
+#endif
 #else
         batch_put_law(&run->believed, &group->believed[lane_of(self, lane)], self->kit->width);
 #endif
@@ -1578,7 +1582,7 @@ static void control_lanes(team *self, double t, double k, double end)
 {
     const int steps = BATCH_STEPS && k > 0;
     int i, unusual = 0;
-    if (steps && self->kit->step(self->lanes, t, slot(k)) && !self->unusual) {
+    if (steps && self->kit->step(self->lanes, t, slot(k), self->run->settings->on_limit == NOSLIP_GRIP) && !self->unusual) {
         return;
     }
     for (i = 0; i < self->count; i++) {

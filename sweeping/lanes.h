@@ -59,6 +59,7 @@ typedef struct lanes_group {
     double effort[LANES_MOST * BATCH_INPUTS];
     double band[LANES_MOST * BATCH_ROWS];
     double mu[LANES_MOST], share[LANES_MOST], height[LANES_MOST], use[LANES_MOST]; /* of the floor, and its largest use */
+    double weight[LANES_MOST], raised[LANES_MOST];     /* of the floor as the law knows it, see noslip_grip */
     double going[LANES_MOST];                          /* 1: the run has not ended */
     double fine[LANES_MOST];                           /* 1: the lane has what was asked for; 0: the scalar code must compute it */
     int turned;                                        /* 1: sine and cosine are those of x */
@@ -77,8 +78,8 @@ typedef struct lanes_kit {
      * the largest difference to the error. Lanes that are not fine stay where they are; those of runs that have ended need not. */
     int (*hold)(lanes_group *groups, int call, double duration, int method, int count, double weight);
     /* Where nothing else belongs to the loop: the inputs by the law, the outcomes at an output time, and those of inputs that act;
-     * `grounded`: the floor of a run is known. */
-    int (*step)(lanes_group *groups, double t, int call);
+     * `gripped`: the inputs are limited by friction; `grounded`: the floor of a run is known. */
+    int (*step)(lanes_group *groups, double t, int call, int gripped);
     int (*look)(lanes_group *groups, double t, int call, int grounded);
     void (*push)(lanes_group *groups, int call);
 } lanes_kit;

@@ -116,18 +116,24 @@ def test_samples_with_other_times_wait_for_each_other():
 
 
 @pytest.mark.parametrize(
-    "right, wrong",
-    [("force_2;", "(-force_2);"), ("fine &= noslip_within_lanes", "(void)noslip_within_lanes"), ("h[1] = ", "h[1] = -")],
+    "kind, right, wrong",
+    [
+        ("limited", "force_2;", "(-force_2);"),
+        ("limited", "fine &= noslip_within_lanes", "(void)noslip_within_lanes"),
+        ("limited", "h[1] = ", "h[1] = -"),
+        ("grip", "ground[3] = ", "ground[3] = LANES(2.0) * "),
+    ],
+    ids=["dynamics", "limit", "output", "load"],
 )
-def test_another_operation_is_found(right, wrong, monkeypatch):
-    """A sign in the dynamics, a limit that is not tested, a sign in the outputs."""
+def test_another_operation_is_found(kind, right, wrong, monkeypatch):
+    """A sign in the dynamics, a limit that is not tested, a sign in the outputs, twice the load of a wheel."""
     files = program.Vectors.files
     monkeypatch.setattr(
         program.Vectors, "files", lambda self: {name: text.replace(right, wrong) for name, text in files(self).items()}
     )
     program.program.cache_clear()
     try:
-        with pytest.raises(AssertionError, match="'limited'"):
-            test_bits_are_those_of_single_runs("limited")
+        with pytest.raises(AssertionError, match=f"'{kind}'"):
+            test_bits_are_those_of_single_runs(kind)
     finally:
         program.program.cache_clear()

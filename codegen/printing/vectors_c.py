@@ -139,13 +139,8 @@ class _LawText(_Text, LawC):
 
     def _in_arrays(self, condition: str) -> str:
         """Return a condition of the inputs with their limits, which follow the constants."""
-        limit = rf"self->{self.bounds}\[(\d+)\]"
+        limit = r"self->(?:clear|limit)\[(\d+)\]"  # beyond `clear` nothing but the friction of the floor is left to check
         return re.sub(limit, lambda k: f"self[{len(self.program.constants) + int(k[1])}]", condition).replace("made[", "tau[")
-
-    @property
-    def bounds(self) -> str:
-        """The array of the law up to which a step leaves its inputs as they are."""
-        return "clear" if self.grips else "limit"
 
 
 class _Statements(Statements):
@@ -174,7 +169,7 @@ def _text(text: _Text, wanted: list[str]) -> VectorText | None:
     state = [node for node in nodes if isinstance(node, Leaf) and node.group is Group.STATE]
     puts = [f"constants[{k} * width] = one->{field};" for k, field in enumerate(text.program.constants.values())]
     if isinstance(text, _LawText):
-        puts += [f"constants[{len(puts) + k} * width] = one->{text.bounds}[{k}];" for k in range(text.inputs)]
+        puts += [f"constants[{len(puts) + k} * width] = one->limit[{k}];" for k in range(text.inputs)]
     turns = [angle for angle in angles(nodes) if isinstance(angle, Leaf)]
     places = [sorted(names.index(node.name) for node in some if isinstance(node, Leaf)) for some in (state, turns)]
     functions = [text.function_of(entry) for entry in entries]
