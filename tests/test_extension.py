@@ -761,7 +761,7 @@ def test_an_emulated_processor_computes_the_same_bits():
 COURSE = AXLE.replace("velocity = [0.6, 0.1]", "course = { speed = 0.5, lengths = [2.0], curvatures = [0.0, 0.1] }")
 REFUSED = {
     "course without its end": (COURSE.replace("[0.0, 0.1]", "[0.1]"), "1 lengths and 1 curvatures: give one curvature more"),
-    "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "lengths must be positive"),
+    "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "lengths must not be 0"),
     "course that waits, and a velocity": (
         COURSE.replace("0.1] }", '0.1], follow = "path" }, velocity = [0.1, 0.0]'),
         "velocity does not go with a course with follow",
