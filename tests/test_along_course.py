@@ -7,6 +7,7 @@ from pathlib import Path
 import noslip
 import numpy as np
 import pytest
+from noslip.analysis.answers import analyse
 from noslip.cli.main import main
 from noslip.controllers.backends import make_controller
 from noslip.planning.points import read_reference
@@ -225,6 +226,21 @@ def test_a_stop_is_regular_and_reverse_leads_back():
         assert status == "ok" and np.abs(tau).max() == 0.0
         status, tau = controller.step(still, np.array([0.0, 0.0, 0.0, 0.5]))
         assert status == "ok" and np.isfinite(tau).all() and np.abs(tau).max() > 0.0
+
+
+def test_the_analysis_of_a_law_along_the_way_is_short():
+    """det Phi is r^2 / (2 b cos^2) of the angle from the course to the heading, whatever the distance and the curvature; the
+    polynomials on the way take a hundredth of the terms at which an analysis ends."""
+    robot = find_robot("labmate")
+    form = analyse(robot, ["type_iv_course_arclength"]).outputs["type_iv_course_arclength"]
+    assert form.decoupling.functions.work < 200_000
+    draw = np.random.default_rng(4)
+    r, b = (next(p.default for p in robot.parameters if p.name == name) for name in ("r", "b"))
+    for _ in range(5):
+        values = {str(s): draw.uniform(0.2, 0.6) for s in form.decoupling.det_in_full.free_symbols} | {"r": r, "b": b}
+        expected = r**2 / (2 * b * np.cos(values["phi"] - values["direction"]) ** 2)
+        found = form.decoupling.det_in_full.subs({s: values[str(s)] for s in form.decoupling.det_in_full.free_symbols})
+        assert float(found) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.nightly

@@ -182,12 +182,14 @@ class Functions:
         return ratio[0].set_ring(self.ring), ratio[1].set_ring(self.ring)
 
     def _add(self, a: Ratio, b: Ratio) -> Ratio:
-        return self._cancel(self.normal(a[0] * b[1] + b[0] * a[1]), self.normal(a[1] * b[1]))
+        left, right = in_lowest_terms(a[1], b[1])  # over the least common denominator; products in normal form hide their factors
+        return self._cancel(self.normal(a[0] * right + b[0] * left), self.normal(a[1] * right))
 
     def _times(self, a: Ratio, b: Ratio) -> Ratio:
         return self._cancel(self.normal(a[0] * b[0]), self.normal(a[1] * b[1]))
 
     def _cancel(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
+        self.spend(len(numerator) * len(denominator))
         return in_lowest_terms(numerator, denominator)
 
     def _generator(self, expression: sp.Expr) -> int:

@@ -232,10 +232,17 @@ def normal_form(decoupling: Decoupling) -> NormalForm:
         return _partial_form(decoupling)
     degree = decoupling.linearization.relative_degree
     gradients = decoupling.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(decoupling.q))))
-    nu = sp.Matrix(decoupling.nu)
-    offset = {k: decoupling.lowest(rate - (decoupling.Phi.row(k) * nu)[0]) for k, rate in decoupling.rates.items()}
+    offset = {k: decoupling.lowest(_offset(decoupling, k, rate)) for k, rate in decoupling.rates.items()}
     moves = {s for expression in (*decoupling.Phi, *offset.values()) for s in expression.free_symbols} & set(decoupling.nu)
     return NormalForm(decoupling, _charts(decoupling, gradients), None if moves else offset)
+
+
+def _offset(decoupling: Decoupling, k: int, rate: sp.Expr) -> sp.Expr:
+    """Return rate - Phi_k nu, where Phi_k is the gradient of the rate by nu: its value at rest if Phi_k does not depend on nu."""
+    row = decoupling.Phi.row(k)
+    if row.has(*decoupling.nu):
+        return rate - (row * sp.Matrix(decoupling.nu))[0]
+    return rate.xreplace(dict.fromkeys(decoupling.nu, sp.Integer(0)))
 
 
 def _extended_form(decoupling: Decoupling) -> ExtendedForm:
