@@ -71,7 +71,7 @@ FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts a
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
 MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
-NOT_SPLIT = ("noslip_abs", *(f"noslip_course_{part}" for part in ("ends", "cusp_ok", "backward", "left")))  # by what they return
+COURSE_NOT_SPLIT = tuple(f"noslip_course_{part}" for part in ("ends", "cusp_ok", "backward", "left"))  # by what they return
 MOST_IN_FOLLOWER = {"labmate_follower_init": 2000, "init_drives": 20, "set_params": 20} | dict.fromkeys(
     ("init_encoders", "init_path", "init_laws", "init_law", "init_approach", "init_integrals", "set_wheels"), 0
 )
@@ -110,7 +110,8 @@ class AnalysedProgram:
         most = {"noslip_limit": 0, "noslip_abs": 0} | own
         most = {f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()} | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
-        kept = ",".join(f"{function}{suffix}:-1" for function in NOT_SPLIT)
+        not_split = ("noslip_abs", *(COURSE_NOT_SPLIT if self.source in ("course", "tracker") else ()))
+        kept = ",".join(f"{function}{suffix}:-1" for function in not_split)
         split = ["-eva-split-return", "full", "-eva-split-return-function", kept]
         levels = {"path": "100", "slip": "20", "course": "20", "tracker": "20", "telemetry": "300", "follower": "100"}
         level = levels.get(self.source, "2000")
