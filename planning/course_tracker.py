@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from ..codegen.printing.scalar import SCALARS
 from ..controllers.runtime import runtime
-from ..controllers.tracking import STOP
+from ..controllers.tracking import REVERSING, STOP
 from ..readers.errors import BadInput
 from .course import SmoothCurve
 
 HEADER = "noslip_course.h"
-REVERSING = ("refuse", "switch", "allow")  # as the C runtime's NOSLIP_REFUSE, NOSLIP_SWITCH and NOSLIP_ALLOW
 WRONG = {  # status of init -> what to change
     "bad_parameter": "a part turns too far, or a number is too large for it; make parts shorter",
     "unstable": "P_l is on the side of the axle on which the heading diverges from a piece; change L or L_backward",
@@ -90,7 +90,7 @@ class CourseTracker:
         numbers = {name: getattr(curve, name) for name in ("x", "y", "heading", "rounding")}
         given = self._c.new("noslip_course_options", scalar, numbers | arrays | {"count": count})
         room = 2 * count + 1  # NOSLIP_COURSE_ROOM
-        stretches = self._c.ffi.new(f"{self._c.ffi.typeof(self._c.new('noslip_stretch', scalar)).item.cname}[]", room)
+        stretches = self._c.ffi.new(f"{SCALARS[scalar].name('noslip_stretch')}[]", room)
         self._course, self._self = self._c.new("noslip_course", scalar), self._c.new("noslip_course_tracker", scalar)
         self._kept = arrays, stretches  # the C refers to them
         self._check(self._call("noslip_course_init", self._course, stretches, room, given))
@@ -134,5 +134,5 @@ class CourseTracker:
 
 
 KIND = "noslip_course_tracker"
-CHOICES = {"reversing": REVERSING, "stop": STOP}
+CHOICES = {"reversing": (*REVERSING, "allow"), "stop": STOP}  # "allow" as the C runtime's NOSLIP_ALLOW
 FIELDS = tuple(name for name in CourseGuide.__dataclass_fields__ if name != "status")
