@@ -4,11 +4,13 @@
 # make nightly make test, then all that takes longer: all builds of the bit digest, all targets in QEMU, all figures, the long
 #              random tests, the tests that tests/nightly.py names, and whether small changes of the sources are found
 # make types   the types of every room, by mypy
-# make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
+# make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html;
+#              with ALL=--all also those of other robots and of the floor in a physics engine, which take minutes
 # make films   a page for each robot with a film of its run, and for some of the figures: build/films/car.html
 # make site    the pages to read, with search, for a browser and no network: build/site/index.html
 # make playground   a page with a robot to drag: the generated C as WebAssembly, with clang: build/playground/index.html
-# make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
+# make bench   instruction counts, sizes and rates beside peers; with ALL=--all also sweeps and long chains
+# make bits    the same bits on every target there is
 # make firmware the images of every target whose tools are here, into build/firmware
 # make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
 # make guarantees   what holds of the C and what shows it, checked; see guarantees/README.md
@@ -86,10 +88,10 @@ simulate: $(RUNS:%=build/%.txt)
 build/%.txt: specs/%.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
 	$(NOSLIP) simulate $< -o build/$*.csv --plot build/$*.png > $@ || (cat $@; false)
 
-figures: build/figures.stamp
+figures: build/figures$(ALL).stamp
 
-build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard specs/figures/*.toml)
-	$(NOSLIP) figures -o build/figures
+build/figures$(ALL).stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard specs/figures/*.toml)
+	$(NOSLIP) figures $(ALL) -o build/figures
 	@touch $@
 
 # A page with a film for the SPEC of each robot, and for some of the figures.
@@ -137,11 +139,11 @@ nightly: test $(READY_SITE)
 	$(PYTEST) -m nightly
 	$(MAKE) --no-print-directory bits
 	$(MAKE) --no-print-directory firmware-test
-	$(MAKE) --no-print-directory figures
+	$(MAKE) --no-print-directory figures ALL=--all
 	$(VENV)/bin/python -m noslip.tests.mutation
 
 bench: $(READY_DEV)
-	$(VENV)/bin/python bench/run.py
+	$(VENV)/bin/python bench/run.py $(ALL)
 
 bits: $(READY_DEV)
 	$(VENV)/bin/python tests/test_bits.py

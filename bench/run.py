@@ -37,7 +37,9 @@ def main() -> int:
     parser.add_argument(
         "-o", dest="out", metavar="DIR", default="build", help="where bench.json and bench.png go (default: build)"
     )
-    parser.add_argument("--quick", action="store_true", help="only ours and the hand-written laws; write nothing but the tables")
+    much = parser.add_mutually_exclusive_group()
+    much.add_argument("--quick", action="store_true", help="only ours and the hand-written laws; write nothing but the tables")
+    much.add_argument("--all", action="store_true", help="also generation without a cache, sweeps, and robots of many trailers")
     args = parser.parse_args()
     out = Path(args.out)
     work = (out / "bench").resolve()
@@ -78,11 +80,12 @@ def main() -> int:
         return 0
 
     result["simulation"] = rates.simulation(laws[0], given[0].fixed, shared, work) if result["laws"] else {}
-    result["generation"] = rates.generation()
+    result["generation"] = rates.generation(cold=args.all)
     print(_rates(result))
-    result["sweep"] = batch.measure()
-    print(batch.table(result["sweep"]))
-    if not Target(work).missing:
+    if args.all:
+        result["sweep"] = batch.measure()
+        print(batch.table(result["sweep"]))
+    if args.all and not Target(work).missing:
         result["growth"] = growth.growth(work / "growth")
         print(growth.table(result["growth"]))
         chart.draw_growth(result["growth"], out / "growth.png")
@@ -190,8 +193,9 @@ def _aligned(rows: list[list[str]]) -> str:
 
 def _rates(result: dict) -> str:
     generated = f"generation of all laws, both scalars, from process start: {result['generation']['seconds']} s\n"
-    cold = ", ".join(f"{robot} {seconds}" for robot, seconds in result["generation"]["cold_processor_seconds"].items())
-    generated += f"without a cache, processor seconds: {cold}\n"
+    if found := result["generation"].get("cold_processor_seconds"):
+        cold = ", ".join(f"{robot} {seconds}" for robot, seconds in found.items())
+        generated += f"without a cache, processor seconds: {cold}\n"
     simulated = dict(result["simulation"])
     if not simulated:
         return generated

@@ -27,7 +27,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         epilog=EXAMPLE,
     )
     parser.add_argument("-o", dest="out", metavar="DIR", default="figures", help="output folder (default: figures)")
-    parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="draw these figures only: 1, 6, 8a, sampled, ...")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--only", nargs="+", metavar="NAME", default=[], help="draw these figures only: 1, 6, 8a, sampled, ...")
+    which.add_argument(
+        "--all",
+        action="store_true",
+        help="also a figure of each other robot, and those of the floor in a physics engine, which take minutes",
+    )
     parser.add_argument(
         "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="number of processes (default: number of cores)"
     )
@@ -42,8 +48,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.jobs < 1:
         raise BadInput(f"--jobs {args.jobs} must be 1 or more")
-    figures = chosen(args.only)
-    if not args.only and (missing := left_out()):
+    figures = chosen(args.only, args.all)
+    if args.all and (missing := left_out()):
         print(f"left out, for want of a physics engine: {', '.join(missing)}; pip install 'noslip[physics]'", file=sys.stderr)
     done: list[Made] = []
 

@@ -40,10 +40,11 @@ FIGURES: tuple[Figure, ...] = (
     *robots.FIGURES,
     *floor.FIGURES,
 )
+LONG = (*robots.FIGURES, *floor.FIGURES)  # they take minutes
 
 
-def chosen(names: Sequence[str]) -> list[Figure]:
-    """The figures named, all that can be made when none is, in the order of the report.
+def chosen(names: Sequence[str], every: bool = False) -> list[Figure]:
+    """The figures named; when none is, the short ones, or `every` one that can be made. In the order of the report.
 
     Raises BadInput for an unknown name, and for one that `left_out` has.
     """
@@ -54,7 +55,9 @@ def chosen(names: Sequence[str]) -> list[Figure]:
     missing = left_out()
     for name in sorted({*names} & {*missing}):
         raise BadInput(f"--only: figure {name!r} is made in a physics engine; pip install 'noslip[physics]'")
-    return [figure for figure in FIGURES if (figure.name in names if names else figure.name not in missing)]
+    if names:
+        return [figure for figure in FIGURES if figure.name in names]
+    return [figure for figure in FIGURES if figure.name not in missing and (every or figure not in LONG)]
 
 
 def left_out() -> list[str]:

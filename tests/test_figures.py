@@ -468,6 +468,7 @@ def test_a_case_that_cannot_be_run_leaves_nothing(catalogued, tmp_path, bad_inpu
         (["--only", "6", "8"], "unknown figure '8'"),
         (["--jobs", "0"], "must be 1 or more"),
         (["--jobs", "many"], "see noslip"),
+        (["--all", "--only", "6"], "not allowed with"),
     ],
 )
 def test_wrong_options(argv, said, bad_input, tmp_path):

@@ -122,7 +122,7 @@ def gallery_page(folder: Path) -> str:
     parts += ["[The report](figures/report.html) has the same in one file to send, and what else was measured."]
     drawn = [figure for figure in FIGURES if (folder / f"figure_{figure.name}.svg").exists()]
     if len(drawn) < len(FIGURES):
-        parts += ["`make figures` draws the others, `make site` then shows them here."]
+        parts += ["`make figures ALL=--all` draws the others, `make site` then shows them here."]
     for figure in drawn:
         parts += [f"## {figure.title}\n\n{figure.paper}\n\n![{figure.title}](figures/figure_{figure.name}.svg)"]
         parts += _claims(report, figure.name)
