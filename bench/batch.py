@@ -4,7 +4,7 @@ vectors, by a second thread and by workers on this machine.
 The LABMATE on the line of specs/line.toml, 10 s, the controller called at 100 Hz and its torque held. SciPy integrates the plant
 in NumPy from call to call and is given the compiled law; CasADi runs all calls as one function, cvodes from call to call. Of
 each the loosest tolerance counts that meets the accuracy; of the loops of loops.py, which do not estimate their error, the fewest
-steps. Times are those of the processor, not of the clock, but for threads and workers.
+steps. Times are those of the processor, not of the clock, except those of threads and workers.
 Adds "sweep" to bench.json.
 """
 
@@ -14,7 +14,6 @@ import os
 import resource
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,7 +92,7 @@ def measure() -> dict:
         if (one := Batch(spec, vectors=size)).vectors == name
     }
     result["workers"] = _workers()
-    result["threads"] = _threads(batch, samples)
+    result["threads"] = _threads(batch)
     result["growth"] = {str(n): round(n / _least(lambda n=n: batch.run(batch.table({}, n))), 1) for n in GROWTH}
     result["peak_memory_MB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     return result
@@ -117,8 +116,8 @@ def table(result: dict) -> str:
     lines.append(f"  one worker takes {clock['1'] / clock['none']:.2f} times as long as a thread without Dask")
     threads = result["threads"]
     lines.append(
-        f"  2 threads: {threads['clock']:.2f} times 1 by the clock, {threads['processor']:.2f} by processor time; "
-        f"other work took {threads['load']:.1f} of {os.cpu_count()} cores (wanted {WANTED['threads']:g})"
+        f"  2 threads: {threads['1'] / threads['2']:.2f} times 1 by the clock (wanted {WANTED['threads']:g}); before, other work "
+        f"took {threads['load']:.1f} of {os.cpu_count()} cores"
     )
     lines.append("  runs/s of N samples: " + ", ".join(f"{n}: {rate:.0f}" for n, rate in result["growth"].items()))
     return "\n".join(lines)
@@ -158,21 +157,17 @@ def _workers() -> dict[str, float]:
     return found
 
 
-def _threads(batch: Batch, samples: np.ndarray) -> dict[str, float]:
-    """Return the speed-up by two threads, by the clock and by processor time, as on an otherwise idle machine."""
-    halves = np.array_split(samples, 2)
-    with ThreadPoolExecutor(2) as pool:
-        clock, processor = [], []
-        for work in (lambda: list(pool.map(batch.run, [samples])), lambda: list(pool.map(batch.run, halves))):
-            work()
-            begin = time.perf_counter()
-            processor.append(_least(work))
-            clock.append((time.perf_counter() - begin) / REPEATS)
-    return {
-        "clock": round(clock[0] / clock[1], 2),
-        "processor": round(2 * processor[0] / processor[1], 2),
-        "load": round(os.getloadavg()[0], 1),
-    }
+def _threads(batch: Batch) -> dict[str, float]:
+    """Return seconds by the clock of SWEPT samples in parts, by the number of threads; `load`: of the processors, before."""
+    load = os.getloadavg()[0]
+    parts = [(k, batch.table({}, PART)) for k in range(SWEPT // PART)]
+
+    def seconds(count: int) -> float:
+        begin = time.perf_counter()
+        list(Threads(batch, count).results(parts))
+        return time.perf_counter() - begin
+
+    return {str(n): round(min(seconds(n) for _ in range(REPEATS)), 3) for n in (1, 2)} | {"load": round(load, 1)}
 
 
 def _least(action: Callable[[], object]) -> float:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -463,11 +463,17 @@ class CompiledTracker:
     def _answer(self, name: str, *seen: float) -> Guide:
         with self._lock:
             status, foot = self._call(name, *seen, self._guide), self._guide.foot
-            found = {field: getattr(self._guide, field) for field in self._fields}
+            found = guide_values(self._guide, self._fields, self._largest)
             at_foot = {"distance": foot.distance, "cosine": foot.cosine, "sine": foot.sine, "foot_curvature": foot.curvature}
-        flags = {field: bool(found[field]) for field in ("backward", "changed", "waiting", "arrived")}
-        endless = {field: math.inf for field in ("left", "remaining") if found[field] >= self._largest}
-        return Guide(status, **(found | flags | at_foot | endless))
+        return Guide(status, **(found | at_foot))
+
+
+def guide_values(guide: Any, fields: Iterable[str], largest: float) -> dict[str, Any]:
+    """Return fields of a guide of the C: flags as truth values, endless lengths, which are at least `largest`, as infinite."""
+    found = {field: getattr(guide, field) for field in fields}
+    flags = {field: bool(found[field]) for field in ("backward", "changed", "waiting", "arrived")}
+    endless = {field: math.inf for field in ("left", "remaining") if field in found and found[field] >= largest}
+    return found | flags | endless
 
 
 def _index(names: Sequence[str], name: str) -> int:

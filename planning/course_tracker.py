@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from threading import Lock
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from ..codegen.printing.scalar import SCALARS
 from ..controllers.runtime import runtime
-from ..controllers.tracking import REVERSING, STOP
+from ..controllers.tracking import REVERSING, STOP, guide_values
 from ..readers.errors import BadInput
 from .course import SmoothCurve
 
@@ -118,10 +117,8 @@ class CourseTracker:
         status = self._call(name, self._self, *seen, self._guide)
         if status not in ("ok", "arrived"):
             return CourseGuide(status)
-        found: dict[str, Any] = {field: getattr(self._guide, field) for field in FIELDS}
-        flags = {field: bool(found[field]) for field in ("backward", "changed", "waiting", "arrived")}
-        endless = {"left": math.inf} if found["left"] >= self._largest else {}
-        return CourseGuide(status, **(found | flags | endless | {"curvature": tuple(found["curvature"])}))
+        found = guide_values(self._guide, FIELDS, self._largest)
+        return CourseGuide(status, **(found | {"curvature": tuple(found["curvature"])}))
 
     def _call(self, name: str, *arguments: Any) -> str:
         whole = name if name.startswith("noslip") else f"noslip_course_{name}"
