@@ -559,6 +559,7 @@ def start(tmp_path):
     return start
 
 
+@pytest.mark.nightly
 def test_starts_on_the_command_line(start, capsys, bad_input):
     safe, wide, sampled = start("safe.toml"), start("wide.toml", 5.0), start("sampled.toml", period=0.01)
     starts = ask(["labmate", "--output", "type_i", "--start", safe, "--start", sampled], capsys)["starts"]

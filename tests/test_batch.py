@@ -191,6 +191,7 @@ def test_friction_is_that_of_simulate(kind):
     assert ("will_slip" in batch.outcomes) == (kind != "slips") and "use" not in made("line")[0].outcomes
 
 
+@pytest.mark.nightly
 def test_the_friction_of_a_robot_on_a_castor():
     """A castor bears load, but has no friction of its own."""
     made = read_spec(SPECS / "robots/turtlebot3_burger.toml")

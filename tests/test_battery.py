@@ -409,6 +409,7 @@ def test_random_states_keep_away_from_the_poles_of_S():
 EXPORTED = {"car": "type_iv_circle", "tractor_trailer": "type_iv_line", "ball_plate": "ball"}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("target", ["generic", "cortex-m4f"])
 @pytest.mark.parametrize("robot", EXPORTED)
 def test_an_exported_project_passes_its_own_test(robot, target, tmp_path, monkeypatch):

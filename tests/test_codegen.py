@@ -310,6 +310,7 @@ def test_a_target_has_what_costs_least_there(target):
     assert target != "rv32" or of_step[0] < of_step[1]
 
 
+@pytest.mark.nightly
 def test_explain_shows_the_order_of_the_target():
     """The rows are the passes of the step in the order that it has on RV32, another than the usual one."""
     law, usual = laws()["type_iv_line"], ", ".join(name for name, _ in PASSES)

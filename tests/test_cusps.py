@@ -232,6 +232,7 @@ ON_AXLE = '[output]\ntype = "IV"\nL = -0.3\narclength = true\npath = { kind = "c
 BESIDE = '[output]\ntype = "IV"\nL = 0.0\nreversing = "switch"\npath = { kind = "course", stop = "axle" }'
 
 
+@pytest.mark.nightly
 def test_the_middle_of_the_axle_through_a_cusp():
     """From 5 cm beside the course, at rest: (d/ds + 1)^2 e = 0 in the way s of each piece. At the cusp left and right change, and
     an error that was on its way back leads away at first; that the law takes it over while the vehicle creeps costs 0.05 mm.
@@ -251,6 +252,7 @@ def test_the_middle_of_the_axle_through_a_cusp():
     assert float(csv[-1].split(",")[-2]) == run.distance[-1]
 
 
+@pytest.mark.nightly
 def test_a_point_off_the_axle_changes_sides():
     """P_l 0.3 m ahead of the axle, behind it in reverse: the distance has the poles -0.5 and -2 1/s, also at a standstill."""
     run = simulate(spec_of(SPEC.replace("OUTPUT", BESIDE), "spec"))

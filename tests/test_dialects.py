@@ -169,6 +169,7 @@ each_level = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("standard", (*C, *CPP))
 @each_cpu
 @each_level

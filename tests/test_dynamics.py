@@ -290,6 +290,7 @@ def operations(trailers: int) -> int:
     return sum(counted.values())
 
 
+@pytest.mark.nightly
 def test_the_cost_grows_linearly():
     """The same operations for every trailer more, sine and cosine of one angle among them."""
     counted = [operations(trailers) for trailers in (2, 3, 5, 9)]

@@ -205,6 +205,7 @@ def test_the_compiler_is_tried_with_the_status_alone():
     assert build.shared_library({}).is_file()
 
 
+@pytest.mark.nightly
 def test_pictures_of_others_are_not_overwritten(sweep, tmp_path, capsys):
     """A second time over noslip's own is no error."""
     command, folder = [*sweep, "--figures", str(tmp_path / "f")], tmp_path / "f"

@@ -64,6 +64,7 @@ def slid(run):
     return dataclasses.replace(run.floor, slip=run.floor.slip + 0.02)
 
 
+@pytest.mark.nightly
 def test_runs_on_a_floor_in_the_report(runs):
     """They have no column of what only rolling has, and no claims of every run."""
     there = {label: run for label, run in runs.items() if run.floor}

@@ -87,6 +87,7 @@ def test_followers_are_there_for_two_wheels():
     assert not has_follower(law_of(system_of(find_robot("labmate")), "type_i"))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("scalar", SCALARS)
 @pytest.mark.parametrize("robot", ["turtlebot3_burger", "car", "forklift"])
 def test_follower_of_another_robot_compiles(tmp_path, robot, scalar):

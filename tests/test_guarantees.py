@@ -445,6 +445,7 @@ SEEDED_FIND = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("wrong", SEEDED_FIND)
 def test_seeded_numbers_find(wrong, tmp_path):
     change, message = SEEDED_FIND[wrong]

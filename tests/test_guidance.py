@@ -294,6 +294,7 @@ def test_a_start_is_judged_as_stated(speed, offset, kind, time):
     assert time is None or abs(run.t[-1] - verdict.t) < 1e-4
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("heading", np.radians([-90, -40, -20, 0, 60, 90, 120, 150, 156, 180]))
 def test_starts_on_the_circle_are_judged_as_they_run(heading):
     spec = changed(CIRCLE, initial={"heading": float(heading)}, simulation={"duration": 6.0, "output_step": 0.05})
@@ -312,6 +313,7 @@ LOOPS = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("loop", LOOPS)
 def test_a_start_is_judged_in_the_loop_that_is_run(loop):
     assert certify(make_loop(LOOPS[loop]), LOOPS[loop]).kind == "safe"

@@ -610,6 +610,7 @@ def test_the_eigenvalues_drawn_over_the_period_are_those_of_the_loop_asked_for(d
     assert np.abs(np.sort_complex(own) - np.sort_complex(report.motion.eigenvalues(periods[-1], delay))).max() < 1e-9
 
 
+@pytest.mark.nightly
 def test_a_law_that_is_singular_everywhere_offers_what_there_is(capsys):
     """An extension helps the labmate; the bus, whose axles both steer, has none."""
     for robot, L, offered in (("labmate", "-0.3", True), ("bus", "0", False)):
@@ -618,6 +619,7 @@ def test_a_law_that_is_singular_everywhere_offers_what_there_is(capsys):
         assert "--L" in line and ("extension = true" in line) == offered
 
 
+@pytest.mark.nightly
 def test_command_text_and_figures(capsys, tmp_path):
     folder = tmp_path / "figures"
     assert main(["outer-loop", "labmate", "--output", "type_iv_line", "--period", "0.05", "--figures", str(folder)]) == 0

@@ -305,6 +305,7 @@ def test_the_zero_dynamics_of_each_output_are_those_of_its_equation():
     assert of_outputs(analyse_at_rest(find_robot("roller_racer")), law("roller_racer", "speeds").linearization).modes is None
 
 
+@pytest.mark.nightly
 def test_analyse_and_simulate_say_it():
     answer = analyse(find_robot("balancer"))
     outputs, text = as_json(answer)["outputs"], " ".join(as_text(answer).split())

@@ -190,6 +190,7 @@ def cmake(*arguments: str | Path) -> None:
     subprocess.run(["cmake", *map(str, arguments)], check=True, capture_output=True, timeout=120)
 
 
+@pytest.mark.nightly
 def test_cmake_runs_the_selftest_where_it_belongs(project, tmp_path):
     """`ctest` runs an image in the emulator, and finds a wrong bit."""
     need("cmake")

@@ -422,6 +422,7 @@ def balancer():
 '''
 
 
+@pytest.mark.nightly
 def test_an_underactuated_robot_is_refused_with_what_would_help(tmp_path, bad_input, capsys):
     file = tmp_path / "balancer.py"
     file.write_text(BALANCER)

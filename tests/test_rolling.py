@@ -641,6 +641,7 @@ def test_sizes_that_overlap_are_refused_at_the_defaults():
     assert robot.A.shape == (3, 5)
 
 
+@pytest.mark.nightly
 def test_numbers_that_are_rounded_never_decide():
     """0.1 is rounded: two ways to write one sphere are not said to be two spheres; A and S keep the number as it is written."""
     for pair in ((sphere(0.1), sphere(0.1)), (sphere(0.1), stereographic(0.1)), (cylinder(0.3), rounded_cone)):

@@ -257,6 +257,7 @@ def test_nothing_is_said_of_what_has_no_shape():
     assert "driving straight" not in as_text(answer) and "stable if and only if L*V > 0" in " ".join(as_text(answer).split())
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["four_wheel", "tractor_trailer:3"])
 def test_what_follows_the_vehicle_is_enclosed_too(name):
     robot = find_robot(name)

@@ -142,6 +142,7 @@ def test_what_the_controller_believes_is_true_unless_said_otherwise():
     assert np.ptp(rows[:, inputs.index("plant.m_c")]) > 1
 
 
+@pytest.mark.nightly
 def test_the_documents_example_is_a_sweep():
     """docs/sweep.md, of a SPEC with sensors."""
     block = re.search(r"```toml\n(.*?)```", (ROOT / "docs/sweep.md").read_text(), re.DOTALL)[1]

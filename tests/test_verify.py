@@ -202,6 +202,7 @@ def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, not_comp
     assert capsys.readouterr().err.count("compared again") == 4  # the batch law with its law
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("wrong", [False, True])
 def test_processes_give_what_one_gives(wrong, tmp_path, monkeypatch, capsys, afresh):
     """Two laws derived and compared by one process and by two: the same files, or the same difference."""
