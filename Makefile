@@ -36,7 +36,8 @@ include firmware/targets.mk # standard: the flags with which all targets compute
 .PHONY: all setup generate check-generated check simulate figures films site playground lint types quick test suite nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
-all: check simulate
+all: generate
+	@$(MAKE) --no-print-directory -j2 check simulate
 	@cat build/check.txt $(RUNS:%=build/%.txt)
 	@echo
 	@echo "pictures: $(RUNS:%=build/%.png)"
