@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -241,8 +242,8 @@ def _random_table(tables: dict[str, dict[str, dict[str, ErrorSummary]]], backend
 
 
 def deviation_of(value: np.ndarray, expected: np.ndarray, where: str) -> Deviation:
-    difference = float(np.max(np.abs(value - expected), initial=0.0))
-    return Deviation(difference if np.isfinite(difference) else float("inf"), float(np.max(np.abs(expected), initial=0.0)), where)
+    difference, size = (float(np.abs(of).max(initial=0.0)) for of in (value - expected, expected))
+    return Deviation(difference if math.isfinite(difference) else math.inf, size, where)
 
 
 def deviations_of(values: np.ndarray, expected: np.ndarray) -> list[Deviation]:

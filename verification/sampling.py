@@ -116,10 +116,12 @@ class _Regular:
         self._direct = Direct(self._function)
         ranges = [_range(system, quantity) for quantity in system.mechanism.coordinates]
         some = np.random.default_rng(0).uniform(-1, 1, (TYPICAL, len(ranges))) * ranges
-        rates, reached = zip(*((_rates(S), _reached(SE)) for S, _, SE in map(self._at, some)), strict=True)
-        typical = np.median(rates, axis=0)
+        S, _, SE = (
+            value.full().reshape(value.size1(), TYPICAL, -1).swapaxes(0, 1) for value in self._function(some.T, self._params)
+        )
+        typical = np.median(_rates(S), axis=0)
         self._largest = np.where(typical > 0, LARGEST * typical, np.inf)
-        self._least = REGULAR * np.median(reached)
+        self._least = REGULAR * np.median(_reached(SE))
 
     def _at(self, q: np.ndarray) -> list[np.ndarray]:
         """Return S, S'MS and S'E."""
@@ -134,7 +136,7 @@ class _Regular:
 
     def driven(self, state: np.ndarray) -> bool:
         """Whether the inputs reach every quasi-velocity: S'E has full rank."""
-        return _reached(self._at(state[: self._n])[2]) >= self._least
+        return bool(_reached(self._at(state[: self._n])[2]) >= self._least)
 
 
 def _values(quantities: Sequence[Quantity], random: np.random.Generator) -> tuple[float, ...]:
@@ -167,13 +169,14 @@ def _uniform(system: ReducedSystem, quantities: Sequence[Quantity], random: np.r
 
 
 def _rates(S: np.ndarray) -> np.ndarray:
-    """Return the largest rate of each coordinate for quasi-velocities of size 1, (n,)."""
-    return np.linalg.norm(S, axis=1)
+    """Return the largest rate of each coordinate for quasi-velocities of size 1, (..., n), of S, (..., n, k)."""
+    return np.linalg.norm(S, axis=-1)
 
 
-def _reached(SE: np.ndarray) -> float:
-    """Return the smallest singular value of S'E; 0 if an entry is not finite."""
-    return float(np.linalg.svd(SE, compute_uv=False)[-1]) if np.isfinite(SE).all() else 0.0
+def _reached(SE: np.ndarray) -> np.ndarray:
+    """Return the smallest singular value of each S'E, (...), of (..., k, inputs); 0 if an entry is not finite."""
+    finite = np.isfinite(SE).all(axis=(-2, -1))
+    return np.where(finite, np.linalg.svd(np.where(finite[..., None, None], SE, 0.0), compute_uv=False)[..., -1], 0.0)
 
 
 def as_held(values: Sequence[float] | np.ndarray, scalar: str) -> np.ndarray:
