@@ -1,16 +1,19 @@
 """Which parameters of tests `make test` leaves to `make nightly`: those of long tests that have siblings with the same check.
 
-A pattern is looked for in what comes after `::` in a test's name. Tests that are long as a whole carry the marker `nightly` where
-they are defined; others look at the same, or at a smaller version of it.
+Of the functions that SOME names, a third of the parameters stays. A pattern is looked for in what comes after `::` in a test's
+name. Tests that are long as a whole carry the marker `nightly` where they are defined; others look at the same, or at a smaller
+version of it.
 """
 
 import re
 from collections.abc import Iterable
+from zlib import crc32
 
 NIGHTLY = {
     "test_vectors": (
         r"^test_another_operation_is_found\[dynamics\]$",
         r"^test_another_operation_is_found\[output\]$",
+        r"^test_another_operation_is_found\[limit\]$",
     ),
     "test_threads": (r"^test_a_controller\[casadi\]$",),
     "test_drives": (
@@ -57,7 +60,7 @@ NIGHTLY = {
         r"chunks_and_threads\[circle\]",
     ),
     "test_bits": (r"test_bits\[(cortex-m4f (clang|arm-none-eabi-gcc -O(2 |s\]))|rv32imafc|.* clang -O|.*-mavx2)",),
-    "test_calibration": (r"other_robots\[robots/car-",),
+    "test_calibration": (r"other_robots\[robots/car-", r"values_lie_in_their_intervals\[0\.0004\]"),
     "test_cli": (
         r"leaves_nothing\[os\.mkdir-2-15\]",
         r"leaves_nothing\[(import-(2|40|600)-2|import-(9|150)-15|open-400-15|os.mkdir-2-2|os.rename-1)",
@@ -82,7 +85,6 @@ NIGHTLY = {
         r"without_the_pragma_on_arm\[-O2-m7\]",
         r"passes_on_arm\[-std=gnu17 -O3\]",
         r"selftest_passes\[(.*-flto|.*-march=native)\]",
-        r"finds_fused_operations\[-std=c99-",
     ),
     "test_distribution": (
         r"^test_places_of_the_trailers\[3\]$",
@@ -127,14 +129,13 @@ NIGHTLY = {
         r"^test_every_claim_is_as_expected\[7\]$",
         r"^test_every_claim_is_as_expected\[reversing\]$",
         r"every_claim_\w+\[estimated\]",
-        r"every_claim_\w+\[(1|4|5|6|8a|8b|9a|9b|10|11|12|14|15|16)\]",
+        r"every_claim_\w+\[(1|4|5|6|8a|8b|9a|9b|10|11|12|13|14|15|16)\]",
         r"every_claim_\w+\[(waypoints|fastest|rates|ellipse|limits|cusp|rolling|sampled|damping|radius)\]",
         r"every_spec_runs_by_itself\[(figure_1[34]|ellipse)\.toml\]",
         r"ctrl_c_leaves_nothing\[0\.5\]",
     ),
     "test_figures_more": (
         r"every_claim_can_fail\[(10|11|12|14|15|16|reversing|limits|waypoints|fastest|rates|cusp|rolling)\]",
-        r"pictures_are_the_same_every_time\[12\]",
     ),
     "test_firmware": (
         r"an_image_is_repeated\[rv32imac\]",
@@ -237,7 +238,7 @@ NIGHTLY = {
         r"laps_for_a_day\[-1\]",
         r"path_firmware\[clang\]",
     ),
-    "test_packages": (r"in_a_users_project\[FetchContent\]", r"functions_of_its_system\[zephyr\]"),
+    "test_packages": (r"functions_of_its_system\[zephyr\]",),
     "test_pil": (
         r"test_loop\[(rv32-fastest|m4f-line)\]",
         r"test_loop\[(rv32-(composite|grip)|m4f-fastest)\]",
@@ -276,6 +277,7 @@ NIGHTLY = {
         r"claims_hold_and_can_fail\[(bus|castor_platform|mecanum)\]",
     ),
     "test_robots": (
+        r"refused_with_the_reason\[.*(stranger|1 output)\]",
         r"analyse_answers_as_json\[(mobile_manipulator|slope_platform|car|tricycle|bus|castor_platform|mecanum)\]",
         r"what_brackets_give\[(rolling_disk|mecanum|car|tricycle|slope_platform|mobile_manipulator|bus|castor_platform)\]",
         r"in_closed_form\[(tricycle|car|bus)",
@@ -289,7 +291,7 @@ NIGHTLY = {
     "test_rooms": (r"planted_import_is_found\[name1",),
     "test_runtime": (
         r"^test_needs_no_library\[-O2-clang\]$",
-        r"from_the_flow_of_data\[-(O1|Os|O2 -fanalyzer)\]",
+        r"float_side_has_no_double\[-O2-clang\]",
     ),
     "test_safety": (
         r"within_what_is_proved\[0\.0\]",
@@ -318,15 +320,117 @@ NIGHTLY = {
     "test_verify": (
         r"wrong_generator_writes_nothing\[(generate-optimizer|export-monomials)\]",
         r"wrong_generator_writes_nothing\[generate-(monomials|slope|grip|standstill|foot)\]",
-        r"wrong_dynamics_write_nothing\[export\]",
         r"wrong_batch_law_writes_nothing\[fine",
     ),
 }
 
+SOME = {
+    "test_battery": (
+        "test_energy_is_the_work_done",
+    ),
+    "test_codegen": (
+        "test_conics",
+        "test_laws_in_c_compute_what_the_graph_says",
+        "test_passes_keep_the_value_of_laws",
+        "test_singular_is_where_the_law_says",
+        "test_steps_are_the_law",
+    ),
+    "test_contact": (
+        "test_forces_are_affine_in_what_is_wanted",
+    ),
+    "test_damped": (
+        "test_outside_the_band_every_bit_is_that_of_the_law_without_one",
+        "test_starts_at_exactly_the_normal_reach_the_path",
+    ),
+    "test_distribution": (
+        "test_growth_agrees_with_numerical_brackets",
+        "test_growth_is_the_known_one",
+    ),
+    "test_disturbance": (
+        "test_c_is_the_reference",
+    ),
+    "test_dynamics": (
+        "test_the_c_is_the_textbook",
+    ),
+    "test_engine": (
+        "test_the_engines_mass_matrix_is_that_of_the_mechanism",
+    ),
+    "test_evaluate": (
+        "test_reference_values",
+    ),
+    "test_flatness": (
+        "test_shipped_robots_are_flat_as_in_the_literature",
+        "test_the_outputs_along_a_motion_give_the_state",
+        "test_unseen_robots_are_flat_as_in_the_literature",
+    ),
+    "test_integral": (
+        "test_a_sampled_loop_is_the_one_written_out",
+    ),
+    "test_large": (
+        "test_c_is_the_model",
+        "test_outputs_do_what_the_outer_loop_asks",
+    ),
+    "test_limits": (
+        "test_c_is_casadi",
+        "test_limits_hold",
+        "test_slow_by_itself",
+        "test_within_limits_nothing_changes",
+    ),
+    "test_logs": (
+        "test_it_is_found_which_column_is_wrong",
+    ),
+    "test_outer_design": (
+        "test_structured_singular_value",
+    ),
+    "test_outer_loop": (
+        "test_limit_of_the_period",
+        "test_wrong_model_against_nonlinear_runs",
+    ),
+    "test_planning": (
+        "test_stays_within_the_tolerance_of_a_function",
+    ),
+    "test_poles": (
+        "test_shipped_robots_have_no_pole_of_their_own",
+    ),
+    "test_robots": (
+        "test_a_wrong_output_is_refused_where_it_is_written",
+        "test_accelerations_are_those_of_kane_and_lagrange",
+        "test_the_shipped_run_of_each_robot_comes_to_what_is_wanted",
+    ),
+    "test_rolling": (
+        "test_A_S_is_zero_exactly",
+        "test_brackets_of_the_exact_analysis_agree",
+        "test_forms_are_their_definitions",
+        "test_growth_2_3_5",
+    ),
+    "test_runtime": (
+        "test_a_header_stands_alone",
+    ),
+    "test_schema": (
+        "test_shipped_specs_name_their_schema_and_satisfy_it",
+    ),
+    "test_shape": (
+        "test_the_verdict_is_what_driving_shows",
+    ),
+    "test_tracking": (
+        "test_double_against_the_reference",
+        "test_follows_the_path_from_beginning_to_end",
+        "test_never_back",
+    ),
+    "test_tutorial": (
+        "test_a_robot_of_a_file_in_every_command",
+    ),
+    "test_verdicts": (
+        "test_shipped_robots_are_judged_as_in_the_literature",
+        "test_unseen_robots_are_judged_as_in_the_literature",
+    ),
+}  # functions with many similar parameters: of these, a third stays
+
 
 def is_nightly(file: str, name: str) -> bool:
     """Is a test (its name after `::`) of a file (without `.py`) one of the above?"""
-    return any(re.search(pattern, name) for pattern in NIGHTLY.get(file, ()))
+    left_out = name.partition("[")[0] in SOME.get(file, ()) and crc32(name.encode()) % 3 != 0
+    return left_out or any(re.search(pattern, name) for pattern in NIGHTLY.get(file, ()))
 
 
 def faults(tests: Iterable[tuple[str, str]]) -> list[str]:

@@ -498,6 +498,7 @@ def test_only_some_outputs(capsys):
     assert list(data["outputs"]) == ["type_iv_line_offset", "type_i"]
 
 
+@pytest.mark.nightly
 def test_report_is_one_page(tmp_path, capsys, answer, start):
     page, out = tmp_path / "page.html", tmp_path / "answer.txt"
     assert main(["analyse", "labmate", "--start", start("line.toml"), "--report", str(page), "-o", str(out)]) == 0
@@ -628,6 +629,7 @@ def test_a_course_is_what_the_run_does():
     assert np.abs(np.subtract(*same_times(verdict.course, np.array([run.t, s])))).max() < 1e-6
 
 
+@pytest.mark.nightly
 def test_texts_of_verdicts():
     circle = changed(CIRCLE, simulation={"duration": 2.0})
     assert str(certify(make_loop(circle), circle)).startswith("safe: |s| stays below 0.18")

@@ -289,6 +289,7 @@ def test_a_limit_of_minus_zero_is_one_of_zero(zero, suffix, tmp_path):
         assert run(["./no_limit"], tmp_path).split() == "0 0 0 0 0 0 0 0 0 0 1 0 0 0 10 1 1 0 1".split()
 
 
+@pytest.mark.nightly
 def test_digest_notices_fused_operations(reference, laws, tmp_path):
     """In one law, and in sine, cosine and root; in a copy without the pragma that forbids them."""
     build = Build(HOST.name, "gcc", "-O2 -mfma -std=gnu11 -ffp-contract=fast", TESTED)

@@ -176,6 +176,7 @@ def test_values_lie_in_their_intervals(drift):
     assert np.abs(errors / within).max() < 2.0 and 0.2 < (errors / within).std() < 0.9
 
 
+@pytest.mark.nightly
 def test_a_pose_that_two_windows_share_has_one_error():
     """Poses so far apart that each window has two: with errors independent in both, deviations would be twice as large."""
     off = []

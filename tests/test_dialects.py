@@ -135,6 +135,7 @@ def without_pragma(project: Path, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("own, library, told", [("-std=gnu11", "-std=c99", "route"), ("-std=c99", "-std=gnu11", "type_i_f")])
 def test_selftest_finds_fused_operations(own, library, told, host, tmp_path):
     """Without the pragma: in the file that uses the library, where `route` is inline, and in the library's laws."""

@@ -271,6 +271,7 @@ OURS = [*line.FIGURES, *circle.FIGURES, *masses.FIGURES, *beyond.FIGURES]  # the
 DOCTORED = [beside, trembling, away, backward, still, across, slow, weak, wrong, other]
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("name", [figure.name for figure in OURS])
 def test_every_claim_can_fail(name):
@@ -381,6 +382,7 @@ def small() -> list[Made]:
         return produce([tiny(c, name=c.__name__) for c in claims], 1, lambda made: None)
 
 
+@pytest.mark.nightly
 def test_the_report_needs_no_other_file(small):
     text = report(small)
     pictures = re.findall(r'<img [^>]*src="data:image/svg\+xml;base64,([^"]+)">', text)

@@ -213,6 +213,7 @@ def test_specs_are_what_the_figures_say():
     assert Case("rolling.toml").spec().contact.mu == rolling.MU
 
 
+@pytest.mark.nightly
 def test_diagrams_need_no_runs():
     made = produce(redrawn.FIGURES, 1, lambda made: None)
     assert [each.figure.name for each in made] == ["2", "3", "4", "5"]
@@ -221,6 +222,7 @@ def test_diagrams_need_no_runs():
         assert b"<svg" in each.pictures["svg"]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["7", "12"])
 def test_pictures_are_the_same_every_time(name):
     made = figure_of(name)

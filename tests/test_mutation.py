@@ -81,6 +81,7 @@ def test_mutants_that_are_killed_or_equivalent(tmp_path):
     assert code == 0 and "survived" not in said and "6 of 6 killed, 100.0%" in said
 
 
+@pytest.mark.nightly
 def test_tests_that_fail_anyway_are_reported(tmp_path):
     code, said = found(tmp_path, "-5, 9, None")
     assert code == 2 and "codegen/beyond.py: its tests fail" in said, said

@@ -87,6 +87,7 @@ def test_cmake_finds_a_wrong_bit(built):
     assert subprocess.run(["ctest"], cwd=built / "build", capture_output=True).returncode != 0
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("way", ["find_package", "FetchContent"])
 def test_cmake_in_a_users_project(way, exported, installed, tmp_path):
     """No flag comes with it, and no test."""

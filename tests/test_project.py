@@ -119,6 +119,7 @@ def test_golden_vectors_are_the_models(scalar, monkeypatch):
         assert step.within <= (1e-3 if scalar == "float" else 1e-10) * np.abs(truth).max()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("project", ["generic"], indirect=True)
 def test_cpp_includes_it(project, tmp_path):
     if shutil.which("g++") is None:

@@ -459,6 +459,7 @@ def cart(**more) -> Mechanism:
     return robot
 
 
+@pytest.mark.nightly
 def test_rates_in_an_output_become_quasi_velocities():
     """The speed along x and the yaw rate by rates of coordinates: relative degree 1, and h = (v cos(phi), omega)."""
     robot = cart(way=(lambda r: [("v_x", "m/s", r.rate(r["x"]), "speed"), ("omega", "rad/s", r.rate(r["phi"]), "yaw rate")], ()))

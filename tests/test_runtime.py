@@ -177,6 +177,7 @@ def test_no_warnings(cc, level, built):
     built(cc, level)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("more", ["-O1", "-O3", "-Os", "-O2 -fanalyzer"])
 def test_no_warnings_from_the_flow_of_data(more, tmp_path):
     """gcc follows it differently at each level; the sources in double are the same text with other types."""

@@ -127,6 +127,7 @@ def test_a_wrong_generator_writes_nothing(command, defect, tmp_path, monkeypatch
     assert re.search(r"the C gives .*; the model gives .* \(at params .*; state x_c = .*\)", err.splitlines()[0])
 
 
+@pytest.mark.nightly
 def test_a_wrong_digit_in_the_text_is_found(tmp_path, monkeypatch, capsys, not_compared):
     """In float only: what the text says counts, not the program it was made from."""
     original = law_c.LawC.source
@@ -152,6 +153,7 @@ def test_a_wrong_batch_law_writes_nothing(right, wrong, tmp_path, monkeypatch, c
     assert line.startswith(f"noslip: labmate, {LAW}, float, batch law: a lane differs: it has ") and "; the step gives [" in line
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("command", ["generate", "export"])
 def test_wrong_dynamics_write_nothing(command, tmp_path, monkeypatch, capsys, not_compared):
     original = dynamics_c.DynamicsC.source
