@@ -10,6 +10,18 @@ from collections.abc import Iterable
 from zlib import crc32
 
 NIGHTLY = {
+    "test_flatness": (
+        r"last_trailer_has_the_output\[2\]",
+    ),
+    "test_telemetry": (
+        r"simulated_table_is_its_run\[(payload|line)\]",
+    ),
+    "test_identification": (
+        r"two_bodies_that_share_an_inertia\[inertias[12]-",
+    ),
+    "test_smooth": (
+        r"spline_forward_and_in_reverse\[0\.0-1\.0\]",
+    ),
     "test_vectors": (
         r"^test_another_operation_is_found\[dynamics\]$",
         r"^test_another_operation_is_found\[output\]$",
@@ -26,7 +38,6 @@ NIGHTLY = {
     "test_outputs": (r"^test_every_number_is_written_once\[-O2\]$",),
     "test_analyse": (
         r"^test_det_is_that_of_the_robots_own_phi\[type_i\]$",
-        r"an_arc_is_judged_as_its_circle_and_as_it_runs\[(?!-1\.04)",
         r"short_det_is_the_long_one\[type_iv_segment\]",
         r"that_of_the_robots_own_phi\[(type_iii?|type_iv_(circle|line_offset|circle_offset))\]",
         r"driving_forward_with_it_ahead\[5\.0-singular\]",
@@ -168,6 +179,7 @@ NIGHTLY = {
         r"rolls_or_says_so\[four_wheel-type_iv_line-c\]",
     ),
     "test_guarantees": (
+        r"^test_guarantee\[stack-m4f\]$",
         r"^test_guarantee\[instructions-m4f\]$",
         r"^test_eva_finds_in_drives\[a stop that ends by itself\]$",
         r"^test_eva_finds_in_drives\[a command beyond its limit\]$",

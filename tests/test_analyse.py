@@ -583,6 +583,7 @@ def same_times(*courses: np.ndarray) -> list[np.ndarray]:
 ARC = {"x_s": 30.0, "y_s": 20.0, "direction": math.pi / 2, "curvature": 0.1}  # on the circle of CIRCLE, leftwards
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("heading", np.radians([-60, -40, 0, 90, 120, 150]))
 def test_an_arc_is_judged_as_its_circle_and_as_it_runs(heading):
     """The arc's normal points to the left, the circle's outwards; h1 and s only change their signs."""
