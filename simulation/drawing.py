@@ -249,8 +249,9 @@ def evenly_spread(points: np.ndarray, count: int) -> np.ndarray:
 
 def _freeze(figure: Figure) -> None:
     """Compute the layout once and round it: the solver's last bits vary, and SVG derives names of clip paths from them."""
-    for _ in range(2):  # as in `encoded`
-        figure.draw_without_rendering()
+    if engine := figure.get_layout_engine():
+        for _ in range(2):  # as in `encoded`
+            engine.execute(figure)
     figure.set_layout_engine(None)  # not "none": with that each file would be drawn twice
     for axes in figure.axes:
         axes.set_position(np.round(axes.get_position(original=True).bounds, 6))
