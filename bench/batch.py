@@ -144,9 +144,7 @@ def _workers() -> dict[str, float]:
 
     def seconds(runner: TableRunner) -> float:
         list(runner.results((k, parts[0][1]) for k in range(4 * max(WORKERS))))  # every worker has compiled the C
-        begin = time.perf_counter()
-        list(runner.results(parts))
-        return round(time.perf_counter() - begin, 3)
+        return _clock(runner, parts)
 
     found = {"none": seconds(Threads(study.batch, 1))}
     for count in WORKERS:
@@ -161,13 +159,15 @@ def _threads(batch: Batch) -> dict[str, float]:
     """Return seconds by the clock of SWEPT samples in parts, by the number of threads; `load`: of the processors, before."""
     load = os.getloadavg()[0]
     parts = [(k, batch.table({}, PART)) for k in range(SWEPT // PART)]
+    clock = {str(n): min(_clock(Threads(batch, n), parts) for _ in range(REPEATS)) for n in (1, 2)}
+    return clock | {"load": round(load, 1)}
 
-    def seconds(count: int) -> float:
-        begin = time.perf_counter()
-        list(Threads(batch, count).results(parts))
-        return time.perf_counter() - begin
 
-    return {str(n): round(min(seconds(n) for _ in range(REPEATS)), 3) for n in (1, 2)} | {"load": round(load, 1)}
+def _clock(runner: TableRunner, parts: list[tuple[int, np.ndarray]]) -> float:
+    """Return the seconds by the clock of parts of a sweep."""
+    begin = time.perf_counter()
+    list(runner.results(parts))
+    return round(time.perf_counter() - begin, 3)
 
 
 def _least(action: Callable[[], object]) -> float:

@@ -24,3 +24,6 @@ def test_of_many_parameters_a_third_stays():
     names = [f"test_conics[{k}]" for k in range(300)]
     assert 80 < sum(not is_nightly("test_codegen", name) for name in names) < 120
     assert not any(is_nightly("test_rooms", name) for name in names)
+    assert faults([("test_disturbance", "test_other")]) == ["test_disturbance: no test fits test_c_is_the_reference"]
+    one = next(name for k in range(9) if is_nightly("test_disturbance", name := f"test_c_is_the_reference[{k}]"))
+    assert faults([("test_disturbance", one)]) == ["test_disturbance: no test_c_is_the_reference is left"]
