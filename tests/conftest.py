@@ -3,6 +3,7 @@
 import gc
 import os
 from functools import cache
+from pathlib import Path
 from weakref import WeakSet
 
 import pytest
@@ -28,6 +29,17 @@ LONGEST = """
     test_files test_model test_planning test_limits test_verify test_extension test_contact test_engine test_grip test_firmware
     test_mutation test_evaluate test_batch test_calibration test_odometry
 """.split()  # begin, so that no process is left with one of them at the end
+
+
+def pytest_addoption(parser):
+    parser.addoption("--margins", metavar="FILE", help="write the part of each tolerance that is needed; fail above a tenth")
+
+
+def pytest_configure(config):
+    if path := config.getoption("--margins"):
+        from noslip.tests.margins import Margins
+
+        config.pluginmanager.register(Margins(Path(path)))
 
 
 @pytest.hookimpl(tryfirst=True)
