@@ -28,6 +28,12 @@ PACKAGES = {  # tool -> Debian package
     "qemu-system-arm": "qemu-system-arm",
     "qemu-system-riscv32": "qemu-system-misc",
     "node": "nodejs",
+    "g++": "g++",
+    "clang++": "clang",
+    "ld.lld": "lld",
+    "frama-c": "frama-c-base",
+    "objdump": "binutils",
+    "nm": "binutils",
 }
 
 

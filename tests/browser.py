@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
+from noslip.tests.tools import skip_without
 
 FOUND = ("chromium", "chromium-browser", "google-chrome")
 UNTIL = "new Promise((done) => {{ const look = () => ({when} ? done({value}) : setTimeout(look, 50)); look(); }})"
@@ -66,7 +66,7 @@ def browser(folder: Path) -> Iterator[Page]:
     """A tab of a browser that keeps its files in a folder; skips the test where there is no browser."""
     program = next((path for name in FOUND if (path := shutil.which(name))), None)
     if program is None:
-        pytest.skip("no browser (chromium) here")
+        skip_without(FOUND[:1])
     (theirs_in, to), (back, theirs_out) = os.pipe(), os.pipe()
     command = [program, "--headless", "--no-sandbox", "--remote-debugging-pipe", f"--user-data-dir={folder / 'browser'}"]
     ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (theirs_in, theirs_out)]  # none of them is 3 or 4

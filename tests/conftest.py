@@ -8,7 +8,9 @@ from weakref import WeakSet
 
 import pytest
 from noslip.cli.main import main
+from noslip.controllers.targets import missing
 from noslip.tests.nightly import faults, is_nightly
+from noslip.tests.tools import lacking, skip_without
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes: the tests have all cores busy without its threads
 
@@ -54,6 +56,18 @@ def pytest_collection_modifyitems(config, items):
         if is_nightly(item.path.stem, item.name):
             item.add_marker(pytest.mark.nightly)
     items.sort(key=lambda item: order.get(of[item], len(order)))
+
+
+def pytest_runtest_setup(item):
+    """A test with a compiler as its parameter is skipped where that compiler is not installed."""
+    if parameters := getattr(item, "callspec", None):
+        skip_without(missing(*(parameters.params.get(name, "") for name in ("cc", "cxx", "compiler"))))
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say in one line which packages would bring what was skipped."""
+    if line := lacking(str(report.longrepr[2]) for report in terminalreporter.stats.get("skipped", ())):
+        terminalreporter.write_line(line)
 
 
 def pytest_collection_finish():

@@ -31,7 +31,7 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of, system_of
 from noslip.simulation.plant import Plant
 from noslip.tests.test_runtime import FLAGS, STRICT
-from noslip.tests.tools import need, skip_without
+from noslip.tests.tools import COMPILERS, HOST_CC, need, skip_without
 from noslip.verification import project
 from noslip.verification.project import FIRMWARE
 from noslip.verification.sampling import RandomPlant as Sample
@@ -82,7 +82,7 @@ LAWS = {
         *("type_i_kinematic", "type_iv_segment_kinematic"),
     ),
 }
-REFERENCE, *OTHERS = ("gcc", "-O2"), ("gcc", "-O0"), ("clang", "-O2")
+REFERENCE, *OTHERS = (HOST_CC, "-O2"), (HOST_CC, "-O0"), *((other, "-O2") for other in COMPILERS[1:])
 ON_TARGET = {("car", "type_iv_circle"), ("ball_plate", "ball"), ("four_wheel", "type_iv_circle"), ("balancer", "drive")}
 ON_TARGET |= {("labmate", f"type_i{kind}") for kind in ("v_circle_damped", "_extended", "v_segment_kinematic")}
 STATES = 20
@@ -124,8 +124,6 @@ CASES = [
 
 @pytest.mark.parametrize(("robot", "name"), CASES)
 def test_battery(robot, name):
-    for tool in ("gcc", "clang"):
-        need(tool)
     battery(robot, name, compared=("float",))
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 from noslip.codegen.targets import STANDARD
 from noslip.controllers.targets import CONSOLE, HOST, TARGETS, required
+from noslip.tests.tools import HOST_CC
 
 ROOT = Path(__file__).resolve().parent.parent
 RUNTIME, GENERATED, DRIVERS = ROOT / "runtime_c", ROOT / "generated" / "labmate", ROOT / "tests" / "c"
@@ -116,7 +117,7 @@ def processor() -> set[str]:
     return set(info.read_text().split()) if info.exists() else set()
 
 
-REFERENCE = Build(HOST.name, "gcc", "-O2", FULL)
+REFERENCE = Build(HOST.name, HOST_CC, "-O2", FULL)
 
 
 def builds() -> Iterator[Build]:
@@ -159,7 +160,7 @@ WORTH_A_TEST = (  # each time; `make firmware-test` and `make bits` have the oth
 @pytest.fixture(scope="module")
 def laws(built):
     """Objects of all but law_digest.c, of host and gcc -O2."""
-    return built("gcc", "-O2")
+    return built(HOST_CC, "-O2")
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +220,7 @@ def test_magnitudes_are_compared_alike_as_integers(tmp_path):
     (tmp_path / "magnitudes.c").write_text(MAGNITUDES)
     answers = []
     for flags in ([], ["-DNOSLIP_SOFT"]):
-        run(["gcc", *STANDARD, *flags, *INCLUDE, "magnitudes.c", "-o", "magnitudes"], tmp_path)
+        run([HOST_CC, *STANDARD, *flags, *INCLUDE, "magnitudes.c", "-o", "magnitudes"], tmp_path)
         answers.append(run(["./magnitudes"], tmp_path))
     assert answers[0] == answers[1] and {"0", "1"} == set(answers[0])
 
@@ -285,7 +286,7 @@ def test_a_limit_of_minus_zero_is_one_of_zero(zero, suffix, tmp_path):
     (tmp_path / "no_limit.c").write_text(text)
     used = [*sorted(RUNTIME.glob("*.c")), GENERATED / f"labmate{suffix}.c", GENERATED / f"labmate_type_i{suffix}.c"]
     for flags in ([], ["-DNOSLIP_SOFT"]):
-        run(["gcc", *STANDARD, *flags, *INCLUDE, "no_limit.c", *map(str, used), "-o", "no_limit"], tmp_path)
+        run([HOST_CC, *STANDARD, *flags, *INCLUDE, "no_limit.c", *map(str, used), "-o", "no_limit"], tmp_path)
         assert run(["./no_limit"], tmp_path).split() == "0 0 0 0 0 0 0 0 0 0 1 0 0 0 10 1 1 0 1".split()
 
 

@@ -72,7 +72,7 @@ def export(target: str, folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def host(tmp_path_factory):
     """The project for any machine. Skips where this one cannot fuse: then nothing can differ."""
-    need("gcc", "clang", "g++", "clang++")
+    need("make")
     if "fma" not in Path("/proc/cpuinfo").read_text().split():
         pytest.skip("this processor has no fused operations")
     return export("generic", tmp_path_factory.mktemp("dialects") / "host")
@@ -86,6 +86,7 @@ def arm(tmp_path_factory):
 
 def tried(dialect: Dialect, project: Path, folder: Path) -> subprocess.CompletedProcess:
     """The self-test of a project, built in a folder and run."""
+    need(dialect.compiler, {"gcc": "g++", "clang": "clang++"}[dialect.compiler])
     include = [f"-I{project / name}" for name in ("noslip", "selftest")]
     for kind, standard, sources in (
         ("library", dialect.library, sorted((project / "noslip").glob("*.c"))),

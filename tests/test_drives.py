@@ -29,6 +29,7 @@ from noslip.simulation.drive import whole_periods
 from noslip.simulation.guidance import vehicle_motion
 from noslip.simulation.specification.spec import DriveSection, Initial, Simulation, Spec, spec_of
 from noslip.sweeping.batch import Batch
+from noslip.tests.tools import HOST_CC
 
 ROOT = Path(noslip.__file__).parent
 HEADER = "noslip_velocity.h"
@@ -234,7 +235,7 @@ def test_page(tmp_path):
         "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-equal -Wshadow -Wstrict-prototypes -Werror"
     )
     folders = [f"-I{ROOT / 'runtime_c'}", f"-I{ROOT / 'generated/labmate'}"]
-    subprocess.run(["gcc", *flags.split(), *folders, "-c", source, "-o", tmp_path / "tick.o"], check=True)
+    subprocess.run([HOST_CC, *flags.split(), *folders, "-c", source, "-o", tmp_path / "tick.o"], check=True)
     assert len(prototypes) == 3
     system = law_of(find_robot("labmate"), "type_iv_line").system
     motion, parameters = vehicle_motion(system), find_robot("labmate").parameter_values({})

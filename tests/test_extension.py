@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -43,6 +42,7 @@ from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import Initial, spec_of
 from noslip.simulation.specification.vary import read_varied
 from noslip.sweeping.batch import Batch
+from noslip.tests.tools import need
 from noslip.verification.cases import read_cases
 from noslip.verification.evaluate import evaluate_cases
 from scipy.integrate import cumulative_simpson
@@ -88,6 +88,7 @@ simulation = { duration = 6.0, output_step = 0.5 }
 BACKING = Path(noslip.__file__).parent / "specs" / "backing"
 ROBOTS = """
 from noslip.tests.test_extension import car_by_its_rear_axle as car, train_by_its_last_axle as train, arm_on_its_axle as arm
+from noslip.tests.tools import need
 """
 
 
@@ -746,8 +747,8 @@ def test_exported_projects_test_the_extended_law(tmp_path, capsys):
     assert "&reference, dt, tau)" in (package / "examples" / "Step" / "Step.ino").read_text()
 
 
-@pytest.mark.skipif(not shutil.which("qemu-system-arm") or not shutil.which("arm-none-eabi-gcc"), reason="no emulator")
 def test_an_emulated_processor_computes_the_same_bits():
+    need("arm-none-eabi-gcc", "qemu-system-arm")
     runs = []
     for backend in ("cf", "m4f"):
         spec = spec_of(AXLE, "")

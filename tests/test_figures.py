@@ -8,7 +8,6 @@ import json
 import math
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -501,7 +500,6 @@ def test_ctrl_c_leaves_nothing(wait, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 def test_make_knows_figures():
     asked = ["make", "-n", "-C", str(ROOT), "-o", "build/generated.stamp", "figures"]
     said = subprocess.run(asked, capture_output=True, text=True, env={**os.environ, "MAKEFLAGS": ""})

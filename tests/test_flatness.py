@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable
 
 import casadi as ca
+import mpmath
 import numpy as np
 import pytest
 import sympy as sp
@@ -23,7 +24,6 @@ from noslip.model.rolling.kinematics import Kinematics
 from noslip.readers.robots import find_robot
 from noslip.tests.kinematic_systems import angle, car, knife_edge, labmate_with_trailers, length, trailers, vertical_disk
 from noslip.tests.test_verdicts import bicycle, car_and_trailer, falling_disk, hitched, kingpins, snake, two_steered
-from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
 YES, NO = True, False
@@ -158,7 +158,8 @@ def test_the_line_is_a_law_without_zero_dynamics(name, which, rest):
 # -- motions ------------------------------------------------------------------------------------------------------------
 
 
-DEGREE = 14  # of the polynomials through the outputs
+NODES = 16  # of the polynomials through the outputs
+DIGITS = 40  # each derivative loses some two of them
 MOTIONS: list[tuple[str, Callable[[], Mechanism | Kinematics], int]] = [
     ("labmate", lambda: find_robot("labmate"), 0),
     ("labmate without wheels", lambda: find_robot("labmate"), 1),
@@ -169,6 +170,15 @@ MOTIONS: list[tuple[str, Callable[[], Mechanism | Kinematics], int]] = [
     ("coin", vertical_disk, 0),
     ("bicycle", bicycle, 0),
 ]
+
+
+def differentiation_matrix(nodes: list[mpmath.mpf]) -> np.ndarray:
+    """Return the matrix that gives the derivatives of the polynomial through values at the nodes, by barycentric weights."""
+    count = range(len(nodes))
+    weights = [1 / mpmath.fprod(nodes[j] - nodes[k] for k in count if k != j) for j in count]
+    D = np.array([[weights[k] / weights[j] / (nodes[j] - nodes[k]) if j != k else 0 for k in count] for j in count], object)
+    D[np.diag_indices_from(D)] = -D.sum(axis=1)
+    return D
 
 
 @pytest.mark.parametrize("make, which", [pytest.param(*each, id=name) for name, *each in MOTIONS])
@@ -183,36 +193,40 @@ def test_the_outputs_along_a_motion_give_the_state(make, which):
     numbers = [q.default or 1.0 for q in Delta.parameters]
     draw = np.random.default_rng(5)
     speeds = draw.uniform(0.4, 0.9, (2, Delta.S.cols))
-    S = sp.lambdify([*Delta.functions.coordinates, *parameters], Delta.S)
+    variables = [*Delta.functions.coordinates, *parameters]
+    S = sp.lambdify(variables, Delta.S, "mpmath")
     start = draw.uniform(0.3, 0.9, Delta.functions.n)
-
-    def rates(t: float, q: np.ndarray) -> np.ndarray:
-        return np.asarray(S(*q, *numbers), float) @ (speeds[0] + 0.2 * np.sin(speeds[1] * t + np.arange(Delta.S.cols)))
-
     end = 0.04 if Delta.name == "ball_plate" else 0.4  # s; the ball is small and turns fast
-    nodes = end / 2 * (1 - np.cos(np.pi * (np.arange(24) + 0.5) / 24))
-    q = solve_ivp(rates, (0.0, end), start, t_eval=nodes, rtol=1e-13, atol=1e-13, method="DOP853").y
-    z = [sp.lambdify([*Delta.functions.coordinates, *parameters], each) for each in verdict.found.chained]
-    formulas = np.array([[float(each(*column, *numbers)) for column in q.T] for each in z])
-    fit = np.polynomial.Chebyshev.fit
-    first = fit(nodes, formulas[0], DEGREE)
-    measured, current = [formulas[-1]], fit(nodes, formulas[-1], DEGREE)
-    for _ in range(len(z) - 2):
-        measured.append(current.deriv()(nodes) / first.deriv()(nodes))
-        current = fit(nodes, measured[-1], DEGREE)
-    middle = slice(6, 18)
+    with mpmath.workdps(DIGITS):
+
+        def rates(t: mpmath.mpf, q: list[mpmath.mpf]) -> list[mpmath.mpf]:
+            nu = [a + mpmath.sin(b * t + k) / 5 for k, (a, b) in enumerate(speeds.T.tolist())]
+            return list(S(*q, *numbers) * mpmath.matrix(nu))
+
+        nodes = [end / 2 * (1 - mpmath.cos(mpmath.pi * (k + mpmath.mpf("0.5")) / NODES)) for k in range(NODES)]
+        motion = mpmath.odefun(rates, 0, start.tolist(), tol=mpmath.mpf(10) ** -30)
+        q = np.array([motion(t) for t in nodes], object).T
+        z = [sp.lambdify(variables, each, "mpmath") for each in verdict.found.chained]
+        formulas = np.array([[each(*column, *numbers) for column in q.T] for each in z])
+        derivative = differentiation_matrix(nodes)
+        first = derivative @ formulas[0]
+        measured = [formulas[-1]]
+        for _ in range(len(z) - 2):
+            measured.append((derivative @ measured[-1]) / first)
+    q, formulas, measured = q.astype(float), formulas.astype(float), [each.astype(float) for each in measured]
+    middle = slice(NODES // 4, 3 * NODES // 4)
     for k, each in enumerate(measured[1:]):
         expected = formulas[-2 - k][middle]
         assert each[middle] == pytest.approx(expected, rel=1e-6, abs=1e-6)
     if Delta.holonomic or len(kept) != len(z):
         return
-    t = 12
+    t = NODES // 2
     target = np.array([formulas[0, t], *[each[t] for each in reversed(measured)]])
 
     def misses(part_of_q: np.ndarray) -> np.ndarray:
         state = q[:, t].copy()
         state[kept] = part_of_q
-        return np.array([float(each(*state, *numbers)) for each in z]) - target
+        return np.array([float(each(*map(mpmath.mpf, state), *numbers)) for each in z]) - target
 
     solved = fsolve(misses, q[kept, t] + draw.uniform(-0.02, 0.02, len(kept)), xtol=1e-13)
     assert solved == pytest.approx(q[kept, t], abs=1e-5)

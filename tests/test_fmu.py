@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import subprocess
 import zipfile
 from dataclasses import asdict, replace
@@ -20,6 +19,7 @@ from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import read_spec, spec_of
+from noslip.tests.tools import need
 from noslip.verification.fmu import Instance
 from noslip.verification.sampling import random_plants
 
@@ -151,8 +151,7 @@ def test_fmpy_simulates_the_loop(exported, run):
 def test_every_function_of_the_standard_is_there(opened, tmp_path):
     """And nothing else is visible."""
     fmpy = pytest.importorskip("fmpy")
-    if shutil.which("nm") is None:
-        pytest.skip("nm is not installed")
+    need("nm")
     opened("loop")
     (binary,) = (tmp_path / "loop" / "binaries").rglob("*_loop.*")
     symbols = subprocess.run(["nm", "-D", "--defined-only", binary], capture_output=True, text=True, check=True).stdout
@@ -259,8 +258,6 @@ def test_refusals(opened, run):
 @pytest.mark.parametrize("kind", KINDS)
 def test_sources_compile_without_a_warning(exported, tmp_path, kind, compiler):
     """Those that the build description names, in the folder as it is."""
-    if shutil.which(compiler) is None:
-        pytest.skip(f"{compiler} is not installed")
     with zipfile.ZipFile(exported(kind)) as archive:
         archive.extractall(tmp_path)
     folder = tmp_path / "sources"

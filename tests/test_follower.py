@@ -13,7 +13,7 @@ from noslip.controllers.build import runtime_files
 from noslip.guarantees.vehicle import HOLD, PERIOD, ROOT, RUN, STOP, Firmware, FirmwareLoop, SettingsRefused
 from noslip.readers.files import write_folder
 from noslip.readers.robots import find_robot, law_of, system_of
-from noslip.tests.tools import need
+from noslip.tests.tools import COMPILERS, HOST_CC
 
 FLAGS = "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wfloat-conversion -Wfloat-equal -Wshadow -Werror"
 STRICT = [*FLAGS.split(), "-Wdouble-promotion", "-Wundef", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wvla"]
@@ -36,7 +36,7 @@ def laps(folder: Path, scalar: str, ticks: int, speed: float, planted: tuple[str
     defines = {"REAL": scalar, "SUFFIX": suffix, "HEADER": f'"labmate_follower{suffix}.h"', "TICKS": ticks, "SPEED": speed}
     flags = ["-std=c99", "-O2", "-ffp-contract=off", *INCLUDE, *(f"-D{name}={value}" for name, value in defines.items())]
     program = folder / "laps"
-    subprocess.run(["gcc", *flags, ROOT / "tests/c/follower_laps.c", *sources, "-lm", "-o", program], check=True)
+    subprocess.run([HOST_CC, *flags, ROOT / "tests/c/follower_laps.c", *sources, "-lm", "-o", program], check=True)
     printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     return [[float(number) for number in line.split()] for line in printed.splitlines()]
 
@@ -72,7 +72,7 @@ def test_page(tmp_path):
         '#include <stdint.h>\n#include "noslip_path.h"\nuint32_t board_wait(void);\nvoid board_read(uint32_t *counts);\n'
         "void board_drive(const float *command);\nextern const noslip_segment_f path[3];\n"
     )
-    command = ["gcc", *STRICT, f"-I{tmp_path}", *INCLUDE, "-c", tmp_path / "main.c", "-o", tmp_path / "main.o"]
+    command = [HOST_CC, *STRICT, f"-I{tmp_path}", *INCLUDE, "-c", tmp_path / "main.c", "-o", tmp_path / "main.o"]
     subprocess.run([each for each in command if each != "-Wmissing-prototypes"], check=True)
 
 
@@ -97,7 +97,7 @@ def test_follower_of_another_robot_compiles(tmp_path, robot, scalar):
     write_folder(tmp_path / "c", files)
     source = tmp_path / f"c/{robot}_follower{SCALARS[scalar]}.c"
     flags = [flag for flag in STRICT if flag != "-Wdouble-promotion"] if scalar == "double" else STRICT
-    for compiler in ("gcc", need("clang") or "clang"):
+    for compiler in COMPILERS:
         subprocess.run([compiler, *flags, f"-I{tmp_path / 'c'}", "-c", source, "-o", tmp_path / "o"], check=True)
 
 
@@ -159,7 +159,7 @@ def test_exported_project_drives(tmp_path):
         assert "warning" not in done.stderr + done.stdout
     (tmp_path / "main.c").write_text(HARNESS)
     program = [tmp_path / "main.c", folder / "loop.o", folder / "liblabmate.a", "-o", tmp_path / "run"]
-    subprocess.run(["gcc", "-std=c99", f"-I{folder / 'noslip'}", *program], check=True)
+    subprocess.run([HOST_CC, "-std=c99", f"-I{folder / 'noslip'}", *program], check=True)
     way, speed, most = map(float, subprocess.run([tmp_path / "run"], capture_output=True, check=True).stdout.split())
     assert way == pytest.approx(4.75, abs=0.1) and abs(speed) < 0.02 and most == 1.0
 

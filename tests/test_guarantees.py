@@ -198,7 +198,7 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") 
     return Task(folder, root=folder / "root", short=True)
 
 
-with_eva = pytest.mark.skipif(shutil.which("frama-c") is None, reason="install frama-c-base")
+with_eva = pytest.mark.skipif(shutil.which("frama-c") is None, reason="frama-c not installed")
 
 EVA_FINDS = {
     "an angle beyond integers": (
@@ -399,8 +399,7 @@ def test_eva_does_not_hold_vacuously(wrong, tmp_path, monkeypatch):
 
 def test_bits_of_what_is_analysed_are_compared(tmp_path):
     """A form for Frama-C that is not the one that ships."""
-    if shutil.which("gcc") is None:
-        pytest.skip("install gcc")
+    need("gcc")
     was = "noslip_is_finite_f(x) && x >= -limit"
     task = changed(tmp_path, "runtime_c/noslip_real.h", was, "noslip_is_finite_f(x) && x >= -1.0f", "labmate_type")
     with pytest.raises(Failed, match="shipped"):
@@ -521,7 +520,7 @@ def compare(monkeypatch, tmp_path):
     def compare(numbers: dict[str, int], target: Machine = HOST, update: bool = False) -> str:
         return budget.compare(Task(tmp_path, update=update), target, {"law": numbers})
 
-    shutil.which(HOST.prefix + "gcc") or pytest.skip("gcc is not installed")
+    need(HOST.prefix + "gcc")
     compare({"text": 100, "stack": 20}, update=True)
     return compare
 

@@ -8,7 +8,7 @@ import pytest
 from noslip.controllers.build import RUNTIME
 from noslip.controllers.runtime import declarations
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
-from noslip.tests.tools import need
+from noslip.tests.tools import COMPILERS, HOST_CC, need
 
 APART = ("noslip_real.h", "noslip_path.h", "noslip_status.h", "noslip_version.h")  # cannot be parsed; no inline functions
 HEADERS = sorted(path.name for path in RUNTIME.glob("*.h") if path.name not in APART)
@@ -62,11 +62,11 @@ def test_the_same_bits_on_every_compiler(program, scalar, tmp_path):
     source = tmp_path / f"{program}.c"
     source.write_text({"walk": WALK, "sums": SUMS}[program].replace("REAL", scalar).replace("_X", "_f" * (scalar == "float")))
     printed = {}
-    for cc, level in product(("gcc", "clang"), ("-O0", "-O2", "-O3")):
+    for cc, level in product(COMPILERS, ("-O0", "-O2", "-O3")):
         executable = str(tmp_path / f"{program}{cc}{level}")
-        run([need(cc), *FLAGS, level, *INCLUDE, str(source), "-o", executable])
+        run([cc, *FLAGS, level, *INCLUDE, str(source), "-o", executable])
         printed[cc, level] = run([executable])
-    assert len(set(printed.values())) == 1 and len(set(printed["gcc", "-O0"].split())) > 80
+    assert len(set(printed.values())) == 1 and len(set(printed[HOST_CC, "-O0"].split())) > 80
 
 
 WALK = r"""

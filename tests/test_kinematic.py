@@ -36,6 +36,7 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import DriveSection, Initial, Simulation, Spec, read_spec, spec_of
+from noslip.tests.tools import HOST_CC
 from noslip.verification.verify import differences
 
 ROOT = Path(noslip.__file__).parent
@@ -551,5 +552,5 @@ def test_page(tmp_path):
     )
     folders = [f"-I{tmp_path}", f"-I{ROOT / 'runtime_c'}", f"-I{ROOT / 'generated/labmate'}"]
     for source in ("tick.c", "labmate_type_iv_line_kinematic_f.c"):
-        subprocess.run(["gcc", *flags.split(), *folders, "-c", tmp_path / source, "-o", tmp_path / "a.o"], check=True)
+        subprocess.run([HOST_CC, *flags.split(), *folders, "-c", tmp_path / source, "-o", tmp_path / "a.o"], check=True)
     assert len(prototypes) == 2

@@ -16,7 +16,7 @@ from noslip.codegen.printing.scalar import SCALARS
 from noslip.codegen.targets import STANDARD
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.robots import find_robot, law_of
-from noslip.tests.tools import need
+from noslip.tests.tools import HOST_CC, need
 
 ROOT = Path(noslip.__file__).parent
 STRICT = "-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion -Werror".split()
@@ -34,7 +34,7 @@ def vectors() -> list[str]:
 class Batch:
     """A law's step and batch law in one scalar, compiled with the flags that vectorize."""
 
-    def __init__(self, name: str, scalar: str, folder: Path, cc: str = "gcc", change=lambda text: text):
+    def __init__(self, name: str, scalar: str, folder: Path, cc: str = HOST_CC, change=lambda text: text):
         self.law, self.scalar = law_of(find_robot("labmate"), name), SCALARS[scalar]
         program, self.ffi = law_program(self.law), cffi.FFI()
         text, lanes = law_text(program, self.scalar), LanesC(program, self.scalar, [])

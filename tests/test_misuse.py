@@ -128,7 +128,7 @@ def test_compiler_sees(tmp_path, name):
     """As an error with -Werror; the program without a mistake compiles."""
     change, flags, said = COMPILED.get(name, (("", ""), (), ""))
     (tmp_path / "main.c").write_text('#include "labmate_type_iv_circle.h"\n' + PROGRAM.replace(*change))
-    compiler = (need("clang") or "clang") if "enum" in said else "gcc"
+    compiler = need("clang" if "enum" in said else "gcc")
     command = [compiler, "-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{ROOT / 'runtime_c'}"]
     command += [f"-I{ROOT / 'generated/labmate'}", *flags, "-c", "main.c", "-o", "main.o"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)

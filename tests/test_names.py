@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-from shutil import which
 
 import casadi as ca
 import pytest
@@ -18,6 +17,7 @@ from noslip.model.paths import PATHS
 from noslip.model.reduction import reduce
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot
+from noslip.tests.tools import need
 
 HEADERS = (
     "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool "
@@ -139,8 +139,7 @@ def test_all_names_of_the_c_are_known():
 def test_macros_are_refused(which_one, tmp_path):
     """Every macro without arguments that a compiler has after all standard headers; one is renamed in C."""
     command = COMPILERS[which_one]
-    if not which(command[0]):
-        pytest.skip(f"{command[0]} not installed")
+    need(command[0])
     file = tmp_path / "all.h"
     file.write_text(every_header("c++" in command))
     run = [*command, "-dM", "-E", *(() if "c++" in command else ("-x", "c")), str(file)]
@@ -161,8 +160,7 @@ def test_what_people_call_things_is_free():
 def test_c_of_odd_names_compiles_after_all_headers(which_one, tmp_path):
     """Names of members that are those of arguments, locals, functions, and a macro of complex.h."""
     command = COMPILERS[which_one]
-    if not which(command[0]):
-        pytest.skip(f"{command[0]} not installed")
+    need(command[0])
     mechanism = robot(
         parameters=(*ODD[:7], "I", "limit"), outputs=(("own", ("I", "self")), ("sin", ("exp", "status"))), settings=ODD[2:9]
     )

@@ -32,7 +32,7 @@ from noslip.simulation.specification.spec import Initial, OutputSection, Referen
 from noslip.simulation.specification.spec import PathSection as Curve
 from noslip.simulation.specification.vary import read_varied
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
-from noslip.tests.tools import need
+from noslip.tests.tools import HOST_CC, need
 from scipy.linalg import expm
 
 ROOT = Path(noslip.__file__).parent
@@ -545,7 +545,7 @@ def test_command_design(capsys, tmp_path):
     (tmp_path / "designed.toml").write_text("\n".join(changed))
     assert dict(read_spec(tmp_path / "designed.toml").gains) == data["gains"]
     (tmp_path / "gains.c").write_text(f'#include "labmate_type_iv_circle.h"\nextern {data["c"].split("=")[0]};\n{data["c"]}\n')
-    run(["gcc", *FLAGS, *STRICT, *INCLUDE, "-c", str(tmp_path / "gains.c"), "-o", str(tmp_path / "gains.o")])
+    run([HOST_CC, *FLAGS, *STRICT, *INCLUDE, "-c", str(tmp_path / "gains.c"), "-o", str(tmp_path / "gains.o")])
 
 
 @pytest.mark.nightly

@@ -7,6 +7,7 @@ from pathlib import Path
 import noslip
 import pytest
 from noslip.codegen.targets import STANDARD
+from noslip.tests.tools import HOST_CC
 
 ROOT = Path(noslip.__file__).parent
 DRIVERS = ROOT / "tests" / "c"
@@ -31,13 +32,11 @@ def copied(folder: Path) -> Path:
 
 def built(driver: str, sources: Path, folder: Path, level: str, link: list[str]) -> Path:
     """A driver and the C that it calls, with the sanitizer's calls in them."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
     files = [DRIVERS / driver, *(sources / name for name in (*GENERATED, "noslip_path_f.c", "noslip_status.c"))]
-    command = ["gcc", *FLAGS, level, "-fsanitize=thread", f"-I{sources}", f"-I{DRIVERS}", "-c", *map(str, files)]
+    command = [HOST_CC, *FLAGS, level, "-fsanitize=thread", f"-I{sources}", f"-I{DRIVERS}", "-c", *map(str, files)]
     subprocess.run(command, cwd=folder, check=True)
     objects = [str(path) for path in folder.glob("*.o")]
-    subprocess.run(["gcc", *FLAGS, f"-I{DRIVERS}", *objects, *link, "-lm", "-o", "program"], cwd=folder, check=True)
+    subprocess.run([HOST_CC, *FLAGS, f"-I{DRIVERS}", *objects, *link, "-lm", "-o", "program"], cwd=folder, check=True)
     return folder / "program"
 
 
@@ -118,5 +117,5 @@ int main(void)
 """)
     files = [str(sources / name) for name in (*GENERATED, "noslip_status.c")]
     for level in ("-O0", "-O3"):
-        subprocess.run(["gcc", "-std=c99", level, f"-I{sources}", "alias.c", *files, "-o", "alias"], cwd=tmp_path, check=True)
+        subprocess.run([HOST_CC, "-std=c99", level, f"-I{sources}", "alias.c", *files, "-o", "alias"], cwd=tmp_path, check=True)
         assert subprocess.run([tmp_path / "alias"]).returncode == 0

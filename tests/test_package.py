@@ -25,6 +25,7 @@ from noslip.controllers.targets import TARGETS
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.robots import find_robot, law_of
 from noslip.tests import test_tutorial
+from noslip.tests.tools import HOST_CC
 from noslip.verification.sampling import random_plants
 
 ROOT = Path(noslip.__file__).parent
@@ -77,11 +78,9 @@ void set_torques(float right, float left) { printf("%.9g %.9g\\n", (double)right
 """
 
 
-@pytest.mark.parametrize("cc", ["gcc", "clang"])
+@pytest.mark.parametrize("cc", [HOST_CC, "clang"])
 def test_readme_firmware(cc, exported, tmp_path):
     """The loop compiles without a warning, links with an export and a board's functions, and answers sensible torques."""
-    if shutil.which(cc) is None:
-        pytest.skip(f"{cc} is not installed")
     code = block("c")
     assert len(code.splitlines()) <= 45
     (tmp_path / "main.c").write_text(code)
@@ -147,11 +146,9 @@ def drive(loop: str, cc: str, ticks: int, printed: int, folder: Path) -> list[li
     return [list(map(float, line.split())) for line in run([program]).splitlines()]
 
 
-@pytest.mark.parametrize("cc", ["gcc", "clang"])
+@pytest.mark.parametrize("cc", [HOST_CC, "clang"])
 def test_path_firmware(cc, tmp_path):
     """The loop of docs/paths.md compiles without a warning and drives a vehicle to the end, where it stands."""
-    if shutil.which(cc) is None:
-        pytest.skip(f"{cc} is not installed")
     rates = drive(block("c", "docs/paths.md"), cc, 2500, 100, tmp_path)
     speeds = [0.075 * (right + left) for right, left in rates]
     assert abs(max(speeds) - 1.4) < 0.1 and abs(speeds[-1]) < 1e-3
@@ -167,7 +164,7 @@ def test_laps_for_a_day(turn, tmp_path):
     loop = loop.replace("segments, 3,", "segments, 1,").replace(".deceleration = 0.5f", ".deceleration = 0.5f, .closed = 1")
     assert count == 1 and ".closed" in loop and "segments, 1," in loop
     per_minute, day = 6_000, 24 * 60
-    rates = drive(loop, "gcc", day * per_minute, per_minute, tmp_path)
+    rates = drive(loop, HOST_CC, day * per_minute, per_minute, tmp_path)
     assert len(rates) == day
     axle = math.sqrt(3**2 - 0.3**2)  # m: radius of its circle, P_l being 0.3 m ahead
     right, left = (1.4 * (1 + turn * side * 0.75 / axle) / 0.15 for side in (1, -1))
@@ -195,7 +192,7 @@ def test_readme_robot(scalar, tolerance, outputs, cart, tmp_path):
     runtime = ROOT / "runtime_c"
     library = tmp_path / "cart.so"
     sources = [*folder.glob("*.c"), runtime / "noslip_status.c"]
-    run(["gcc", *STRICT, "-fPIC", "-shared", f"-I{runtime}", f"-I{folder}", *sources, "-o", library])
+    run([HOST_CC, *STRICT, "-fPIC", "-shared", f"-I{runtime}", f"-I{folder}", *sources, "-o", library])
     ffi = cffi.FFI()
     ffi.cdef(runtime_types(SCALARS[scalar]))
     for path in sorted(folder.glob("*.h"), key=lambda path: len(path.name)):
@@ -239,8 +236,6 @@ DOUBLE, FLOAT = ["--output", "type_i", "--scalar", "double"], ["--output", "type
 @pytest.mark.parametrize(("cc", "selection"), [("gcc", []), ("gcc", DOUBLE), ("clang", DOUBLE), ("gcc", FLOAT), ("clang", FLOAT)])
 def test_export_builds_as_it_is(cc, selection, tmp_path):
     """All of it by one compiler: test_runtime.py has the same sources by both."""
-    if shutil.which(cc) is None:
-        pytest.skip(f"{cc} is not installed")
     folder = tmp_path / "c"
     assert main(["export", "labmate", *selection, "-o", str(folder)]) == 0
     shutil.move(folder, tmp_path / "moved elsewhere")

@@ -1,6 +1,7 @@
 """Processor in the loop: the law on an emulated processor gives the bits of the law on this host, and errors are said clearly."""
 
 import os
+import shutil
 import signal
 import struct
 import subprocess
@@ -205,8 +206,9 @@ def test_a_program_that_ended_is_started_again(backend):
 def test_missing_tools(bad_input, monkeypatch, tmp_path):
     """Which tool, and where it is to be had."""
     monkeypatch.setattr(pil, "_sessions", {})
-    monkeypatch.setattr("shutil.which", lambda tool: None)
-    for backend, tool in (("m4f", "arm-none-eabi-gcc"), ("rv32", "riscv64-unknown-elf-gcc")):
+    of_target, which = {"m4f": "arm-none-eabi-gcc", "rv32": "riscv64-unknown-elf-gcc"}, shutil.which
+    monkeypatch.setattr("shutil.which", lambda tool: None if tool in of_target.values() else which(tool))
+    for backend, tool in of_target.items():
         argv = ["simulate", str(ROOT / "specs/line.toml"), "--set", f'simulation.backend="{backend}"', "-o", str(tmp_path / "x")]
         line = bad_input(argv)
         assert f"{tool} is not installed" in line and f"package gcc-{'arm' if backend == 'm4f' else 'riscv64'}" in line

@@ -5,7 +5,6 @@ import itertools
 import json
 import math
 import re
-import shutil
 import subprocess
 import tomllib
 from pathlib import Path
@@ -18,6 +17,7 @@ from noslip.model.segments import Segment
 from noslip.planning import dubins, fit, reeds_shepp, segments_from_tables
 from noslip.planning.tables import toml
 from noslip.readers.errors import BadInput
+from noslip.tests.tools import HOST_CC
 from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.spatial import cKDTree
 
@@ -532,12 +532,11 @@ def test_c_is_read_back_and_compiles(scalar, capsys, tmp_path):
         expected = [segment.x, segment.y, segment.heading, segment.curvature, segment.length, segment.backward]
         kind = np.float32 if scalar == "float" else np.float64
         assert [kind(value) for value in values] == [kind(value) for value in expected]
-    if shutil.which("gcc"):
-        suffix = "_f" if scalar == "float" else ""
-        first = f"const noslip_segment{suffix} *first(void);\nconst noslip_segment{suffix} *first(void) {{ return path; }}\n"
-        (tmp_path / "path.c").write_text(f'#include "noslip_path.h"\n{text}{first}')
-        flags = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror -fsyntax-only"
-        subprocess.run(["gcc", *flags.split(), f"-I{ROOT / 'runtime_c'}", tmp_path / "path.c"], check=True)
+    suffix = "_f" if scalar == "float" else ""
+    first = f"const noslip_segment{suffix} *first(void);\nconst noslip_segment{suffix} *first(void) {{ return path; }}\n"
+    (tmp_path / "path.c").write_text(f'#include "noslip_path.h"\n{text}{first}')
+    flags = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror -fsyntax-only"
+    subprocess.run([HOST_CC, *flags.split(), f"-I{ROOT / 'runtime_c'}", tmp_path / "path.c"], check=True)
 
 
 @pytest.mark.parametrize("kind", ["png", "svg"])

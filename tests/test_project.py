@@ -15,7 +15,7 @@ from noslip.controllers.backends import make_controller
 from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import Limits
 from noslip.readers.robots import find_robot, law_of
-from noslip.tests.tools import need, skip_without
+from noslip.tests.tools import HOST_CC, need, skip_without
 from noslip.verification.project import FIRMWARE, STEPS, _golden, _limits
 
 LAWS = ("type_iv_circle", "type_i")
@@ -122,8 +122,7 @@ def test_golden_vectors_are_the_models(scalar, monkeypatch):
 @pytest.mark.nightly
 @pytest.mark.parametrize("project", ["generic"], indirect=True)
 def test_cpp_includes_it(project, tmp_path):
-    if shutil.which("g++") is None:
-        pytest.skip("g++ is not installed")
+    need("g++")
     folder, _ = project
     headers = sorted(path.name for path in (folder / "noslip").glob("*.h"))
     robot = tmp_path / "robot.cpp"
@@ -160,8 +159,6 @@ def test_golden_steps_meet_limits(project):
 
 def test_the_route_arrives(project, tmp_path):
     """The self-test's vehicle passes every piece, meets no error, and comes to the end of its path."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
     folder, _ = project
     (tmp_path / "route.c").write_text("""#include <stdio.h>
 #define REAL float
@@ -183,7 +180,7 @@ int main(void)
 """)
     sources = [str(tmp_path / "route.c"), *(str(folder / "noslip" / name) for name in ("noslip_path_f.c", "noslip_status.c"))]
     include = [f"-I{folder / name}" for name in ("noslip", "selftest")]
-    subprocess.run(["gcc", "-std=c99", *include, *sources, "-o", str(tmp_path / "route")], check=True)
+    subprocess.run([HOST_CC, "-std=c99", *include, *sources, "-o", str(tmp_path / "route")], check=True)
     assert subprocess.run([tmp_path / "route"], capture_output=True, text=True).stdout == "0 4 1 1\n"  # 3 and the extension
 
 

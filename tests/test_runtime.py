@@ -17,7 +17,7 @@ from noslip.controllers.runtime import declarations, runtime
 from noslip.guarantees.headers import headers
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.robots import find_robot, law_of
-from noslip.tests.tools import need
+from noslip.tests.tools import HOST_CC, need
 from noslip.verification.sampling import random_plants
 
 ROOT = Path(noslip.__file__).parent
@@ -34,7 +34,7 @@ STRICT = (
 ).split()
 SCALARS = {"double": "", "float": "_f"}
 
-compilers = pytest.mark.parametrize("cc", ["gcc", "clang"])
+compilers = pytest.mark.parametrize("cc", [HOST_CC, "clang"])
 each_level = pytest.mark.parametrize("level", LEVELS)
 each_law = pytest.mark.parametrize("law", list(OUTPUTS))
 each_scalar = pytest.mark.parametrize("scalar", list(SCALARS))
@@ -79,7 +79,7 @@ def test_headers_in_cpp(cxx, standard, tmp_path):
     includes = "".join(f'#include "{path.name}"\n' for path in sorted(GENERATED.glob("*.h")))
     main = "int main() { labmate_params p; return noslip_status_name(labmate_default_params(&p))[0] != 'o'; }\n"
     (tmp_path / "main.cpp").write_text(includes + main)
-    c = objects("gcc", ["-O1"], tmp_path, [s for s in SOURCES if Path(s).name in ("labmate.c", "noslip_status.c")])
+    c = objects(HOST_CC, ["-O1"], tmp_path, [s for s in SOURCES if Path(s).name in ("labmate.c", "noslip_status.c")])
     flags = [f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     run([need(cxx), *flags, *INCLUDE, str(tmp_path / "main.cpp"), *c, "-o", str(tmp_path / "main")])
     run([str(tmp_path / "main")])
@@ -101,7 +101,7 @@ def test_fast_math_is_refused(cc, flag):
 
 @pytest.mark.parametrize("flag", ["-mfpmath=387", "-fsingle-precision-constant"])
 def test_other_arithmetic_is_refused(flag):
-    command = ["gcc", "-std=c99", flag, *INCLUDE, "-fsyntax-only", str(GENERATED / "labmate.c")]
+    command = [HOST_CC, "-std=c99", flag, *INCLUDE, "-fsyntax-only", str(GENERATED / "labmate.c")]
     probe = subprocess.run([*command[:3], "-E", "-x", "c", "/dev/null"], capture_output=True)
     if probe.returncode:
         pytest.skip(f"{flag} is not for this machine")
@@ -156,7 +156,7 @@ def test_no_globals_that_change(cc, built):
 @pytest.fixture(scope="module")
 def trig_sweep(tmp_path_factory) -> str:
     program = str(tmp_path_factory.mktemp("trig") / "trig_sweep")
-    run(["gcc", *FLAGS, "-O2", *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", program])
+    run([HOST_CC, *FLAGS, "-O2", *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", program])
     return program
 
 
@@ -181,7 +181,7 @@ def test_no_warnings(cc, level, built):
 @pytest.mark.parametrize("more", ["-O1", "-O3", "-Os", "-O2 -fanalyzer"])
 def test_no_warnings_from_the_flow_of_data(more, tmp_path):
     """gcc follows it differently at each level; the sources in double are the same text with other types."""
-    objects("gcc", [*more.split(), *STRICT], tmp_path, FLOAT_SOURCES)
+    objects(HOST_CC, [*more.split(), *STRICT], tmp_path, FLOAT_SOURCES)
 
 
 # -- one program with everything, seen from here --------------------------------------------------------------------------
@@ -191,7 +191,7 @@ def test_no_warnings_from_the_flow_of_data(more, tmp_path):
 def program(built, tmp_path_factory):
     """ffi and library of all laws in both scalars, declarations as the headers have them."""
     library = tmp_path_factory.mktemp("program") / "all.so"
-    run(["gcc", "-shared", *built("gcc", "-O2"), "-o", str(library)])
+    run([HOST_CC, "-shared", *built(HOST_CC, "-O2"), "-o", str(library)])
     ffi = cffi.FFI()
     ffi.cdef(declarations("noslip_grip.h"))
     laws = [path for path in GENERATED.glob("*.h") if not re.search("follower|telemetry|ekf", path.name)]

@@ -13,10 +13,10 @@ import noslip
 import numpy as np
 import pytest
 from noslip import simulate
-from noslip.controllers.targets import missing, required
 from noslip.simulation.contact import grip
 from noslip.simulation.specification.vary import varied
 from noslip.tests.browser import Page, browser
+from noslip.tests.tools import need
 
 ROOT = Path(noslip.__file__).parent
 LOADED = re.compile(r"<(?:script|img|iframe|source)\b[^>]*\bsrc=\"(?:https?:)?//|<link\b[^>]*\bhref=\"(?:https?:)?//")
@@ -85,8 +85,7 @@ def test_search_needs_no_server(site, tab):
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> Path:
     """The playground."""
-    if absent := missing("clang", "wasm-ld"):
-        (pytest.fail if required() else pytest.skip)(f"{', '.join(absent)} not installed")
+    need("clang", "wasm-ld")
     folder = tmp_path_factory.mktemp("page")
     run(sys.executable, "playground/build.py", folder)
     return folder / "index.html"
@@ -163,8 +162,7 @@ RUNS = {
 @pytest.fixture(scope="module")
 def playground(page, tmp_path_factory) -> dict[str, dict]:
     """What the page's own scripts compute, run by Node: name -> its SPEC, a row for each period, the last status."""
-    if absent := missing("node"):
-        (pytest.fail if required() else pytest.skip)(f"{', '.join(absent)} not installed")
+    need("node")
     (model,) = re.findall(r'<script id="model">(.*?)</script>', page.read_text(), re.S)
     file = tmp_path_factory.mktemp("playground") / "run.js"
     file.write_text(model + RUN + IN_NODE)

@@ -1,5 +1,7 @@
 """State feedback: steady motions against closed forms, SPECs with [feedback] against runs of their own, commands, pushes."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from noslip.analysis.underactuated import run
@@ -21,7 +23,7 @@ from noslip.simulation.feedback.desired import commanded, on_course
 from noslip.simulation.specification.feedback import Command
 from noslip.simulation.specification.vary import read_varied
 from noslip.tests.test_runtime import STRICT
-from noslip.tests.tools import need, skip_without
+from noslip.tests.tools import COMPILERS, skip_without
 
 WEIGHTS = {"pitch": 10.0, "x": 40.0, "phi": 20.0, "speed": 1.0, "pitch_rate": 0.1, "yaw_rate": 0.5}
 WHEELS = ("theta_r", "theta_l")
@@ -226,11 +228,9 @@ def test_a_target_gives_the_bits_of_this_host(backend):
 @pytest.mark.parametrize("scalar", SCALARS)
 def test_every_compiler_gives_the_same_bits_without_a_warning(scalar, monkeypatch):
     """Of the generated header, at 200 random states near and far from desired ones; the processors are above."""
-    for tool in ("gcc", "clang"):
-        need(tool)
     steady = analyse_at_rest(find_robot("balancer"))
     feedback, answers = design(steady, WEIGHTS, 0.2, WHEELS, 4.0), {}
-    for compiler, level in (("gcc", "-O0"), ("gcc", "-O2"), ("gcc", "-O3"), ("clang", "-O0"), ("clang", "-O2")):
+    for compiler, level in product(COMPILERS, ("-O0", "-O2", "-O3")):
         monkeypatch.setenv("CC", f"{compiler} {' '.join(STRICT)}")
         monkeypatch.setattr(build, "QUICK", (level,))
         c, random, found = BalanceInC(feedback, scalar), np.random.default_rng(8), []

@@ -3,7 +3,6 @@
 import ctypes
 import math
 import re
-import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -19,7 +18,7 @@ from noslip.controllers.controller import STATUS
 from noslip.controllers.runtime import runtime
 from noslip.controllers.tracking import CompiledTracker, Guide, PathFault, Tracker, TrackerOptions, make_tracker
 from noslip.model.segments import Segment
-from noslip.tests.tools import need
+from noslip.tests.tools import COMPILERS, HOST_CC, need
 
 ROOT = Path(noslip.__file__).parent
 RUNTIME, DRIVERS = ROOT / "runtime_c", ROOT / "tests" / "c"
@@ -759,7 +758,7 @@ def run(command: list[str], **options) -> str:
 
 def test_atan2_sweep(tmp_path):
     program = str(tmp_path / "trig_sweep")
-    run([need("gcc"), *FLAGS, "-O2", *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", program])
+    run([HOST_CC, *FLAGS, "-O2", *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", program])
     run([program, "atan2", "2000000", "1992"])
 
 
@@ -772,7 +771,7 @@ def atan2(tmp_path_factory):
         "double wide(double y, double x) { return noslip_atan2(y, x); }\n"
         "float narrow(float y, float x) { return noslip_atan2_f(y, x); }\n"
     )
-    run([need("gcc"), *FLAGS, "-O2", *INCLUDE, "-shared", "-fPIC", str(folder / "a.c"), "-o", str(folder / "a.so")])
+    run([HOST_CC, *FLAGS, "-O2", *INCLUDE, "-shared", "-fPIC", str(folder / "a.c"), "-o", str(folder / "a.so")])
     library = ctypes.CDLL(str(folder / "a.so"))
     for name, kind in (("wide", ctypes.c_double), ("narrow", ctypes.c_float)):
         function = getattr(library, name)
@@ -952,8 +951,8 @@ def test_random_input(fuzz, tmp_path):
     """Random paths and poses, also of any bits, under the sanitizers: a status, and every number finite, zero on an error."""
     (tmp_path / "probe.c").write_text("int main(void) { return 0; }\n")
     checks = "-fsanitize=address,undefined,float-cast-overflow"
-    probe = subprocess.run([need("gcc"), checks, str(tmp_path / "probe.c"), "-o", str(tmp_path / "probe")], capture_output=True)
-    counted = fuzz("gcc", "-DN=20000", "-O1", "-g", *([] if probe.returncode else [checks, "-fno-sanitize-recover=all"]))
+    probe = subprocess.run([HOST_CC, checks, str(tmp_path / "probe.c"), "-o", str(tmp_path / "probe")], capture_output=True)
+    counted = fuzz(HOST_CC, "-DN=20000", "-O1", "-g", *([] if probe.returncode else [checks, "-fno-sanitize-recover=all"]))
     for name in ("ok", "arrived", "nonfinite", "range", "bad_parameter", "bad_path"):
         assert int(counted[name]) > 20, counted
 
@@ -962,6 +961,6 @@ def test_same_bits(fuzz):
     """From both compilers, at the lowest and the highest level, and with fused operations at hand."""
     info = Path("/proc/cpuinfo")
     fused = ["-mfma"] if info.exists() and "fma" in info.read_text().split() else []
-    builds = [(compiler, level) for compiler in ("gcc", "clang") for level in ("-O0", "-O3") if shutil.which(compiler)]
+    builds = [(compiler, level) for compiler in COMPILERS for level in ("-O0", "-O3")]
     counted = [fuzz(compiler, "-DN=2000", level, *(fused if level == "-O3" else [])) for compiler, level in builds]
     assert counted and all(found == counted[0] for found in counted)

@@ -24,7 +24,7 @@ from noslip.model.underactuated import PartialLinearization, partial_linearizati
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot
 from noslip.tests.test_runtime import RUNTIME, STRICT
-from noslip.tests.tools import need
+from noslip.tests.tools import COMPILERS
 
 NAMES = ("balancer", "roller_racer", "sleigh", "snakeboard")
 WEIGHTS = {"pitch": 10.0, "x": 40.0, "phi": 20.0, "speed": 1.0, "pitch_rate": 0.1, "yaw_rate": 0.5}
@@ -308,8 +308,8 @@ def test_the_command_writes_the_feedback(tmp_path, capsys, bad_input):
     )
     first = written.read_text()
     assert main([*LQR, "--effort", "2", "-o", str(tmp_path)]) == 0 and written.read_text() != first
-    for cc in ("gcc", "clang"):
-        command = [need(cc), "-std=c99", *STRICT, f"-I{RUNTIME}", f"-I{written.parent}", str(tmp_path / "main.c")]
+    for cc in COMPILERS:
+        command = [cc, "-std=c99", *STRICT, f"-I{RUNTIME}", f"-I{written.parent}", str(tmp_path / "main.c")]
         subprocess.run([*command, "-o", str(tmp_path / "main")], check=True)
         assert subprocess.run([tmp_path / "main"]).returncode == 0
     for arguments, message in (

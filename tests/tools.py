@@ -1,11 +1,16 @@
 """Tools that tests run, and what becomes of a test where one is not installed."""
 
+import re
+import shutil
 import sys
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 
 import pytest
-from noslip.controllers.targets import missing, required
+from noslip.controllers.targets import PACKAGES, missing, required
 
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]  # for this host
+HOST_CC = (*COMPILERS, "cc")[0]
 NOSLIP = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]  # the command, in a process
 
 
@@ -19,3 +24,20 @@ def need(*tools: str) -> str:
     """The first of these tools. Skips the test if one is absent."""
     skip_without(missing(*tools))
     return tools[0]
+
+
+def lacking(reasons: Iterable[str]) -> str:
+    """Return in one line which packages would bring what tests were skipped for, and how many each; empty: none.
+
+    `reasons`: those of the skipped tests, as `need`, `pytest.importorskip` and the checks of guarantees/ word them.
+    """
+    counts: Counter[str] = Counter()
+    for reason in reasons:
+        if words := re.search(r"([\w+., -]+) not installed", reason):
+            counts.update({PACKAGES.get(tool, tool) for tool in words[1].removesuffix(" is").split(", ")})
+        elif words := re.search(r"install (\S+)", reason):
+            counts[words[1]] += 1
+        elif words := re.search(r"could not import '([^'.]+)", reason):
+            counts[f"{words[1]} (Python)"] += 1
+    listed = ", ".join(f"{package}: {count}" for package, count in sorted(counts.items()))
+    return f"skipped for want of a package: {listed}" if listed else ""
