@@ -27,7 +27,7 @@ SOURCE = """#include <float.h>
 #define __attribute__(x)
 #include "{header}"
 """
-ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=", "-DNOSLIP_REAL_H")  # words that cffi cannot parse, and a whole header
+ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=", "-DNOSLIP_REAL_H", "-U__SSE2__")  # what cffi cannot parse
 ABSENT = ("float.h", "stddef.h", "stdint.h")
 BODY, BRACE = re.compile(r"\)\s*\{"), re.compile(r"[{}]")  # the head of a function's body comes after its parameters
 # of ABSENT and noslip_real.h

@@ -23,6 +23,7 @@ PACKAGES = {  # tool -> Debian package
     "gcc": "gcc",
     "clang": "clang",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
+    "arm-none-eabi-g++": "gcc-arm-none-eabi",
     "riscv64-unknown-elf-gcc": "gcc-riscv64-unknown-elf",
     "wasm-ld": "lld",
     "qemu-system-arm": "qemu-system-arm",

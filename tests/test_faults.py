@@ -8,9 +8,11 @@ import pytest
 from noslip.guarantees import faults
 from noslip.guarantees.tools import ROOT, Failed, Task
 from noslip.guarantees.vehicle import Firmware
+from noslip.tests.tools import need
 
 
 def test_page_is_what_happens(tmp_path):
+    need("gcc")
     assert "faults of the vehicle" in faults.check(Task(tmp_path))
 
 

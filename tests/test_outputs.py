@@ -7,7 +7,7 @@ from pathlib import Path
 import noslip
 import pytest
 from noslip.codegen.targets import STANDARD
-from noslip.tests.tools import HOST_CC
+from noslip.tests.tools import HOST_CC, need
 
 ROOT = Path(noslip.__file__).parent
 DRIVERS = ROOT / "tests" / "c"
@@ -33,10 +33,10 @@ def copied(folder: Path) -> Path:
 def built(driver: str, sources: Path, folder: Path, level: str, link: list[str]) -> Path:
     """A driver and the C that it calls, with the sanitizer's calls in them."""
     files = [DRIVERS / driver, *(sources / name for name in (*GENERATED, "noslip_path_f.c", "noslip_status.c"))]
-    command = [HOST_CC, *FLAGS, level, "-fsanitize=thread", f"-I{sources}", f"-I{DRIVERS}", "-c", *map(str, files)]
+    command = [need("gcc"), *FLAGS, level, "-fsanitize=thread", f"-I{sources}", f"-I{DRIVERS}", "-c", *map(str, files)]
     subprocess.run(command, cwd=folder, check=True)
     objects = [str(path) for path in folder.glob("*.o")]
-    subprocess.run([HOST_CC, *FLAGS, f"-I{DRIVERS}", *objects, *link, "-lm", "-o", "program"], cwd=folder, check=True)
+    subprocess.run(["gcc", *FLAGS, f"-I{DRIVERS}", *objects, *link, "-lm", "-o", "program"], cwd=folder, check=True)
     return folder / "program"
 
 

@@ -34,7 +34,7 @@ STRICT = (
 ).split()
 SCALARS = {"double": "", "float": "_f"}
 
-compilers = pytest.mark.parametrize("cc", [HOST_CC, "clang"])
+compilers = pytest.mark.parametrize("cc", ["gcc", "clang"])
 each_level = pytest.mark.parametrize("level", LEVELS)
 each_law = pytest.mark.parametrize("law", list(OUTPUTS))
 each_scalar = pytest.mark.parametrize("scalar", list(SCALARS))
@@ -101,7 +101,7 @@ def test_fast_math_is_refused(cc, flag):
 
 @pytest.mark.parametrize("flag", ["-mfpmath=387", "-fsingle-precision-constant"])
 def test_other_arithmetic_is_refused(flag):
-    command = [HOST_CC, "-std=c99", flag, *INCLUDE, "-fsyntax-only", str(GENERATED / "labmate.c")]
+    command = [need("gcc"), "-std=c99", flag, *INCLUDE, "-fsyntax-only", str(GENERATED / "labmate.c")]
     probe = subprocess.run([*command[:3], "-E", "-x", "c", "/dev/null"], capture_output=True)
     if probe.returncode:
         pytest.skip(f"{flag} is not for this machine")

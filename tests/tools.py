@@ -33,8 +33,8 @@ def lacking(reasons: Iterable[str]) -> str:
     """
     counts: Counter[str] = Counter()
     for reason in reasons:
-        if words := re.search(r"([\w+., -]+) not installed", reason):
-            counts.update({PACKAGES.get(tool, tool) for tool in words[1].removesuffix(" is").split(", ")})
+        if words := re.search(r"(\S+(?:, \S+)*)(?: is)? not installed", reason):
+            counts.update({PACKAGES.get(tool, tool) for tool in words[1].split(", ")})
         elif words := re.search(r"install (\S+)", reason):
             counts[words[1]] += 1
         elif words := re.search(r"could not import '([^'.]+)", reason):
