@@ -3,6 +3,7 @@
 # make test    every check, in a few minutes: of long ones the smaller version, of many similar ones some
 # make nightly make test, then all that takes longer: all builds of the bit digest, all targets in QEMU, all figures, the long
 #              random tests, the tests that tests/nightly.py names, and whether small changes of the sources are found
+# make margins the tests, and how much of its tolerance each comparison needs: fails where it is more than a tenth
 # make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html;
 #              with ALL=--all also those of other robots and of the floor in a physics engine, which take minutes
@@ -33,7 +34,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures films site playground lint types quick test suite nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all setup generate check-generated check simulate figures films site playground lint types quick test suite margins nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: generate
@@ -134,6 +135,9 @@ test: $(READY_DEV)
 
 suite: $(READY_DEV)
 	env -u MAKEFLAGS -u MFLAGS $(PYTEST) # tests run make themselves, without this one's jobs
+
+margins: $(READY_DEV)
+	env -u MAKEFLAGS -u MFLAGS $(PYTEST) --margins=build/margins.json
 
 # What each step finds is printed; the first that fails ends it.
 nightly: test $(READY_SITE)

@@ -396,7 +396,7 @@ SOME = {
         "test_wrong_model_against_nonlinear_runs",
     ),
     "test_planning": (
-        "test_stays_within_the_tolerance_of_a_function",
+        "test_stays_within_the_stated_distance_of_a_function",
     ),
     "test_poles": (
         "test_shipped_robots_have_no_pole_of_their_own",

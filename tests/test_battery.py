@@ -86,7 +86,7 @@ REFERENCE, *OTHERS = (HOST_CC, "-O2"), (HOST_CC, "-O0"), *((other, "-O2") for ot
 ON_TARGET = {("car", "type_iv_circle"), ("ball_plate", "ball"), ("four_wheel", "type_iv_circle"), ("balancer", "drive")}
 ON_TARGET |= {("labmate", f"type_i{kind}") for kind in ("v_circle_damped", "_extended", "v_segment_kinematic")}
 STATES = 20
-ERROR = {"double": 1e-11, "float": 1e-4}  # of a quantity's largest entry, or of a tenth of its median size
+ERROR = {"double": 1e-11, "float": 1e-3}  # of a quantity's largest entry, or of a tenth of its median size
 TINY = 1e-300
 BYTES = {  # at most: of the struct that is all a law's memory, in float; in double twice that
     "mobile_manipulator": 480,

@@ -283,7 +283,7 @@ def test_other_robots(spec, robot, fitted, tmp_path, capsys):
     assert main(["calibrate", str(tmp_path / "run.csv"), "--robot", robot, "--json", "--fit", *fitted]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert {name: printed["parameters"][name]["value"] for name in fitted} == {
-        name: pytest.approx(value, rel=2e-3) for name, value in fitted.items()
+        name: pytest.approx(value, rel=5e-3) for name, value in fitted.items()
     }
 
 

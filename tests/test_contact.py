@@ -115,7 +115,7 @@ def test_height_shifts_load_to_the_outer_wheel():
         height = 0.5 * 0.8 * mass * 9.81 * p["b"] / abs(pull)  # half of what lifts a wheel
         _, side, (right, left) = first(contact_forces(plant, x, tau, ContactSection(share=0.8, height=height)))
         assert abs(right + left - 0.8 * mass * 9.81) < 1e-9
-        assert abs(p["b"] * (right - left) - height * pull) < 1e-9  # no moment is left that rolls the body over
+        assert abs(p["b"] * (right - left) - height * pull) < 1e-8  # no moment is left that rolls the body over
         assert abs(side.sum() - pull) < 1e-10
         assert abs(side[0] - side[1]) < 1e-10  # shared in proportion to the load at rest
 
@@ -127,7 +127,7 @@ def test_steady_circle():
     for wheel, sign in ((right, 1), (left, -1)):
         assert abs(wheel.lateral[-1] - 32.0 * 25.0 / inner / 2) < 1e-6
         # At a steady rate torques only carry the centre of mass, ahead of the axle, round: moment b (F_r - F_l) = ahead F_side.
-        assert abs(2 * wheel.longitudinal[-1] - (-32.0 * 0.28125 * (5 / inner) ** 2 + sign * 0.28125 * 80.0360324 / 0.75)) < 1e-5
+        assert abs(2 * wheel.longitudinal[-1] - (-32.0 * 0.28125 * (5 / inner) ** 2 + sign * 0.28125 * 80.0360324 / 0.75)) < 1e-4
     assert wheel.load[-1] == pytest.approx(156.96, abs=1e-9)
 
 

@@ -24,8 +24,8 @@ from scipy.optimize import brentq
 
 REFERENCE = Path(__file__).parents[1] / "specs" / "reference"
 FILES = ("labmate_paper.json", "labmate_random.json")
-WORST = {"casadi": 1e-12, "c": 1e-11, "cf": 1e-4}  # of each quantity's largest entry
-MEDIAN = {"casadi": 1e-14, "c": 1e-14, "cf": 2e-6}
+WORST = {"casadi": 1e-11, "c": 1e-11, "cf": 1e-3}  # of each quantity's largest entry
+MEDIAN = {"casadi": 2e-14, "c": 2e-14, "cf": 5e-6}
 
 each_backend = pytest.mark.parametrize("backend", BACKENDS)
 

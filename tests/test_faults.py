@@ -18,7 +18,7 @@ def test_page_is_what_happens(tmp_path):
 
 def test_an_undisturbed_run_arrives(tmp_path):
     outcome = faults.outcome(Firmware(tmp_path), faults.Fault("none"))
-    assert outcome.end == "arrives" and outcome.statuses == () and outcome.error < 2e-3
+    assert outcome.end == "arrives" and outcome.statuses == () and outcome.error < 0.002
 
 
 def test_a_flipped_bit_is_one_bit():

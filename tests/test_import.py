@@ -195,7 +195,7 @@ def test_two_wheels_have_the_laws_of_labmate(tmp_path, capsys):
     total = sum(wheel["load"] for wheel in said["wheels"].values())
     # by hand: the moments about the axle of the weight of all links, held by the castor 0.25 m ahead
     ahead = said["parameters"]["d"]["default"]
-    assert total == pytest.approx(1 - ahead / 0.25, rel=1e-12)
+    assert total == pytest.approx(1 - ahead / 0.25, rel=1e-11)
 
 
 @pytest.mark.parametrize("model", ["burger", "waffle_pi"])
@@ -213,7 +213,7 @@ def test_the_shipped_turtlebot3_is_its_links(model, tmp_path):
         f = ca.Function("f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (system.Mbar, system.bias, loads)])
         states = [(random.uniform(-2, 2, 5), random.uniform(-5, 5, 2)) for _ in range(STATES)]
         found.append([np.vstack([v.full().reshape(-1, 1) for v in f(*s, [p.default for p in robot.parameters])]) for s in states])
-    assert np.allclose(*found, rtol=1e-11, atol=0)
+    assert np.allclose(*found, rtol=1e-10, atol=0)
 
 
 def replaced(old: str, new: str, urdf=two_wheels, count: int = 1):
@@ -497,7 +497,7 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
     file = tmp_path / "cart.urdf"
     file.write_text(urdf.text.replace(CYLINDER, mesh, 1))
     layout = recognize(read(str(file)), Options())
-    assert [wheel.radius for wheel in layout.base.wheels] == pytest.approx([0.1, 0.1], rel=1e-6)
+    assert [wheel.radius for wheel in layout.base.wheels] == pytest.approx([0.1, 0.1], rel=1e-5)
     assert "mesh" in layout.base.wheels[0].source
     for scale, said in (
         ("0.002 0.001 0.001", "not round about the axle"),
@@ -522,7 +522,7 @@ def test_a_mirrored_mesh_is_mirrored(tmp_path):
         mesh = MESH.replace("/></", f' scale="{scale}"/></')
         file.write_text(two_wheels().text.replace(f'<origin xyz="0 0 {BESIDE}"/>', "").replace(CYLINDER, mesh))
         wheels = recognize(read(str(file)), Options()).base.wheels
-        assert [wheel.radius for wheel in wheels] == pytest.approx([0.1, 0.1], rel=1e-6)
+        assert [wheel.radius for wheel in wheels] == pytest.approx([0.1, 0.1], rel=1e-5)
         sides[scale] = [float(wheel.centre[1]) for wheel in wheels]
     joints = np.array([-0.2, 0.2]) - BESIDE
     assert sides["1 1 1"] == sides["-1 1 1"] == pytest.approx(joints + 0.03, abs=1e-7)

@@ -107,7 +107,7 @@ def test_against_windup(scalar, seed):
         assert abs(now) <= abs(z) or status == "ok"
         if before * z < 0:
             back += 1
-            assert abs(now) < abs(z) or now == pytest.approx(z + before * dt, rel=1e-6)
+            assert abs(now) < abs(z) or now == pytest.approx(z + before * dt, rel=1e-5)
         elif abs(now) == abs(z):
             held += 1
         z, before = now, made.self.error
@@ -403,7 +403,7 @@ def test_saturated_from_the_start_nothing_winds_up(backend, mode):
     first = np.flatnonzero(made.status == "ok")[0]
     assert first > 20 and np.all(made.integral[: first + 1] == 0)
     assert np.array_equal(made.x[: first + 1], without.x[: first + 1]) and not np.array_equal(made.x, without.x)
-    assert made.stopped is None and np.abs(made.error[-1]).max() < 1e-3
+    assert made.stopped is None and np.abs(made.error[-1]).max() < 0.001
     saturated = made.status[:-1] != "ok"
     assert np.all(np.diff(np.abs(made.integral), axis=0)[saturated] <= 0)
 

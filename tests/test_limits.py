@@ -270,7 +270,7 @@ def slow_in_c(scalar: str):
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_slow_by_itself(scalar, count):
     """Random inputs, slopes with zeros among them, and limits: as the independent search says."""
-    source, tolerance = np.random.default_rng(count), 3e-4 if scalar == "float" else 1e-11
+    source, tolerance = np.random.default_rng(count), 5e-4 if scalar == "float" else 2e-11
     saturated = 0
     for _ in range(2000):
         tau = np.round(source.normal(0, 10, count), 3)

@@ -650,7 +650,7 @@ def test_canonical_keeps_the_value(depth):
             for point in points:
                 expected = random_expression(np.random.default_rng(seed), depth, point, mpmath.sin, mpmath.cos)
                 # only a leading factor such as 1/3 is rounded to double
-                assert abs(high_precision(simplified, point) - expected) <= 1e-14 * abs(expected) + mpmath.mpf("1e-40"), (
+                assert abs(high_precision(simplified, point) - expected) <= 1e-13 * abs(expected) + mpmath.mpf("1e-40"), (
                     expression
                 )
 
@@ -690,7 +690,7 @@ def test_canonical_keeps_a_power_of_a_small_denominator(power):
             d = 10 * Y * mpmath.cos(X) + Y - 13 * Z * mpmath.sin(X) ** 2
             expected = 3 * (13 * Z * mpmath.sin(X) / d) ** power + 7 * (10 * Y / d) ** power
         value = float(ca.Function("simple", VARIABLES, [simple])(a, b, c))
-        assert abs(value - expected) <= 1e-10 * abs(expected)
+        assert abs(value - expected) <= 1e-9 * abs(expected)
 
 
 @pytest.mark.parametrize("expression", [ca.sqrt(x) + y, ca.tan(x) * y, ca.exp(x), ca.fabs(x), ca.if_else(x > 0, x, y)])

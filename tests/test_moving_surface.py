@@ -261,9 +261,9 @@ def test_a_vehicle_on_a_plate_that_accelerates_moves_as_in_axes_of_the_plate():
     moved = np.array([displaced(each).full().ravel() for each in in_world[:, 5]])
     assert np.ptp(moved, axis=0).min() > 0.2
     np.testing.assert_allclose(in_world[:, :2], on_it[:, :2] + moved, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(in_world[:, 2:8], on_it[:, 2:8], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(in_world[:, 2:8], on_it[:, 2:8], rtol=0, atol=1e-8)
     energy = world.energy(in_world[:, :-1])
-    np.testing.assert_allclose(energy - energy[0], in_world[:, -1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(energy - energy[0], in_world[:, -1], rtol=0, atol=1e-8)
     assert np.abs(world.slip(in_world[:, :-1])).max() < 1e-12
     by_motors = world.power(in_world[:1, :-1], np.array([[0.0, 1.0]]))[0] - 1.0 * 2.0
     assert abs(by_motors) > 1e-2, "the drive of the plate works too"
@@ -398,7 +398,7 @@ def test_a_known_function_in_loops_with_a_period_with_drives_and_in_sweeps(tmp_p
         np.testing.assert_allclose(run.q[:, 5:7], np.column_stack([0.1 + run.t**2 / 2, run.t]), rtol=0, atol=1e-12)
         assert run.balanced == balanced == ("drive of the ground" in summary(run))
         if balanced:
-            assert np.abs(run.works[0] - run.works[1] - run.works[2]).max() < 1e-3, "J, of 6"
+            assert np.abs(run.works[0] - run.works[1] - run.works[2]).max() < 0.001, "J, of 6"
     spec = read_varied("specs/moving/conveyor.toml", short)
     batch = Simulated(spec, band=0.1)
     (outcomes,) = batch.run(batch.table({"plant.m_c": np.array([33.0])}, 1))

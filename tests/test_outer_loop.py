@@ -243,7 +243,7 @@ def test_wrong_model_against_nonlinear_runs(spec, plant):
 
 def test_offset_of_the_papers_figure():
     """9b: 8.7 cm at 5 m/s with the true masses twice what is believed, outwards; none on the line."""
-    assert motion_of(CIRCLE, plant=DOUBLED).rho[0] == pytest.approx(0.087, abs=5e-4)
+    assert abs(motion_of(CIRCLE, plant=DOUBLED).rho[0] - 0.087) < 0.0005
     assert abs(motion_of(LINE, plant=DOUBLED).rho[0]) < 1e-12
     simulated = simulate(with_run(replace(CIRCLE, plant=DOUBLED), duration=20.0, output_step=0.5))
     assert simulated.y[-1, 0] == pytest.approx(motion_of(CIRCLE, plant=DOUBLED).rho[0], abs=1e-6)
@@ -377,7 +377,7 @@ def test_joined_by_hand():
     joined = control.interconnect(parts, inputs=[q.name for q in loop.law.reference], outputs=["x_c", "y_c"])
     reference = list(map(float, loop.guidance.reference(0.0, loop.start)))
     response = control.input_output_response(joined, [0, 5, 15], reference, loop.start, solve_ivp_kwargs={"rtol": 1e-8})
-    assert response.outputs[0, -1] == pytest.approx(response.outputs[1, -1], abs=2e-3)
+    assert abs(response.outputs[0, -1] - response.outputs[1, -1]) < 0.002
 
 
 def test_operating_point_and_linearization():
@@ -408,7 +408,7 @@ def test_integral_action_removes_the_offset(period):
     response = control.input_output_response(system, times, reference, np.append(loop.start, 0.0), **options)
     assert abs(np.hypot(*(response.outputs[:2, -1] - 20)) - 10) < 1e-6
     assert response.states[-1, -1] == pytest.approx(motion.z[0], abs=1e-4) and abs(motion.rho[0]) < 1e-12
-    assert motion.decay(period) == pytest.approx(0.433, abs=0.01)
+    assert abs(motion.decay(period) - 0.433) < 0.01
 
 
 @pytest.mark.parametrize("period", [0.0, 0.02])
@@ -437,7 +437,7 @@ def test_refusal_of_the_controller_is_told():
 # -- headings --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("scalar", "tolerance"), [("double", 2e-16), ("float", 2e-7)])
+@pytest.mark.parametrize(("scalar", "tolerance"), [("double", 1e-15), ("float", 5e-7)])
 def test_nearest_angle(scalar, tolerance):
     """Whole turns off the desired angle, within half a turn of the actual one; Python and C alike."""
     random = np.random.default_rng(5)

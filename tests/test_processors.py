@@ -30,7 +30,7 @@ def test_sines_and_cosines():
         truth = [[f(mp.mpf(value)) for value in x.tolist()] for f in (mp.sin, mp.cos)]
         rows = zip(truth, found.tolist(), strict=True)
         errors = [abs(one - mp.mpf(value)) for right, row in rows for one, value in zip(right, row, strict=True)]
-    assert max(errors) < 3e-16
+    assert max(errors) < 1.5 * np.finfo(float).eps
     assert np.array_equal(found, np.array([sine_cosine(value) for value in x.tolist()]).T)
     s = ca.SX.sym("s")
     function = portable(ca.Function("both", [s], [ca.vertcat(ca.sin(s), ca.cos(s))]))
@@ -46,11 +46,11 @@ def test_angles():
     with mp.workprec(120):
         points = zip(y.tolist(), x.tolist(), found.tolist(), strict=True)
         errors = [abs(mp.atan2(mp.mpf(a), mp.mpf(b)) - mp.mpf(c)) for a, b, c in points]
-    assert max(errors) < 1e-15
+    assert max(errors) < 1e-14
     assert (angle_of(0.0, 0.0), angle_of(0.0, -1.0)) == (0.0, math.pi)
-    assert arcsine(0.5) == pytest.approx(math.pi / 6, abs=1e-15) and arcsine(-1.0) == -math.pi / 2
+    assert arcsine(0.5) == pytest.approx(math.pi / 6, abs=1e-14) and arcsine(-1.0) == -math.pi / 2
     z, w = x + 1j * y, y - 2j * x
-    assert np.abs(product(z, w) - z * w).max() < 1e-14 and np.abs(size(z) - abs(z)).max() < 1e-14
+    assert np.abs(product(z, w) - z * w).max() < 1e-13 and np.abs(size(z) - abs(z)).max() < 1e-13
     assert abs(unit(2.0) - np.exp(2j)) < 1e-15
 
 

@@ -36,12 +36,12 @@ def far(course, dense: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("rounding", [0.0, 0.2])
-@pytest.mark.parametrize("tolerance", [0.05, 0.01])
-def test_the_course_is_within_the_tolerance_and_smooth(tolerance, rounding):
-    course = fit_course(SPLINE, tolerance, rounding=rounding)
+@pytest.mark.parametrize("stated", [0.05, 0.01])
+def test_the_course_is_within_the_stated_distance_and_smooth(stated, rounding):
+    course = fit_course(SPLINE, stated, rounding=rounding)
     dense = SPLINE(np.linspace(0.0, 1.0, 5001)) @ [1, 1j]
-    assert far(course, dense) < tolerance
-    assert abs(course.position(0.0) - dense[0]) < tolerance and abs(course.position(sum(course.lengths)) - dense[-1]) < tolerance
+    assert far(course, dense) < stated
+    assert abs(course.position(0.0) - dense[0]) < stated and abs(course.position(sum(course.lengths)) - dense[-1]) < stated
     bends = [
         (one.curvature(one.length), other.curvature(0.0))
         for one, other in zip(course.stretches, course.stretches[1:], strict=False)

@@ -201,7 +201,7 @@ def test_velocity_drives():
         r, wheelbase = loop.config.params.r or 0.3, 2.6
         assert list(twist) == pytest.approx([r * rate, r * rate * math.tan(angle) / wheelbase], rel=1e-9, abs=1e-12)
         loop.roll()
-    assert abs(loop.distance) < 0.02 and loop.follower.speed == pytest.approx(SPEED, abs=0.05)
+    assert abs(loop.distance) < 0.02 and abs(loop.follower.speed - SPEED) < 0.05
     assert SteeredLoop().c.call("twist", SteeredLoop().follower, twist) < 0 and list(twist) == [0, 0]
 
 
@@ -289,7 +289,7 @@ def test_a_steering_angle_may_change_in_rejected_time(late):
         assert {loop.by_angles(1.3) for _ in range(late)} == {"range"}
         assert loop.by_angles(last + reach + beyond) == ("ok" if beyond < 0 else "range")
         if beyond < 0:
-            assert loop.follower.rate[1] == pytest.approx(20.0, abs=1e-4) and loop.follower.waited == 0
+            assert loop.follower.rate[1] == pytest.approx(20.0, abs=1e-3) and loop.follower.waited == 0
 
 
 def test_parameters_change_between_ticks():
@@ -333,7 +333,7 @@ def test_telemetry_of_a_steered_vehicle(tmp_path, capsys):
     assert main(["log", str(dump), "-o", str(tmp_path / "run.csv")]) == 0
     last = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True, dtype=None, encoding=None)[-1]
     assert last["delta"] == pytest.approx(loop.follower.steering.angle, abs=1e-6)
-    assert last["x"] == pytest.approx(loop.x[0], abs=0.05)
+    assert abs(last["x"] - loop.x[0]) < 0.05
     assert main(["view", str(dump), "-o", str(tmp_path / "run.svg")]) == 0
     assert len((tmp_path / "run.svg").read_text()) > 20_000
 

@@ -368,7 +368,7 @@ def test_a_spec_with_a_sweep_is_still_one_run(spec, tmp_path):
 @pytest.mark.parametrize("failed, samples", [(0, 10), (3, 10), (10, 10), (1, 100000)])
 def test_the_confidence_interval_is_clopper_and_pearsons(failed, samples):
     known = stats.binomtest(failed, samples).proportion_ci(0.95, method="exact")
-    assert statistics.clopper_pearson(failed, samples) == pytest.approx((known.low, known.high), abs=1e-12)
+    assert statistics.clopper_pearson(failed, samples) == pytest.approx((known.low, known.high), abs=1e-11)
 
 
 def test_the_summary_is_that_of_the_rows(spec, tmp_path, capsys):
@@ -415,7 +415,7 @@ def test_sobols_indices_are_those_of_models_that_are_known():
     }
     for outcome, values in wanted.items():
         for name, both in values.items():
-            assert found.values[outcome][name][:2] == pytest.approx(both, abs=0.05)
+            assert np.abs(np.subtract(found.values[outcome][name][:2], both)).max() < 0.05
 
 
 def test_the_worst_is_found_in_the_corner_where_it_is():

@@ -269,7 +269,7 @@ def test_the_balancer_turns_drives_and_stops_by_the_c(scalar):
 def test_the_c_of_a_feedback_is_the_feedback():
     """At random states, with its limits, what has fallen, and headings by whole turns; a wrong gain is found."""
     _, loop, _ = balanced()
-    assert differences(loop) == {"double": pytest.approx(0.0, abs=1e-14), "float": pytest.approx(0.0, abs=2e-6)}
+    assert differences(loop) == {"double": pytest.approx(0.0, abs=1e-13), "float": pytest.approx(0.0, abs=1e-5)}
     wrong = dataclasses.replace(loop, K=loop.K * (1 + 1e-9), feedback=None)
     x = np.full(9, 0.05)
     assert BalanceInC(loop).step(x, 0 * x)[1] == pytest.approx(loop.step(x, 0 * x)[1], abs=1e-14)
@@ -391,7 +391,7 @@ def test_starts_of_a_confirmation_are_uniform(monkeypatch):
     of = np.array(starts)
     cost, T = np.sum((of @ X) * of, axis=1), loop.steady.reached
     assert cost.max() <= 0.7 * (1 + 1e-9) and np.abs(of - of @ T @ T.T).max() < 1e-12
-    assert np.mean(cost < 0.35) == pytest.approx(1 / 8, abs=4 * math.sqrt(1 / 8 * 7 / 8 / 4000))
+    assert abs(np.mean(cost < 0.35) - 1 / 8) < 4 * math.sqrt(1 / 8 * 7 / 8 / 4000)
     assert np.abs((of @ X @ T).mean(axis=0)).max() < 0.05 * np.abs(of @ X @ T).max()  # on all sides alike
 
 
