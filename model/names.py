@@ -37,7 +37,9 @@ MACROS = frozenset(name for name in vars(errno) if name.isupper()) | frozenset(
     "complex imaginary errno math_errhandling noreturn stdin stdout stderr linux unix i386 atomic_init "
     "sa_handler sa_sigaction sigev_notify_function sigev_notify_attributes "
     "si_addr si_addr_lsb si_arch si_band si_call_addr si_fd si_int si_lower si_overrun si_pid si_pkey si_ptr si_status "
-    "si_stime si_syscall si_timerid si_uid si_upper si_utime si_value".split()
+    "si_stime si_syscall si_timerid si_uid si_upper si_utime si_value "
+    "basename d_fileno h_addr h_errno s6_addr sched_priority st_atime st_ctime st_mtime "  # POSIX
+    "cdecl far hyper interface near pascal pshHelp small".split()  # Windows.h
 )
 FAMILIES = re.compile(
     r"u?int(_fast|_least)?(8|16|32|64|max|ptr)_t"
@@ -54,9 +56,12 @@ FAMILIES = re.compile(
     r"|M_(E|(3|TWO)?PI|1_PI|2_|SQRT|LN|LOG|IVLN|INVLN)[A-Z0-9_]*(f(\d+x?)?|l)?"
     r"|(HUGE_VAL_|SNAN)F\d+X?"
     r"|atomic_\w+_explicit"
+    r"|(chx|cmb|ctl|edt|frm|grp|ico|lst|psh|rad|rct|scr|stc)[0-9]+"  # dialogs of Windows.h
     r"|(?i:noslip)(_\w*)?"
 )
-IN_C = {"I": "I_"}  # common names that are macros in C: their replacements
+# Names in upper case are those of macros, which boards and systems have by the thousand: PI, B0, A0, F_CPU. So a parameter PI is
+# a member PI_ of the structs in C. A single letter keeps its name, but for the imaginary unit of complex.h.
+UPPER_CASE = re.compile(r"I|[A-Z][A-Z0-9_]*[A-Z0-9]")
 HEADERS = frozenset(
     "assert complex ctype errno fenv inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool stddef "
     "stdint stdio stdlib stdnoreturn string strings tgmath threads time uchar unistd wchar wctype console stopwatch "
@@ -91,7 +96,7 @@ OF_LAW = (
 
 def is_reserved(name: str) -> bool:
     """Return whether the name is reserved in C, C++, their standard headers, the C runtime or Python."""
-    taken = keyword.iskeyword(name) or name in KEYWORDS or name in MACROS or name in IN_C.values()
+    taken = keyword.iskeyword(name) or name in KEYWORDS or name in MACROS or UPPER_CASE.fullmatch(name[:-1] * (name[-1] == "_"))
     return taken or FAMILIES.fullmatch(name) is not None
 
 
@@ -156,8 +161,8 @@ def without_kinematic(name: str) -> str:
 
 
 def in_c(name: str) -> str:
-    """Return the name in C, which differs for names that are macros."""
-    return IN_C.get(name, name)
+    """Return the name in C: one in upper case, which may be that of a macro, gets an underscore behind it."""
+    return f"{name}_" if UPPER_CASE.fullmatch(name) else name
 
 
 def refuse_robot(name: str) -> None:

@@ -181,7 +181,7 @@ typedef struct noslip_path {
     int closed;
     double speed, deceleration, creep;
     double brake;                    /* m/s^2: 2 deceleration */
-    double near;                     /* m: the desired speed decreases from this distance to a stop on; less a margin for rounding */
+    double braking_distance;      /* m: the desired speed decreases from this distance to a stop on; less a margin for rounding */
     double L[2];
     double W;
     double extension[2];             /* m: length of the extension at the end of a run, driving forward [0] and in reverse [1] */
@@ -337,7 +337,7 @@ NOSLIP_HOT void noslip_set_remaining(const noslip_path *self, double left,
 {
     guide->left = left;
     guide->remaining = left + self->current.rest;
-    if (guide->remaining < self->near) {
+    if (guide->remaining < self->braking_distance) {
         noslip_slow_down(guide->remaining, self->brake, self->creep, self->speed, guide->backward,
                                       self->current.braking_rate, forward_speed, &guide->speed, &guide->speed_rate);
     } else {
@@ -480,7 +480,7 @@ typedef struct noslip_path_f {
     int closed;
     float speed, deceleration, creep;
     float brake;                     /* m/s^2: 2 deceleration */
-    float near;                      /* m: the desired speed decreases from this distance to a stop on; less a margin for rounding */
+    float braking_distance;       /* m: the desired speed decreases from this distance to a stop on; less a margin for rounding */
     float L[2];
     float W;
     float extension[2];              /* m: length of the extension at the end of a run, driving forward [0] and in reverse [1] */
@@ -636,7 +636,7 @@ NOSLIP_HOT void noslip_set_remaining_f(const noslip_path_f *self, float left,
 {
     guide->left = left;
     guide->remaining = left + self->current.rest;
-    if (guide->remaining < self->near) {
+    if (guide->remaining < self->braking_distance) {
         noslip_slow_down_f(guide->remaining, self->brake, self->creep, self->speed, guide->backward,
                                       self->current.braking_rate, forward_speed, &guide->speed, &guide->speed_rate);
     } else {

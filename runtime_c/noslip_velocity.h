@@ -310,8 +310,8 @@ static inline int noslip_velocity_within(const noslip_velocity *self, const doub
     for (i = 0; i < self->count; i++) {
         const double slowed = target[i] / most, band = self->limits[i].band;
         const double low = nu[i] - band, high = nu[i] + band;
-        const double near = slowed > high ? high : slowed < low ? low : slowed;
-        const double made = noslip_clip(near, self->limits[i].speed);
+        const double reachable = slowed > high ? high : slowed < low ? low : slowed;
+        const double made = noslip_clip(reachable, self->limits[i].speed);
         limited = limited == NOSLIP_OK && (made > target[i] || made < target[i]) ? NOSLIP_SATURATED : limited;
         target[i] = made;
     }
@@ -685,8 +685,8 @@ static inline int noslip_velocity_within_f(const noslip_velocity_f *self, const 
     for (i = 0; i < self->count; i++) {
         const float slowed = target[i] / most, band = self->limits[i].band;
         const float low = nu[i] - band, high = nu[i] + band;
-        const float near = slowed > high ? high : slowed < low ? low : slowed;
-        const float made = noslip_clip_f(near, self->limits[i].speed);
+        const float reachable = slowed > high ? high : slowed < low ? low : slowed;
+        const float made = noslip_clip_f(reachable, self->limits[i].speed);
         limited = limited == NOSLIP_OK && (made > target[i] || made < target[i]) ? NOSLIP_SATURATED : limited;
         target[i] = made;
     }

@@ -7,11 +7,11 @@ import casadi as ca
 import pytest
 from noslip.codegen.files import robot_files
 from noslip.codegen.program import ENTRIES
-from noslip.controllers.build import runtime_files
+from noslip.controllers.build import compiler, runtime_files
 from noslip.model import Mechanism, config, control_law
 from noslip.model.errors import ModelError
 from noslip.model.mechanism import quantity
-from noslip.model.names import IN_C, OF_LAW, OF_ROBOT, LawName, is_reserved, without_offset
+from noslip.model.names import OF_LAW, OF_ROBOT, LawName, in_c, is_reserved, without_offset
 from noslip.model.outputs import OUTPUTS, output_map
 from noslip.model.paths import PATHS
 from noslip.model.reduction import reduce
@@ -146,7 +146,7 @@ def test_macros_are_refused(which_one, tmp_path):
     text = subprocess.run(run, capture_output=True, text=True, check=True).stdout
     names = set(re.findall(r"^#define ([A-Za-z]\w*)(?:\s|$)", text, re.M))
     assert len(names) > 100
-    assert sorted(name for name in names if not is_reserved(name) and name not in IN_C) == []
+    assert sorted(name for name in names if not is_reserved(name) and in_c(name) == name) == []
 
 
 def test_what_people_call_things_is_free():
@@ -174,6 +174,36 @@ def test_c_of_odd_names_compiles_after_all_headers(which_one, tmp_path):
     (tmp_path / "use.c").write_text(headers + "int use(odd_params *p);\nint use(odd_params *p)\n{\n    return p->I_ > 0;\n}\n")
     sources = ["use.c"] if cpp else ["use.c", *[name for name in files if name.endswith(".c")]]
     run = [*command, *STRICT, "-include", "all.h", "-c", *sources]
+    result = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr[:2000]
+
+
+# Macros of the headers of boards and systems that engineers have as names of parameters: without arguments, and with one.
+BOARDS = (
+    "PI HALF_PI TWO_PI EULER HIGH LOW INPUT OUTPUT A0 A7 D1 B0 B1 B1010 SP SE T0 U2X0 F_CPU XL PD2 "  # Arduino: AVR
+    "IRAM_ATTR BIT0 BIT31 OK TX RX SDA LED_BUILTIN GPIOA TIM1 PA0 PB12 DAC1 RCC ITM FPU "  # ESP32, STM32
+    "K_FOREVER MSEC_PER_SEC KB "  # Zephyr
+    "B9600 ECHO VMIN CR0 TAB0 CS8 ISIG MAXPATHLEN PAGE_SIZE "  # POSIX
+    "IN OUT TRUE ERROR RELATIVE IGNORE DELETE STRICT X1 P1"  # Windows
+).split()
+WITH_ARGUMENT = ("F", "min", "max", "abs", "round", "bit", "sq", "BIT", "MIN", "K_MSEC")
+
+
+@pytest.mark.parametrize("language", ["c", "c++"])
+def test_c_compiles_after_the_macros_of_boards(language, tmp_path):
+    """Parameters and outputs of these names; the headers of the runtime do not use them either."""
+    free = [name for name in (*BOARDS, *WITH_ARGUMENT) if not is_reserved(name)]
+    assert len(free) > 50 and is_reserved("near") and is_reserved("rad1") and is_reserved("PI_") and in_c("PI") == "PI_"
+    mechanism = robot(parameters=free[8:], outputs=(("own", (free[0], free[1])),), settings=free[2:8])
+    system = reduce(mechanism)
+    files = robot_files(system, [control_law(system, output_map(system, "own"))])
+    for name, text in {**runtime_files(), **files}.items():
+        (tmp_path / name).write_text(text)
+    macros = "".join(f"#define {name} ?\n" for name in BOARDS) + "".join(f"#define {name}(x) ?\n" for name in WITH_ARGUMENT)
+    macros += "".join(f"#define {name} ?\n" for name in ("near", "far", "small", "hyper", "interface", "rad1"))
+    headers = "".join(f'#include "{name}"\n' for name in sorted(path.name for path in tmp_path.glob("*.h")))
+    (tmp_path / "use.c").write_text(f"{macros}{headers}")
+    run = [*compiler(), "-x", language, "-Wall", "-Werror", "-ffp-contract=off", "-fsyntax-only", "use.c"]
     result = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr[:2000]
 
