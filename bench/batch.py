@@ -55,7 +55,7 @@ def main() -> int:
     file = Path(parser.parse_args().out) / "bench.json"
     result = measure()
     print(table(result))
-    known = json.loads(file.read_text()) if file.exists() else {}
+    known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     write_whole(file, json.dumps(known | {"sweep": result}, indent=1) + "\n")
     return 0
 
@@ -139,7 +139,7 @@ def _workers() -> dict[str, float]:
     """Return seconds by the clock of the sweep of specs/sweep.toml, without Dask in one thread, and with workers on this machine,
     each with a thread."""
     place = ROOT / "specs/sweep.toml"
-    study = study_of(place.read_text(), str(place), SWEPT)
+    study = study_of(place.read_text(encoding="utf-8"), str(place), SWEPT)
     parts = [(k, study.plan.table(k * PART, PART)) for k in range(SWEPT // PART)]
 
     def seconds(runner: TableRunner) -> float:

@@ -14,7 +14,7 @@ def call_graph(files: Iterable[Path]) -> Graph:
     """
     graph: Graph = {}
     for file in files:
-        text = file.read_text()
+        text = file.read_text(encoding="utf-8")
         if grows := re.search(r'title: "([^"]*)" label: "[^"]*\(dynamic\)', text):
             raise RuntimeError(f"{grows[1]} allocates on the stack as it runs")
         for title, stack in re.findall(r'node: \{ title: "([^"]*)" label: "[^"]*\\n(\d+) bytes', text):

@@ -49,7 +49,7 @@ def count_calls(
     asked += [f"cycles={costs}"] if costs else []
     plugin = ["-d", "plugin", "-D", str(log), "-plugin", ",".join([str(_plugin(folder)), *asked])]
     done = run([*machine, *plugin, "-kernel", str(image)], image.parent, check=False)
-    rows = [line.split() for line in log.read_text().splitlines()]
+    rows = [line.split() for line in log.read_text(encoding="utf-8").splitlines()]
     found = {int(at, 16): tuple(map(int, numbers[:5])) for at, *numbers in rows}
     return done, {function: found[symbols[function][0]] for function, _ in calls}
 

@@ -78,7 +78,7 @@ def write_costs(image: Path, prefix: str, model: Model = CORTEX_M4) -> Path:
     listing = subprocess.run(dump, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=True).stdout
     file = image.with_suffix(".cycles")
     lines = [f"{model.refill}\n", *(f"{address:x} {cycles}\n" for address, cycles in costs(listing, model).items())]
-    file.write_text("".join(lines))
+    file.write_text("".join(lines), encoding="utf-8")
     return file
 
 

@@ -40,7 +40,7 @@ def measure(program: Program, scalar: str, folder: Path) -> tuple[float, float]:
     system, text = program.law.system, law_text(program, real)
     files = shared_files(system, real) | text.files()
     for name, content in files.items():
-        (folder / name).write_text(content)
+        (folder / name).write_text(content, encoding="utf-8")
     size, trailers = len(system.state), len(system.mechanism.coordinates) - 5
     robot, prefix = real.name, text.prefix
     params = robot(f"{system.mechanism.name}_params")
@@ -99,7 +99,7 @@ int main(void)
     done = run([*command, "./image"], folder, check=False)
     if done.returncode:
         raise RuntimeError(f"{folder}: exit {done.returncode}: the two laws differ {done.stderr}")
-    counts = _inclusive((folder / "counts").read_text())
+    counts = _inclusive((folder / "counts").read_text(encoding="utf-8"))
     return counts["by_us"] / COUNT, counts["by_hand"] / COUNT
 
 

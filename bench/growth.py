@@ -261,7 +261,7 @@ int main(void)
     done = run([*command, "./image"], place, check=False)
     if done.returncode:
         raise RuntimeError(f"{place}: exit {done.returncode}: wrong numbers {done.stderr}")
-    return _inclusive((place / "counts").read_text())["measured"] / COUNT
+    return _inclusive((place / "counts").read_text(encoding="utf-8"))["measured"] / COUNT
 
 
 def _along(expression: sympy.Expr, q: Sequence[sympy.Symbol], rates: Sequence[sympy.Expr]) -> sympy.Expr:

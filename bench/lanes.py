@@ -66,10 +66,10 @@ def measure(laws: list[ControlLaw], shared: Path, work: Path) -> dict[str, dict[
         for name, scalar in SCALARS.items():
             lanes = LanesC(law_program(law), scalar, ["for the bench"])
             for file, text in lanes.files().items():
-                (work / Path(file).name).write_text(text)
+                (work / Path(file).name).write_text(text, encoding="utf-8")
             sizes = {"states": len(law.state), "references": len(law.reference), "count": COUNT, "rounds": ROUNDS, "calls": CALLS}
             names = {"prefix": lanes.prefix, "suffix": scalar.suffix, "law": law.name, "real": name}
-            (work / "main.c").write_text(MAIN.format(**sizes, **names))
+            (work / "main.c").write_text(MAIN.format(**sizes, **names), encoding="utf-8")
             given = (lanes.type, scalar.name(lanes.robot), f"cases_{law.name}_{name}")
             sources = [
                 "main.c",

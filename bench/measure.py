@@ -66,7 +66,7 @@ class Target:
         folder = self.folder / scalar / label
         folder.mkdir(parents=True, exist_ok=True)
         objects = [self._compile(folder, program, shared) for program in programs]
-        (folder / "main.c").write_text(main_text(programs))
+        (folder / "main.c").write_text(main_text(programs), encoding="utf-8")
         laws = dict.fromkeys(program.law for program in programs)
         suffix = "_f" if scalar == "float" else ""
         plain = [folder / "main.c", *(shared / f"cases_{law}_{scalar}.c" for law in laws), shared / f"labmate{suffix}.c"]
@@ -91,12 +91,12 @@ class Target:
         out = image.with_suffix(".callgrind")
         command = ["valgrind", "--tool=callgrind", "-q", f"--callgrind-out-file={out}", "--compress-strings=no"]
         _checked(run([*command, "--compress-pos=no", str(image)], image.parent, check=False), programs, image)
-        inclusive = _inclusive(out.read_text())
+        inclusive = _inclusive(out.read_text(encoding="utf-8"))
         return {p.name: (inclusive[p.measured] / cases.COUNT, None, None, None) for p in programs}
 
     def _compile(self, folder: Path, program: Program, shared: Path) -> Path:
         path = folder / f"{program.name}.{'c' if program.language == 'c' else 'cc'}"
-        path.write_text(program.text)
+        path.write_text(program.text, encoding="utf-8")
         compiler = self.prefix + ("gcc" if program.language == "c" else "g++")
         includes = [f"-I{place}" for place in (RUNTIME, shared, BENCH / "hand", BENCH / "peers")]
         target = path.with_suffix(".o")

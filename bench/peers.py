@@ -59,7 +59,7 @@ def symforce(law: ControlLaw, scalar: str, quantity: str) -> Program:
     made = codegen.Codegen(inputs=inputs, outputs=outputs, name="law", config=codegen.CppConfig())
     with tempfile.TemporaryDirectory() as folder:
         (path,) = made.generate_function(output_dir=folder, skip_directory_nesting=True).generated_files
-        header = Path(path).read_text()
+        header = Path(path).read_text(encoding="utf-8")
     call = f"sym::Law<{scalar}>({', '.join(names)}, &answer[0], &answer[1]);"
     text = f'{header}\nextern "C" {_function(law, scalar, symbols, [call])}'
     return flat(law, scalar, quantity, text, _call(law), "c++")

@@ -78,9 +78,9 @@ class _Image:
 
     def __init__(self, folder: Path, recorded: list[tuple[int, int]], pieces: int, flags: Sequence[str]):
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "recorded.h").write_text(_header(recorded, pieces))
+        (folder / "recorded.h").write_text(_header(recorded, pieces), encoding="utf-8")
         for name, text in TARGET.files().items():
-            (folder / name).write_text(text)
+            (folder / name).write_text(text, encoding="utf-8")
         sources = [*(str(ROOT / source) for source in SOURCES), *TARGET.start]
         include = [f"-I{ROOT / place}" for place in INCLUDE]
         command = [*TARGET.compile(), *STANDARD, "-ffunction-sections", "-Wl,--gc-sections", *flags, "-fcallgraph-info=su,da"]
@@ -112,9 +112,9 @@ class _Image:
 def _program_bytes(folder: Path, recorded: list[tuple[int, int]], flags: Sequence[str]) -> int:
     """Code of a program that reads counters and steps. What compilers call by themselves cannot be analysed as one with it."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "recorded.h").write_text(_header(recorded, 4))
+    (folder / "recorded.h").write_text(_header(recorded, 4), encoding="utf-8")
     for name, text in TARGET.files().items():
-        (folder / name).write_text(text)
+        (folder / name).write_text(text, encoding="utf-8")
     include = [f"-I{place}" for place in (".", *(str(ROOT / place) for place in INCLUDE))]
     compile = [*TARGET.compile(), *STANDARD, "-ffunction-sections", *flags, *include]
     run([*compile, "-fno-lto", "-c", "string.c", "-o", "string.o"], folder)
@@ -125,9 +125,9 @@ def _program_bytes(folder: Path, recorded: list[tuple[int, int]], flags: Sequenc
 
 def _record(folder: Path) -> list[tuple[int, int]]:
     """Return the counters of the two encoders at each tick of the simulated run."""
-    (folder / "spec.toml").write_text(SPEC)
+    (folder / "spec.toml").write_text(SPEC, encoding="utf-8")
     run([str(Path(sys.executable).parent / "noslip"), "simulate", "spec.toml", "-o", "run.csv"], folder)
-    with open(folder / "run.csv") as file:
+    with open(folder / "run.csv", encoding="utf-8") as file:
         rows = [[float(row[name]) for name in ("theta_r", "theta_l")] for row in csv.DictReader(file)]
     return [tuple(round(angle * COUNTS / (2 * math.pi)) % 2**16 for angle in row) for row in rows]
 

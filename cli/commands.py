@@ -5,6 +5,7 @@ import errno
 import importlib
 import json
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -39,6 +40,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any):
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
+        self._negative_number_matcher = re.compile(r"-\.?[0-9]")  # `--poles -1,-2`: a value; no option begins so
 
     @property
     def options(self) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..readers.errors import BadInput
-from ..readers.files import check_targets, work_folder, write_folder, write_whole
+from ..readers.files import check_folder, check_targets, work_folder, write_folder, write_whole
 from .commands import show
 from .generate import DYNAMICS, add_selection, robot_name, select_follower, selected_files, selected_laws
 
@@ -67,6 +67,7 @@ def run(args: argparse.Namespace) -> int:
     target = Path(os.path.realpath(args.out))
     if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
+    check_folder(target)
     if (args.firmware or args.package) and args.scalar == "both":
         args.scalar = "float"
     generated = selected_files(args, dynamics=DYNAMICS in args.output)
@@ -82,9 +83,8 @@ def run(args: argparse.Namespace) -> int:
         files, board = project.project_files(args.firmware, library, laws, args.scalar)
     else:
         files = {**library, **example(generated, laws[0])}
-    parent = target.parent
-    parent.mkdir(parents=True, exist_ok=True)
-    with work_folder(parent) as work:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with work_folder(target.parent) as work:
         folder = work / "export"
         try:
             write_folder(folder, files)

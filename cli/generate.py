@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
-from ..readers.files import MARK, write_folder
+from ..readers.files import MARK, check_folder, write_folder
 from ..readers.progress import Progress
 from .commands import show
 
@@ -131,6 +131,8 @@ def run(args: argparse.Namespace) -> int:
         explained = {law.name: explain(law, args.target) for law in selected_laws(args)}
         show(args, lambda: "\n\n".join(explained.values()), lambda: explained)
         return 0
+    if not args.check:
+        check_folder(args.out)
     files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output, compare=not args.check, lanes=True)
     folder = Path(args.out) / robot_name(files)
     if args.check:
@@ -344,7 +346,7 @@ def robot_name(files: Mapping[str, str]) -> str:
 def _written_before(folder: Path) -> set[str]:
     """Return the files in the folder that an earlier run listed in its manifest and that have not been changed since."""
     try:
-        listed = dict(json.loads((folder / "manifest.json").read_text())["files"])
+        listed = dict(json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["files"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()
     regular = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]

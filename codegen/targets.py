@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 BOARDS = Path(__file__).resolve().parent.parent / "firmware" / "boards"
-TABLE: dict[str, Any] = tomllib.loads((BOARDS / "targets.toml").read_text())
+TABLE: dict[str, Any] = tomllib.loads((BOARDS / "targets.toml").read_text(encoding="utf-8"))
 STANDARD: tuple[str, ...] = tuple(TABLE["standard"])  # flags with which all targets compute the same bits
 SAME_BITS: tuple[str, ...] = tuple(flag for flag in STANDARD if not flag.startswith("-std="))  # the dialect is set apart
 

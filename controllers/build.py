@@ -27,7 +27,7 @@ def runtime_files() -> dict[str, str]:
     """Return the hand-written C on which generated laws depend: file name -> text, without the .inc files of headers."""
     compiled = [path for path in sorted(RUNTIME.iterdir()) if path.suffix in (".h", ".c", ".inc")]
     made_from = {path for path in compiled if path.suffix == ".inc" and path.with_suffix(".h") in compiled}
-    return {path.name: path.read_text() for path in compiled if path not in made_from}
+    return {path.name: path.read_text(encoding="utf-8") for path in compiled if path not in made_from}
 
 
 def compiler() -> list[str]:
@@ -69,8 +69,8 @@ def built(command: Sequence[str], files: Mapping[str, str], product: str, advice
         return found
     with work_folder(folder_of_results()) as folder:
         for name, text in files.items():
-            (folder / name).write_text(text)
-        result = subprocess.run(whole, cwd=folder, capture_output=True, text=True)
+            (folder / name).write_text(text, encoding="utf-8")
+        result = subprocess.run(whole, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
         if result.returncode or not (folder / product).exists():
             said = next((line for line in result.stderr.splitlines() if "error" in line), f"it did not write {product}")
             more = f"; {advice}" if advice else ""
@@ -101,6 +101,6 @@ def identity(command: Sequence[str]) -> tuple:
 @cache
 def _version(name: str) -> str:
     try:
-        return subprocess.run([name, "--version"], capture_output=True, text=True, check=True).stdout
+        return subprocess.run([name, "--version"], capture_output=True, encoding="utf-8", errors="replace", check=True).stdout
     except (OSError, subprocess.CalledProcessError) as error:
         raise BadInput(f"the C compiler {name!r} does not run: {error}") from error

@@ -36,7 +36,7 @@ from .runtime import Runtime, runtime
 from .targets import HOST, SEMIHOSTING, TARGETS, Target, require
 
 FOLDER = Path(__file__).resolve().parent.parent / "firmware" / "pil"
-HEADER = (FOLDER / "pil.h").read_text()
+HEADER = (FOLDER / "pil.h").read_text(encoding="utf-8")
 # By hand: a parser of C would see no macros, and could not read the header without some law's pil_law.h.
 OPERATIONS = re.findall(r"^ +PIL_OP_(\w+)", HEADER, re.M)
 FAULTS = re.findall(r"^ +PIL_FAULT_(\w+)", HEADER, re.M)
@@ -97,7 +97,7 @@ def served_law(law: ControlLaw) -> Served:
 def image(target: Target, served: Served) -> Path:
     """Return the program that serves calls of generated C on a target. Raises BadInput if a tool is missing."""
     require(target.compiler, *target.machine[:1])
-    own = {path.name: path.read_text() for path in FOLDER.glob("*.[ch]")}
+    own = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.glob("*.[ch]")}
     files = {**runtime_files(), **target.files(), **served.files, **own, "pil_law.h": served.chosen}
     sources = [name for name in (*served.files, *own) if name.endswith(".c")]
     command = target.compile() if target.compiler else compiler()

@@ -103,7 +103,7 @@ def declarations(header: str, *folders: Path) -> str:
             Path(empty, name).touch()
         places = [f"-I{place}" for place in (empty, *folders, RUNTIME)]
         command = [*compiler(), "-std=c99", "-E", "-P", "-nostdinc", *ASIDE, *places, "-x", "c", "-"]
-        result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, text=True)
+        result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, encoding="utf-8", errors="replace")
     if result.returncode:
         raise BadInput(f"`{' '.join(compiler())}` cannot preprocess {header}; check CC and its flags")
     known = "".join(f"typedef int {name};" for name in TYPES)

@@ -76,7 +76,8 @@ class Target:
     def files(self) -> dict[str, str]:
         """Return the files of firmware/boards that an image needs: file name -> text."""
         headers = [path.name for path in BOARDS.glob("*.h")] if self.bare else []
-        return {name: (BOARDS / name).read_text() for name in (*self.start, *headers, *[self.script] * bool(self.script))}
+        names = (*self.start, *headers, *[self.script] * bool(self.script))
+        return {name: (BOARDS / name).read_text(encoding="utf-8") for name in names}
 
     def missing(self, *tools: str) -> list[str]:
         """Return the missing tools, of those that build and run an image, and of others."""

@@ -31,7 +31,7 @@ def report(made: Sequence[Made]) -> str:
         made=made,
         runs=list(runs),
         robots={robot: find_robot(robot).parameters for robot in sorted({run.spec.robot for run in runs})},
-        specs={name: (SPECS / name).read_text() for name in files},
+        specs={name: (SPECS / name).read_text(encoding="utf-8") for name in files},
         digests=dict(sorted({name: digest for run in runs for name, digest in run.sources.items()}.items())),
         versions=_versions(),
         summary=summary,
@@ -105,7 +105,7 @@ def _ending(run: FigureRun) -> str:
 
 def _versions() -> dict[str, str]:
     packages = {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "matplotlib")}
-    said = subprocess.run([*compiler(), "--version"], capture_output=True, text=True).stdout.splitlines()
+    said = subprocess.run([*compiler(), "--version"], capture_output=True, encoding="utf-8", errors="replace").stdout.splitlines()
     return {
         "generator": TOOLS,
         "Python": platform.python_version(),

@@ -13,13 +13,13 @@ def compare(task: Task, target: Machine, measured: Numbers) -> str:
 
     Raises Failed if a number exceeds the budget or is missing from it, unless the budget is of another compiler version.
     """
-    budget = json.loads(FILE.read_text()) if FILE.exists() else {}
+    budget = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
     mine = budget.setdefault(target.name, {"compiler": target.version, "modules": {}})
     if task.update:
         mine["compiler"] = target.version
         for module, quantities in measured.items():
             mine["modules"].setdefault(module, {}).update(quantities)
-        FILE.write_text(_text(budget))
+        FILE.write_text(_text(budget), encoding="utf-8")
         return "recorded as the new budget"
     changed = dict(_changed(mine["modules"], measured))
     if mine["compiler"] != target.version:

@@ -134,7 +134,7 @@ class AnalysedProgram:
 
     def places(self, task: Task) -> list[str]:
         """The markers REACHED(...) in the program, all of which the analysis must reach."""
-        text = (PROGRAMS / f"{self.source}.c").read_text()
+        text = (PROGRAMS / f"{self.source}.c").read_text(encoding="utf-8")
         if not (self.law and self.source != "feedback" and task.follows(self.law)):
             text = re.sub(r"#if FOLLOWS.*?#endif", "", text, flags=re.S)
         if self.extended:

@@ -263,7 +263,7 @@ def check(task: Task) -> str:
     need("gcc", "gcc")
     path, now = task.root / PAGE, table(task.root)
     if task.update:
-        path.write_text(now)
-    if not path.exists() or path.read_text() != now:
+        path.write_text(now, encoding="utf-8")
+    if not path.exists() or path.read_text(encoding="utf-8") != now:
         raise Failed(f"{PAGE} differs from the measurements; python -m noslip.guarantees faults --update")
     return f"{len(faults())} faults of the vehicle, each bit of the state of each law: as in {PAGE}"

@@ -37,8 +37,8 @@ def sanitizers(task: Task) -> str:
     all laws is the same."""
     gcc = need("gcc", "gcc")
     folder = _folder(task, "sanitizers")
-    (folder / "seeded.c").write_text(_drivers(task) + SEEDED_MAIN)
-    (folder / "probe.c").write_text("int main(void) { return 0; }\n")
+    (folder / "seeded.c").write_text(_drivers(task) + SEEDED_MAIN, encoding="utf-8")
+    (folder / "probe.c").write_text("int main(void) { return 0; }\n", encoding="utf-8")
     if attempt([gcc, CHECKS, folder / "probe.c", "-o", folder / "probe"])[0]:
         raise Missing("install gcc with libasan and libubsan")
     flags = [_level(task), CHECKS, "-fno-sanitize-recover=all"]
@@ -59,9 +59,10 @@ def fuzz(task: Task) -> str:
     """Check that libFuzzer with the sanitizers, starting from the committed corpus, has no finding."""
     clang = need("clang", "clang")
     folder = _folder(task, "fuzz")
-    (folder / "fuzz.c").write_text(_drivers(task) + FUZZ_MAIN)
+    (folder / "fuzz.c").write_text(_drivers(task) + FUZZ_MAIN, encoding="utf-8")
     flags = [_level(task), CHECKS.replace("=", "=fuzzer,"), "-fno-sanitize-recover=all"]
-    (folder / "probe.c").write_text("int LLVMFuzzerTestOneInput(const char *x, unsigned long n) { return x == 0 && n > 9; }\n")
+    probe = "int LLVMFuzzerTestOneInput(const char *x, unsigned long n) { return x == 0 && n > 9; }\n"
+    (folder / "probe.c").write_text(probe, encoding="utf-8")
     if attempt([clang, flags[1], folder / "probe.c", "-o", folder / "probe"])[0]:
         raise Missing("install libclang-rt-14-dev (of the version of the installed clang)")
     program = _program(task, folder, clang, flags, folder / "fuzz.c")
@@ -71,7 +72,7 @@ def fuzz(task: Task) -> str:
         merged = _empty(folder / "merged")
         run([program, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", merged, corpus, new_inputs])
         inputs = [base64.b64encode(path.read_bytes()).decode() for path in merged.iterdir()]
-        CORPUS.write_text("".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))))
+        CORPUS.write_text("".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))), encoding="utf-8")
         summary += f"; corpus of {len(inputs)} inputs"
     return summary
 
@@ -91,7 +92,7 @@ def _fuzz(program: Path, options: list[str], new_inputs: Path, corpus: Path) -> 
 def _unpacked(folder: Path) -> Path:
     """Unpack the committed corpus into a folder."""
     corpus = _empty(folder / "corpus")
-    for number, line in enumerate(CORPUS.read_text().split() if CORPUS.exists() else []):
+    for number, line in enumerate(CORPUS.read_text(encoding="utf-8").split() if CORPUS.exists() else []):
         (corpus / str(number)).write_bytes(base64.b64decode(line))
     return corpus
 

@@ -23,11 +23,12 @@ def headers(folder: Path = RUNTIME) -> dict[Path, str]:
 
 def header(text: Path) -> str:
     """Return the header of one .inc file; parts outside BEGIN and END are read from the existing header."""
-    old = text.with_suffix(".h").read_text()
+    old = text.with_suffix(".h").read_text(encoding="utf-8")
     before = old[: old.index(BEGIN.format(scalar="double", name=text.name))]
     after = old[old.index(END) :].split("\n", 1)[1]
     parts = [
-        _rule(BEGIN.format(scalar=scalar, name=text.name)) + "\n\n" + for_scalar(text.read_text(), scalar) for scalar in SCALARS
+        _rule(BEGIN.format(scalar=scalar, name=text.name)) + "\n\n" + for_scalar(text.read_text(encoding="utf-8"), scalar)
+        for scalar in SCALARS
     ]
     return before + "\n".join(parts) + "\n" + _rule(END) + "\n" + after
 
@@ -63,10 +64,10 @@ def _rule(text: str) -> str:
 
 
 if __name__ == "__main__":
-    stale = {path: text for path, text in headers().items() if path.read_text() != text}
+    stale = {path: text for path, text in headers().items() if path.read_text(encoding="utf-8") != text}
     for path, text in stale.items():
         if "--check" in sys.argv[1:]:
             print(f"{path.name} is not current: python -m noslip.guarantees.headers")
         else:
-            path.write_text(text)
+            path.write_text(text, encoding="utf-8")
     sys.exit(1 if stale and "--check" in sys.argv[1:] else 0)

@@ -47,7 +47,7 @@ def instructions(task: Task) -> str:
     said = f"the same for every successful call, except {', '.join(spread)}" if spread else "the same for every successful call"
     compared = budget.compare(task, M4F, measured)
     if task.update:
-        PAGE.write_text(with_table(PAGE.read_text(), budget.FILE.read_text()))
+        PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), budget.FILE.read_text(encoding="utf-8")))
     return f"{said} ({len(measured)} functions)" if task.short else f"{said}; {compared}"
 
 
@@ -127,5 +127,5 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
         first, size = places[caller]
         calls.append(f"call={places[entry][0] & ~1:x}:{first & ~1:x}:{(first & ~1) + size - 1:x}")
     run([*MACHINE.split(), "-kernel", image, "-d", "plugin", "-D", log, "-plugin", ",".join([str(plugin), *calls])])
-    rows = [list(map(int, line.split()[1:])) for line in log.read_text().splitlines()]
+    rows = [list(map(int, line.split()[1:])) for line in log.read_text(encoding="utf-8").splitlines()]
     return {key: (least, most) for key, (number, _, least, most, *_) in zip(selected, rows, strict=True) if number}

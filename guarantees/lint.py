@@ -83,7 +83,7 @@ def _findings(task: Task) -> list[tuple[str, str, str]]:
 
 def _deviations() -> dict[str, list[str]]:
     """Return rule -> patterns of the files in which misra.md permits deviations."""
-    rows = re.findall(r"^\| ([\d.]+) \|[^|]*\| ([^|]+?) \|", DEVIATIONS.read_text(), re.M)
+    rows = re.findall(r"^\| ([\d.]+) \|[^|]*\| ([^|]+?) \|", DEVIATIONS.read_text(encoding="utf-8"), re.M)
     return {rule: re.findall(r"`(.*?)`", files) for rule, files in rows}
 
 

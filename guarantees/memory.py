@@ -106,7 +106,7 @@ def _structs(task: Task, target: Machine) -> dict[str, int]:
     lines = [f'#include "{header}.h"' for header in headers]
     lines += [f"char size_of_{name}{end}[sizeof({kind}{end})] = {{1}};" for name, kind in kinds.items() for end in scalars]
     source = task.folder / "structs.c"
-    source.write_text("\n".join(lines) + "\n")
+    source.write_text("\n".join(lines) + "\n", encoding="utf-8")
     listing = run([target.tool("nm"), "-S", *target.compile(task, [source])])
     return {name: int(size, 16) for size, name in re.findall(r"^\S+ (\S+) \w size_of_(\w+)$", listing, re.M)}
 

@@ -37,10 +37,10 @@ def timing(task: Task) -> str:
         measured: budget.Numbers = {"timing": {entry: most for entry, (most, _) in found[name].items()}}
         compared.append(f"{name} {budget.compare(task, machine, measured)}")
     page = task.root / PAGE
-    text = page.read_text()
+    text = page.read_text(encoding="utf-8")
     written = with_table(text, found, stack_of(task, list(found["M4F"])))
     if task.update:
-        page.write_text(written)
+        page.write_text(written, encoding="utf-8")
     elif "as budgeted" in compared[0] and written != text and all("as budgeted" in each for each in compared):
         raise Failed(f"the table of {PAGE} has other numbers: python -m noslip.guarantees timing --update")
     tick = ", ".join(f"{name} {found[name]['labmate_follower_tick'][1]}" for name in MODELS)
@@ -64,11 +64,11 @@ def count(task: Task, machine: Machine, model: Model) -> Counted:
     run([need("gcc", "gcc"), "-std=c99", "-O2", "-fPIC", "-shared", task.root / "bench/target/count.c", "-o", plugin])
     listing = re.findall(r"^(\S+) (\S+) [Tt] (\w+)$", run([machine.tool("nm"), "-S", image]), re.M)
     places = {name: (int(at, 16) & ~1, int(size, 16)) for at, size, name in listing}
-    names = re.findall(r"^CALL\((\w+),", source.read_text(), re.M)
+    names = re.findall(r"^CALL\((\w+),", source.read_text(encoding="utf-8"), re.M)
     calls = [_call(places[name][0], *places[f"call_{name}"]) for name in names]
     asked = ",".join([str(plugin), *calls, f"cycles={write_costs(image, machine.prefix, model)}"])
     run([*row["machine"], *QUIET, "-kernel", image, "-d", "plugin", "-D", log, "-plugin", asked])
-    rows = [list(map(int, line.split()[1:])) for line in log.read_text().splitlines()]
+    rows = [list(map(int, line.split()[1:])) for line in log.read_text(encoding="utf-8").splitlines()]
     if missing := [name for name, counted in zip(names, rows, strict=True) if not counted[0]]:
         raise Failed(f"{machine.name}: no call of {', '.join(missing)}")
     return {_plain(name): (counted[3], counted[5]) for name, counted in zip(names, rows, strict=True)}

@@ -123,11 +123,11 @@ class Task:
 
     def follows(self, law: str) -> bool:
         """Whether the law has the step function `follow`, which takes the foot on a path."""
-        return f"int {law}_follow(" in self.law_file(f"{law}.h").read_text()
+        return f"int {law}_follow(" in self.law_file(f"{law}.h").read_text(encoding="utf-8")
 
     def grips(self, law: str) -> bool:
         """Whether the law can keep wheels rolling."""
-        return " grip;" in self.law_file(f"{law}.h").read_text()
+        return " grip;" in self.law_file(f"{law}.h").read_text(encoding="utf-8")
 
     def driver(self, law: str, suffix: str, text: str) -> str:
         """Return C that includes a file written for any law, for one law: see tests/c/law_names.h."""
@@ -138,7 +138,7 @@ class Task:
         """Write a source that includes every header of the runtime, to compile the inline functions."""
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / "headers.c"
-        path.write_text("".join(f'#include "{header.name}"\n' for header in sorted(self.runtime.glob("*.h"))))
+        path.write_text("".join(f'#include "{header.name}"\n' for header in sorted(self.runtime.glob("*.h"))), encoding="utf-8")
         return path
 
 
@@ -196,7 +196,7 @@ def _written(folder: Path, robot: str, names: tuple[str, ...]) -> Path:
     for name, text in robot_files(system, [law_of(system, law) for law in names], dynamics=False, lanes=True).items():
         if "_type_" in name or not committed:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_text(text)
+            (folder / name).write_text(text, encoding="utf-8")
     return folder
 
 
@@ -209,7 +209,7 @@ def _feedback(folder: Path, file: str) -> Path:
     made = folder / f"{robot.name}_lqr"
     made.mkdir(parents=True, exist_ok=True)
     for name, text in callable_files(feedback_of(robot, spec, robot.parameter_values({})), list(SCALARS.values())).items():
-        (made / name).write_text(text)
+        (made / name).write_text(text, encoding="utf-8")
     return made
 
 
@@ -245,7 +245,7 @@ def attempt(command: Sequence[str | Path], folder: Path | None = None, **more: s
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            text=True,
+            encoding="utf-8", errors="replace",
             timeout=TIMEOUT,
         )
     except subprocess.TimeoutExpired as late:

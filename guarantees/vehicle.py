@@ -100,7 +100,7 @@ class Firmware(InC):
         own = [firmware / f"{name}.{kind}" for name in ("robot",) for kind in "ch"]
         own += [firmware / "board.h", *(firmware / "boards" / name for name in ("clock.h", "simulated.c"))]
         own += [generated / f"{name}.{kind}" for name in LAW for kind in "ch"]
-        files = {path.name: path.read_text().replace('"../', '"') for path in own}
+        files = {path.name: path.read_text(encoding="utf-8").replace('"../', '"') for path in own}
         simulated = files.pop("simulated.c").replace('#include "semihosting.h"\n', "")
         self.ffi = cffi.FFI()
         write_folder(folder / "headers", {name: text for name, text in files.items() if name.endswith(".h")})

@@ -209,7 +209,9 @@ def _harm(name: str, cases: Sequence[Wrong], loops: Loops, right: Harm | None) -
         return Harm(name, decay, 0.0, 0.0, offset, 1.0, np.inf)
     disk = min(margins(motion.broken(loops.period, loops.delay)).disk for motion in stable)
     longest = min(motion.longest_period(loops.delay) for motion in stable)
-    kept = [1.0] if right is None else [decay / right.decay, disk / right.disk, longest / right.longest_period]
+    # The parts that are kept of what the right model has; all of what is zero or unlimited there.
+    pairs = [] if right is None else [(decay, right.decay), (disk, right.disk), (longest, right.longest_period)]
+    kept = [part / whole if part != whole and whole else 1.0 for part, whole in pairs] or [1.0]
     loss = float(1 - min(kept))
     return Harm(name, decay, disk, longest, offset, loss, max(loss, abs(offset) / LARGE_OFFSET))
 

@@ -39,7 +39,7 @@ def read_reference(file: str | Path) -> dict[str, Any]:
     if read is None:
         raise BadInput(f"{file}: a course is read from .json, .toml or .csv; see noslip plan course --help")
     try:
-        whole = read(read_input(file).decode())
+        whole = read(read_input(file).decode("utf-8-sig"))
     except OSError as error:
         raise BadInput(f"{file}: {error.strerror}; check the path") from error
     except (ValueError, RecursionError) as error:

@@ -104,13 +104,13 @@ def module(files: dict[str, str]) -> bytes:
     """The loop of a robot as WebAssembly, from its sources. Raises BadInput if the compiler fails."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in {**WASM.files(), "math.h": MATH, **files}.items():
-            Path(folder, name).write_text(text)
+            Path(folder, name).write_text(text, encoding="utf-8")
         runtime = ROOT / "runtime_c"
         fixed = [HERE / "playground.c", runtime / "noslip_path.c", runtime / "noslip_status.c"]
         compiled = [*map(str, fixed), *WASM.start, *(name for name in files if name.endswith(".c"))]
         link = ["-nostdlib", "-Wl,--no-entry,--strip-all", *(f"-Wl,--export={name}" for name in EXPORTS)]
         command = [*WASM.compile("clang"), *STANDARD, "-O2", "-I.", f"-I{runtime}", *compiled, *link, "-o", "loop.wasm"]
-        result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        result = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
         if result.returncode:
             raise BadInput(f"clang cannot compile the playground: {result.stderr}")
         return Path(folder, "loop.wasm").read_bytes()
@@ -118,7 +118,8 @@ def module(files: dict[str, str]) -> bytes:
 
 def layout() -> dict[str, list[int]]:
     """Where the numbers of playground.c are, in doubles from the first: name -> place, count."""
-    (struct,) = re.findall(r"typedef struct numbers \{(.*?)\} numbers;", (HERE / "playground.c").read_text(), re.S)
+    program = (HERE / "playground.c").read_text(encoding="utf-8")
+    (struct,) = re.findall(r"typedef struct numbers \{(.*?)\} numbers;", program, re.S)
     places, place = {}, 0
     for name, count in re.findall(r"^    double (\w+)(?:\[(\d+)\])?;", struct, re.M):
         places[name] = [place, int(count or 1)]
@@ -149,15 +150,16 @@ def script() -> str:
         modules = dict(zip(ROBOTS, pool.map(module, written), strict=True))
     packed = {robot: base64.b64encode(gzip.compress(code, 9, mtime=0)).decode() for robot, code in modules.items()}
     constants = {"MODULES": packed, "LAYOUT": layout(), "ROBOTS": {robot: described(robot) for robot in ROBOTS}}
-    return "\n".join([*(f"const {k} = {json.dumps(v)};" for k, v in constants.items()), (HERE / "model.js").read_text()])
+    model = (HERE / "model.js").read_text(encoding="utf-8")
+    return "\n".join([*(f"const {k} = {json.dumps(v)};" for k, v in constants.items()), model])
 
 
 def main(folder: Path) -> None:
     """Write FOLDER/index.html."""
-    page, style, shown = ((HERE / name).read_text() for name in ("page.html", "style.css", "page.js"))
+    page, style, shown = ((HERE / name).read_text(encoding="utf-8") for name in ("page.html", "style.css", "page.js"))
     folder.mkdir(parents=True, exist_ok=True)
     page = page.replace("/* style */", style).replace("/* model */", script()).replace("/* page */", shown)
-    (folder / "index.html").write_text(page)
+    (folder / "index.html").write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

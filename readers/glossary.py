@@ -16,10 +16,18 @@ def glossary() -> dict[str, str]:
     return {word.strip(): meaning.strip() for word, _, meaning in (section.partition("\n") for section in sections)}
 
 
+def symbols() -> dict[str, str]:
+    """Return the meaning of each symbol of the method by its names, such as "Φ, Phi"."""
+    lines = (line.removeprefix("- ") for line in glossary()["Symbols"].splitlines() if line.startswith("- "))
+    return {names: meaning for names, _, meaning in (line.partition(": ") for line in lines)}
+
+
 def meanings(word: str) -> dict[str, str]:
-    """Return the entries whose names have all parts of `word`, such as "zero dynamics", "nonholonomic", "path-following". Raises
-    BadInput if there is none.
+    """Return the entries whose names have all parts of `word`, such as "zero dynamics", "nonholonomic", "path-following", or
+    the symbol `word`, such as "Phi". Raises BadInput if there is none.
     """
+    if found := {names: meaning for names, meaning in symbols().items() if word in names.split(", ")}:
+        return found
     parts = word.lower().replace("-", " ").split()
     entries = {name: meaning for name, meaning in glossary().items() if parts and _words(name).issuperset(parts)}
     if not entries:

@@ -23,6 +23,7 @@ NUMBER = r"[-+]?(?:[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40})(?:[eE][-+]?[0-9]
 FACTOR = r"[A-Za-z_]{1,30}(?:(?:\^|\*\*)-?[0-9])?"
 UNIT = rf"(?:{FACTOR}(?:(?: ?\* ?| ){FACTOR}){{0,7}}(?: ?/ ?{FACTOR}){{0,7}}|1(?: ?/ ?{FACTOR}){{1,7}})"
 QUANTITY = rf"({NUMBER}) {{1,4}}({UNIT})"  # also a regular expression of JSON Schema
+TYPED = QUANTITY.replace("{1,4}", "{0,4}")  # on a command line, where a space needs quotation marks: 10ms
 
 Dimension = frozenset[tuple[str, int]]
 PLAIN = ("", "1")  # units of numbers without dimension
@@ -115,6 +116,11 @@ def _registry() -> "pint.UnitRegistry":
     return pint.UnitRegistry(non_int_type=Decimal)  # decimals: 3 ft are 0.9144 m, not 0.9143999999999999
 
 
+def spaced(text: str) -> str:
+    """Return a typed quantity such as "10ms" with the space that a file has: "10 ms"."""
+    return re.sub(rf"\A({NUMBER}) *", r"\1 ", text)
+
+
 def in_range(value: float) -> bool:
     """Return whether the absolute value of a finite number is zero or within the range."""
     return value == 0 or SMALLEST <= abs(value) <= LARGEST
@@ -128,7 +134,7 @@ def quantity(unit: str | None = None) -> Callable[[str], float]:
 
     def read(text: str) -> float:
         try:
-            value = measured(text, "value", unit) if re.fullmatch(QUANTITY, text) else float(text)
+            value = measured(spaced(text), "value", unit) if re.fullmatch(TYPED, text) else float(text)
         except BadInput as error:
             raise argparse.ArgumentTypeError(str(error)) from error
         if value - value == 0 and not in_range(value):

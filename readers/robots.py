@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from glob import escape as glob_escape
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -31,6 +32,7 @@ from ..model.outputs import COURSE, STANDARD, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import SHIPPED
 from .errors import BadInput, suggestion
+from .files import SHIPPED as SPECS
 from .files import read_input
 
 
@@ -85,6 +87,8 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
     if "\0" in text:
         raise BadInput(f"robot {text!r} is not a valid file name")
     file, colon, name = text.rpartition(":")
+    if not colon and (text.endswith(".toml") or any(SPECS.rglob(f"{glob_escape(text)}.toml"))):
+        raise BadInput(f"{text} is a SPEC, where a robot is expected: give the robot that it names, or `noslip simulate {text}`")
     if not colon and not text.endswith(".py"):
         raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, SHIPPED)}")
     if file in SHIPPED:
@@ -249,11 +253,11 @@ def _lines(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _run(path: Path, source: bytes) -> types.ModuleType:
-    """Execute the user's file as a module; it can import modules in the same folder."""
+    """Execute the user's file as a module; it can import modules in the same folder that no library is named like."""
     module = types.ModuleType(path.stem)
     module.__file__ = str(path)
     folder = str(path.resolve().parent)
-    sys.path.insert(0, folder)
+    sys.path.append(folder)  # behind the libraries: a control.py beside the file must not replace python-control
     try:
         _guarded(path, lambda: exec(compile(source, str(path), "exec"), vars(module)))
     finally:

@@ -44,4 +44,4 @@ def library() -> tuple[cffi.FFI, Any]:
 
 def source() -> dict[str, str]:
     """Return the C of the random numbers: file name -> text."""
-    return {HEADER: (files(__package__) / HEADER).read_text()}
+    return {HEADER: (files(__package__) / HEADER).read_text(encoding="utf-8")}

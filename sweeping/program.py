@@ -57,7 +57,7 @@ class Simulator:
         own, dynamics = files(__package__), compile_dynamics(law.system)
         vectors = vectors_of(law, dynamics, scalar, parts)
         law_h = _header(law, scalar, parts, vectors)
-        texts = {name: (own / name).read_text() for name in SOURCES} | noise.source()
+        texts = {name: (own / name).read_text(encoding="utf-8") for name in SOURCES} | noise.source()
         texts |= vectors.files() if vectors else {}
         self.steps = vectors is not None and vectors.steps
         self.ffi = cffi.FFI()

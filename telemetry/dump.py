@@ -76,7 +76,7 @@ class Dump:
 @lru_cache
 def record_type(scalar: str) -> np.dtype:
     """Return the type of a record in a frame: the members of noslip_record in their order, little-endian."""
-    header = (RUNTIME / "noslip_telemetry.h").read_text(), (RUNTIME / "noslip_odometry.h").read_text()
+    header = [(RUNTIME / f"noslip_{name}.h").read_text(encoding="utf-8") for name in ("telemetry", "odometry")]
     real = "<f8" if scalar == "double" else "<f4"
     unsigned = ("tick", "missed", "counts")
     fields = []

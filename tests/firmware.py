@@ -108,9 +108,9 @@ def exit_codes(target: Target) -> str:
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for name, text in target.files().items():
-            Path(folder, name).write_text(text)
+            Path(folder, name).write_text(text, encoding="utf-8")
         for body, wanted in PROGRAMS.items():
-            Path(folder, "main.c").write_text(f"int main(void)\n{{\n    {body}\n}}\n")
+            Path(folder, "main.c").write_text(f"int main(void)\n{{\n    {body}\n}}\n", encoding="utf-8")
             build = [*target.compile(), *STANDARD, "-O2", "-I.", *target.start, "main.c", *target.link(), "-o", "image"]
             subprocess.run(build, cwd=folder, check=True, timeout=TIMEOUT)
             run = subprocess.run(

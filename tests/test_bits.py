@@ -81,7 +81,7 @@ class Build:
         """Builds in an empty folder and runs; answers the words of law_digest's line. `built`: objects of the other sources."""
         target = TARGETS[self.target]
         for name, text in target.files().items():
-            Path(folder, name).write_text(text)
+            Path(folder, name).write_text(text, encoding="utf-8")
         given = [*STANDARD, *self.flags.split(), f"-DSTATES={self.states}u", f"-DDOUBLES={self.doubles}u", "-I.", *INCLUDE]
         run([*target.compile(self.compiler), *given, "-c", *map(str, sources)], folder)
         objects = [*(f"{source.stem}.o" for source in sources), *built]
@@ -114,7 +114,7 @@ def run(command: list[str], folder: Path) -> str:
 def processor() -> set[str]:
     """The flags of this processor, where Linux tells them."""
     info = Path("/proc/cpuinfo")
-    return set(info.read_text().split()) if info.exists() else set()
+    return set(info.read_text(encoding="utf-8").split()) if info.exists() else set()
 
 
 REFERENCE = Build(HOST.name, HOST_CC, "-O2", FULL)
@@ -299,7 +299,7 @@ def test_digest_notices_fused_operations(reference, laws, tmp_path):
     one = [source for source in SOURCES if source.stem in ("labmate_type_i", "labmate_type_i_f")]
     others = [code for code in laws if Path(code).stem not in [source.stem for source in one]]
     for path in RUNTIME.iterdir():  # found before those of INCLUDE
-        Path(tmp_path, path.name).write_text(re.sub(r"#pragma GCC optimize.*\n", "", path.read_text()))
+        Path(tmp_path, path.name).write_text(re.sub(r"#pragma GCC optimize.*\n", "", path.read_text()), encoding="utf-8")
     fused, right = build.digest(tmp_path, [*DIGEST, *one], others), reference
     assert all(fused[k] != right[k] for k in (0, 2, 4)) and not same(fused, right)
 

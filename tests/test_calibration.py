@@ -331,9 +331,9 @@ def test_bad_input(case, write, bad_input):
     rows = {name: [value] * len(log.t) for name, value in changed.items() if value is not None}
     file = Path(write(log, **rows))
     left = [name for name, value in changed.items() if value is None]
-    table = list(csv.reader(file.open()))
+    table = list(csv.reader(file.open(encoding="utf-8")))
     keep = [k for k, name in enumerate(table[0]) if name not in left]
-    with file.open("w", newline="") as stream:
+    with file.open("w", encoding="utf-8", newline="") as stream:
         csv.writer(stream).writerows([[row[k] for k in keep] for row in table])
     assert message in bad_input(["calibrate", str(file), "--robot", "labmate", *options])
 

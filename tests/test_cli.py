@@ -133,7 +133,7 @@ def test_reader_that_leaves_is_no_error():
 @pytest.mark.parametrize("to_file", [False, True])
 def test_full_disk(to_file):
     out = ["-o", "/dev/full"] if to_file else []
-    with open("/dev/full", "w") as full:
+    with open("/dev/full", "w", encoding="utf-8") as full:
         stdout = subprocess.DEVNULL if to_file else full
         command = [*NOSLIP, "evaluate", CASES, "--backend", "casadi", *out]
         result = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True)
@@ -179,7 +179,7 @@ def test_ctrl_c_from_outside(command, tmp_path):
     """Also inside CasADi, where an exception would be lost. Before the first line of noslip Python itself answers."""
     target = [] if command[0] == "check" else ["-o", str(tmp_path / "made")]
     process = subprocess.Popen([*NOSLIP, *command, *target], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    while "libcasadi" not in Path(f"/proc/{process.pid}/maps").read_text():
+    while "libcasadi" not in Path(f"/proc/{process.pid}/maps").read_text(encoding="utf-8"):
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)

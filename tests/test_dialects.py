@@ -73,7 +73,7 @@ def export(target: str, folder: Path) -> Path:
 def host(tmp_path_factory):
     """The project for any machine. Skips where this one cannot fuse: then nothing can differ."""
     need("make")
-    if "fma" not in Path("/proc/cpuinfo").read_text().split():
+    if "fma" not in Path("/proc/cpuinfo").read_text(encoding="utf-8").split():
         pytest.skip("this processor has no fused operations")
     return export("generic", tmp_path_factory.mktemp("dialects") / "host")
 

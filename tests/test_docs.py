@@ -27,9 +27,9 @@ def file_of(name: str) -> Path:
 def defined(path: Path) -> frozenset[str]:
     """Functions and classes of a Python file, methods and fields as Class.name; the words of any other file."""
     if path.suffix != ".py":
-        return frozenset(re.findall(r"\w+", path.read_text()))
+        return frozenset(re.findall(r"\w+", path.read_text(encoding="utf-8")))
     names = set()
-    for node in ast.parse(path.read_text()).body:
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             names.add(node.name)
         for item in node.body if isinstance(node, ast.ClassDef) else ():
@@ -86,7 +86,7 @@ def test_the_recipe_for_a_pass(monkeypatch, capsys):
     """The pass that the recipe writes, entered in the file as it says, finds the root in the recipe's expression."""
     blocks = re.findall(r"tests/test_docs.py -->\n```python\n(.*?)^```", (ROOT / "docs/extending.md").read_text(), re.S | re.M)
     methods, entry, tried = blocks
-    source = Path(optimize.__file__).read_text()
+    source = Path(optimize.__file__).read_text(encoding="utf-8")
     for place, text in ((r"^SIGNS = .*$", f"{indent(methods, ' ' * 4)}\n\n\\g<0>"), (r"^PASSES: .*$", entry)):
         source, found = re.subn(place, text, source, flags=re.M)
         assert found == 1

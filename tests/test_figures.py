@@ -78,7 +78,7 @@ def test_key_and_value():
     assert change("plant = { m_c = 60.0 }") == ("plant", {"m_c": 60.0})
 
 
-@pytest.mark.parametrize("text", ["initial.heading", "=1", "a=", "a=north", "a=1\nb=2", ""])
+@pytest.mark.parametrize("text", ["initial.heading", "=1", "a=", "a=north pole", "a=1\nb=2", ""])
 def test_what_is_no_key_and_value(text):
     with pytest.raises(BadInput, match="KEY=VALUE"):
         change(text)

@@ -557,7 +557,7 @@ def test_telemetry_of_an_image_is_repeated(c, built, target, tmp_path, capsys):
     ticks = int(re.search(r"ticks (\d+)", said)[1])
     assert (replayed["ticks"], replayed["remarks"]) == (ticks, [])
     assert main(["log", str(dump), "-o", str(tmp_path / "run.csv")]) == 0
-    with open(tmp_path / "run.csv", newline="") as stream:
+    with open(tmp_path / "run.csv", encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == ticks and rows[-1]["status"] == "arrived"
     assert f"x {float(rows[-1]['x_c']):.3f}, y {float(rows[-1]['y_c']):.3f}" in said

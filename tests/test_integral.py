@@ -469,7 +469,7 @@ def test_columns_are_there_when_asked_for(tmp_path):
     )
     target = tmp_path / "run.csv"
     assert main(["simulate", str(tmp_path / "ki.toml"), "-o", str(target)]) == 0
-    with open(target) as stream:
+    with open(target, encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert list(rows[0])[-2:] == ["integral_distance", "integral_speed"]
     made = simulate(read_spec(tmp_path / "ki.toml"))

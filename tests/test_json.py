@@ -90,9 +90,9 @@ def test_analyse_and_simulate_agree_about_slipping(tmp_path, capsys, slippery):
     text_of_analyse = " ".join(capsys.readouterr().out.split())
     assert text_of_analyse.count("would slip: left wheel, first at t = 0 s") == 1
     # what is kept of a SPEC is not taken for another's
-    with open(slippery) as file:
+    with open(slippery, encoding="utf-8") as file:
         text = file.read()
-    with open(slippery, "w") as file:
+    with open(slippery, "w", encoding="utf-8") as file:
         file.write(text.replace("mu = 0.2", "mu = 0.9"))
     assert printed(capsys, argv)[0]["rolling"]["rolls"] is True
 
@@ -118,7 +118,7 @@ def test_of_other_commands(tmp_path, capsys):
     main(["completion", "bash"])
     assert capsys.readouterr().out == script + "\n"
     data, _ = printed(capsys, ["evaluate", CASES, "--backend", "casadi", "-o", str(tmp_path / "out.json")])
-    with open(tmp_path / "out.json") as file:
+    with open(tmp_path / "out.json", encoding="utf-8") as file:
         assert data["statuses"] == [case["status"] for case in json.load(file)["cases"]]
     assert printed(capsys, ["evaluate", CASES, "--backend", "casadi"])[0].keys() == {"cases"}
     path = ["plan", "reeds-shepp", "--from", "0", "0", "0", "--to", "0", "4", "0", "--radius", "2.5"]

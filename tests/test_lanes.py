@@ -28,7 +28,7 @@ COUNT = 1000  # no multiple of the lanes of a loop
 def vectors() -> list[str]:
     """Flags for vector instructions that this processor has."""
     known = Path("/proc/cpuinfo")
-    return ["-mavx2"] if known.exists() and " avx2 " in known.read_text() else []
+    return ["-mavx2"] if known.exists() and " avx2 " in known.read_text(encoding="utf-8") else []
 
 
 class Batch:

@@ -666,7 +666,7 @@ def test_command_without_a_steady_motion(capsys):
         ),
         (["--output", "type_i", "--poles", "x_l=1,-2"], "unstable"),
         (["--output", "type_i", "--poles", "x=-1,-2"], "unknown output 'x'"),
-        (["--output", "type_i", "--poles", "-1,-2,-3"], "expected one argument"),
+        (["--output", "type_i", "--poles", "-1,-2,-3"], "x_l: 3 poles make the controller improper"),
         (["--output", "type_i", "--poles=-1,-2,-3"], "improper"),
         (["--output", "type_i", "--poles=-1,b"], "are not numbers"),
         (["--output", "type_i", "--settling", "4", "--lqr", "1,1,1"], "choose one"),

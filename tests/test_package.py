@@ -332,7 +332,7 @@ def installed(wheel, tmp_path_factory) -> Path:
     run([sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "--quiet", wheel])
     # last on the path, and as plain folders: the .pth files there, such as that of an editable noslip, are not read
     here = [path for path in sys.path if path.endswith("-packages")]
-    Path(places, "visible.pth").write_text("\n".join(here) + "\n")
+    Path(places, "visible.pth").write_text("\n".join(here) + "\n", encoding="utf-8")
     return folder / "env" / "bin"
 
 

@@ -370,7 +370,7 @@ def test_writes_rows_summary_and_picture(tmp_path, capsys):
     shown = capsys.readouterr()
     assert "error of distance" in shown.out and str(target) in shown.out
     assert not shown.err and "rolls" in shown.out
-    with open(target) as stream:
+    with open(target, encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     run = simulate(read_spec(SPECS / "line.toml"))
     names = "t x_c y_c phi theta_r theta_l thetadot_r thetadot_l tau_r tau_l y1 y2".split()
@@ -391,7 +391,7 @@ def test_a_stopped_run_keeps_its_rows_and_says_when(tmp_path, capsys):
     assert re.search(r"stopped at t = 0\.54\d* s: singular", capsys.readouterr().err)
     few = ["--set", "simulation.output_step=10.0", "-o", str(tmp_path / "two.csv"), "--plot", str(tmp_path / "two.png")]
     assert main(["simulate", str(tmp_path / "far.toml"), *few]) == 1 and (tmp_path / "two.png").exists()
-    with open(tmp_path / "x.csv") as stream:
+    with open(tmp_path / "x.csv", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["status"] for row in rows] == ["ok"] * (len(rows) - 1) + ["singular"]
     assert all(math.isfinite(float(value)) for row in rows for name, value in row.items() if name != "status")

@@ -218,14 +218,14 @@ def test_another_sweep_of_the_same_name_is_refused(spec, tmp_path, bad_input):
     assert "is not a finished noslip sweep, or is damaged; remove it or change -o" in bad_input(["sweep", file, *command])
     assert output.read_text() == "mine"
     output.unlink()
-    with Parts(output, study_of(Path(other).read_text(), other, 40)).held():
+    with Parts(output, study_of(Path(other).read_text(encoding="utf-8"), other, 40)).held():
         pass
     assert "has parts of another sweep" in bad_input(["sweep", file, *command])
 
 
 def test_two_processes_do_not_write_one_sweep(spec, tmp_path, bad_input):
     file, output = spec(), tmp_path / "a.parquet"
-    with Parts(output, study_of(Path(file).read_text(), file, 40)).held():
+    with Parts(output, study_of(Path(file).read_text(encoding="utf-8"), file, 40)).held():
         assert "is in use by another noslip sweep" in bad_input(["sweep", file, "--samples", "40", "-o", str(output)])
 
 
@@ -252,7 +252,7 @@ def test_a_sweep_that_was_stopped_or_killed_goes_on_and_gives_the_same_bytes(spe
     times = {name: (folder / name).stat().st_mtime_ns for name in before}
     torn = folder / sorted(before)[0]
     torn.write_bytes(torn.read_bytes()[:-8])  # as after a power cut
-    parts = Parts(output, study_of(Path(file).read_text(), file, 700))
+    parts = Parts(output, study_of(Path(file).read_text(encoding="utf-8"), file, 700))
     assert set(range(parts.count)) - set(parts.missing()) == {int(name) for name in before if name != torn.name}
     assert times
     whole = sweep(file, 700, tmp_path / "whole.parquet")

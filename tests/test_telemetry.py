@@ -534,7 +534,7 @@ def test_columns_are_what_the_vehicle_did(c, dumped, tmp_path):
         rows.append([vehicle.state.phi, *vehicle.torque, lib.rate[0], lib.rate[1], status])
     file = dumped(telling.sent)
     assert main(["log", file, "-o", f"{file}.csv"]) == 0
-    with open(f"{file}.csv", newline="") as stream:
+    with open(f"{file}.csv", encoding="utf-8", newline="") as stream:
         table = list(csv.DictReader(stream))
     phi, right, left, rate_right, rate_left, status = np.array(rows).T
     assert [float(row["t"]) for row in table] == pytest.approx(PERIOD * np.arange(300), abs=1e-9)
@@ -610,7 +610,7 @@ def test_commands_of_the_page(parts, dumped, tmp_path):
 
 def test_a_dump_is_drawn(parts, dumped, tmp_path, capsys):
     assert main(["view", dumped(parts), "-o", str(tmp_path / "run.svg")]) == 0
-    text = Path(tmp_path / "run.svg").read_text()
+    text = Path(tmp_path / "run.svg").read_text(encoding="utf-8")
     assert len(text) > 20_000 and "labmate" in capsys.readouterr().out
 
 

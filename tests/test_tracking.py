@@ -960,7 +960,7 @@ def test_random_input(fuzz, tmp_path):
 def test_same_bits(fuzz):
     """From both compilers, at the lowest and the highest level, and with fused operations at hand."""
     info = Path("/proc/cpuinfo")
-    fused = ["-mfma"] if info.exists() and "fma" in info.read_text().split() else []
+    fused = ["-mfma"] if info.exists() and "fma" in info.read_text(encoding="utf-8").split() else []
     builds = [(compiler, level) for compiler in COMPILERS for level in ("-O0", "-O3")]
     counted = [fuzz(compiler, "-DN=2000", level, *(fused if level == "-O3" else [])) for compiler, level in builds]
     assert counted and all(found == counted[0] for found in counted)

@@ -200,7 +200,7 @@ def _in_full(names: Sequence[str], values: Mapping[str, Any]) -> dict[str, Any]:
 def _read_json(path: str) -> Any:
     try:
         # JSON does not distinguish integers; as floats, numbers with any number of digits can be read.
-        return json.loads(read_input(file_or_shipped(path, ".json"), MOST).decode(), parse_int=float)
+        return json.loads(read_input(file_or_shipped(path, ".json"), MOST).decode("utf-8-sig"), parse_int=float)
     except json.JSONDecodeError as error:
         raise BadInput(f"{path}:{error.lineno}:{error.colno}: not valid JSON, or truncated: {error.msg}") from error
     except UnicodeDecodeError as error:

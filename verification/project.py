@@ -35,6 +35,7 @@ COUNTING = {  # options that make QEMU's clock count instructions; instructions 
     "rv32": (("-icount", "shift=0"), ()),
 }
 TIMEOUT = 120  # s, of each tool
+TEXT = {"encoding": "utf-8", "errors": "replace"}  # of what tools print, whatever the locale
 
 
 def project_files(
@@ -47,7 +48,8 @@ def project_files(
     board = _board(name, target)
     files = {f"noslip/{file}": text for file, text in sources.items()}
     files |= {f"board/{file}": text for file, text in target.files().items()}
-    files |= {f"selftest/{path.name}": path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
+    headers = sorted((BOARDS.parent / "selftest").glob("*.h"))
+    files |= {f"selftest/{path.name}": path.read_text(encoding="utf-8") for path in headers}
     golden = [_golden(law, scalar) for law in laws]
     files["selftest/selftest.c"] = selftest(golden, SCALARS[scalar], _digests(golden, sources, scalar))
     follows = f"{SCALARS[scalar].name(f'{robot}_follower')}.h" in sources
@@ -171,7 +173,7 @@ def _digests(golden: Sequence[Golden], sources: dict[str, str], scalar: str) -> 
     names = digests(golden, SCALARS[scalar])
     ffi.cdef("".join(f"uint32_t {name}(void);\n" for name in names))
     text = selftest(golden, SCALARS[scalar]).replace("static uint32_t", "uint32_t")
-    own = {path.name: path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
+    own = {path.name: path.read_text(encoding="utf-8") for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
     own["route.h"] = own["route.h"].replace("static uint32_t", "uint32_t")
     laws = {name: text for name, text in sources.items() if not name.startswith("noslip_")}
     lib = load(ffi, {**laws, **own, "selftest.c": text})
@@ -199,7 +201,7 @@ def _measured(name: str, folder: Path) -> str:
     outputs = []
     for goal in ("test", "budget"):
         command = ["make", "-s", "-C", str(folder), goal]
-        process = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
+        process = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, **TEXT, timeout=TIMEOUT)
         if process.returncode:
             lines = (process.stderr + process.stdout).strip().splitlines()
             worst = next((line for line in lines if "rror:" in line or "FAIL" in line), lines[-1] if lines else "no output")
@@ -207,7 +209,7 @@ def _measured(name: str, folder: Path) -> str:
         outputs.append(process.stdout.strip())
     subprocess.run(["make", "-s", "-C", str(folder), "clean"], capture_output=True, timeout=TIMEOUT)
     compiler = FIRMWARE[name].compiler or "cc"
-    version = subprocess.run([compiler, "-dumpfullversion"], capture_output=True, text=True).stdout.strip()
+    version = subprocess.run([compiler, "-dumpfullversion"], capture_output=True, **TEXT).stdout.strip()
     text = "\n".join(outputs).replace(str(folder), ".")
     counted = "; instructions of a step with all its checks, as executed in QEMU" if FIRMWARE[name].bare else ""
     return f"Measured with {compiler} {version} -O2{counted}:\n\n```\n{text}\n```\n"

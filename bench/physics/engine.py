@@ -72,7 +72,7 @@ def brought_back(spec: str, changes: Mapping[str, Any], step: float) -> float:
     own = simulate(read_varied(file, changes), engine="mujoco")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.xml"
-        scene.write_text(scene_of(own.plant, own.spec.contact or ContactSection(), Floor()))
+        scene.write_text(scene_of(own.plant, own.spec.contact or ContactSection(), Floor()), encoding="utf-8")
         other = simulate(read_varied(file, {**changes, "scene": {"file": str(scene)}}), engine="mujoco")
     places = [k for k, coordinate in enumerate(own.law.system.mechanism.coordinates) if coordinate.unit == "m"]
     return float(np.abs(own.q[:, places] - other.q[:, places]).max())

@@ -68,7 +68,7 @@ def main() -> None:
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
     for name in given.robot:
         file = SPECS / ("line.toml" if name == "labmate" else f"robots/{name}.toml")
-        source, first = random.Random(f"18 {name}"), tomllib.loads(file.read_text())["initial"]
+        source, first = random.Random(f"18 {name}"), tomllib.loads(file.read_text(encoding="utf-8"))["initial"]
         starts = [first, *(moved(first, source) for _ in range(given.starts - 1))]
         for mu in FLOORS:
             for limits in (BARE, LIMITED):

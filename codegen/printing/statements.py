@@ -171,7 +171,8 @@ class Statements:
                 self.names[node] = f"{array}[{node.number}]"
 
     def _assign(self, node: Node, text: str) -> None:
-        own = in_c(self.labels.get(node, "")) or next(name for name in self.temporaries if name not in self.taken)
+        label = self.labels.get(node, "")  # of a local variable: a .c file sees the macros of no board
+        own = (in_c(label) if label == "I" else label) or next(name for name in self.temporaries if name not in self.taken)
         self.names[node] = free_name(own, self.taken)
         meaning = self.meaning(node) if self.meaning and node not in self.labels else ""
         self.lines.append(commented(f"const {self.scalar.real} {self.names[node]} = {text};", meaning))

@@ -61,7 +61,7 @@ def layout(robot: str, scalar: Scalar, files: Mapping[str, str]) -> tuple[list[M
 
 @lru_cache
 def _runtime() -> tuple[str, ...]:
-    return tuple(path.read_text() for path in sorted(RUNTIME.glob("*.h")))
+    return tuple(path.read_text(encoding="utf-8") for path in sorted(RUNTIME.glob("*.h")))
 
 
 def _bytes(members: Sequence[Member], scalar: Scalar) -> int:

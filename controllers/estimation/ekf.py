@@ -62,7 +62,7 @@ class RobotPart(InC):
         self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
             for name, content in files.items():
-                Path(folder, name).write_text(content)
+                Path(folder, name).write_text(content, encoding="utf-8")
             self.ffi.cdef(declarations(f"{scalar.name(f'{self.robot}_{part}')}.h", Path(folder)))
         self.lib = load(self.ffi, {**files, "library.c": SOURCE.format(header=f"noslip_{part}.h")})
 

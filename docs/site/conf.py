@@ -127,10 +127,10 @@ def _math(writer: HTML5Translator, node: Element) -> None:
 def _complete(app: Sphinx, error: Exception | None) -> None:
     """Make the pages accessible."""
     for page in Path(app.outdir).rglob("*.html"):
-        text = page.read_text()
+        text = page.read_text(encoding="utf-8")
         for original, right in ACCESSIBLE.items():
             text = text.replace(original, right)
-        page.write_text(text)
+        page.write_text(text, encoding="utf-8")
 
 
 def setup(app: Sphinx) -> None:

@@ -18,7 +18,7 @@ from matplotlib import pyplot
 def rendered(lesson: Path, pictures: Path) -> str:
     """The page of a lesson as Markdown; its pictures are written into the folder. Raises what the lesson raises."""
     parts, names = [], {"__name__": lesson.stem, "__file__": str(lesson)}
-    for kind, cell in re.findall(r"^# %%( \[markdown\])?\n(.*?)(?=^# %%|\Z)", lesson.read_text(), re.M | re.S):
+    for kind, cell in re.findall(r"^# %%( \[markdown\])?\n(.*?)(?=^# %%|\Z)", lesson.read_text(encoding="utf-8"), re.M | re.S):
         parts.append(re.sub(r"^# ?", "", cell, flags=re.M) if kind else _run(cell.strip(), names, lesson, pictures))
     return "\n\n".join(part.strip() for part in parts) + "\n"
 

@@ -53,7 +53,7 @@ def c_page(title: str, files: list[Path]) -> str:
     """The headers: what each is for, then its types and functions in double; those in float have the suffix _f."""
     parts = [f"# {title}", "Everything exists for `double` and, with the suffix `_f`, for `float`."]
     for file in files:
-        head, _, text = BODY.sub(";", file.read_text()).removeprefix("/*").partition("*/")
+        head, _, text = BODY.sub(";", file.read_text(encoding="utf-8")).removeprefix("/*").partition("*/")
         parts += [f"## {file.name}", _fenced("text", _comment(head))]
         parts += [_fenced("c", f"/*{note}*/\n{code}" if note else code) for note, code in TYPE.findall(text) if "_f;" not in code]
         for note, code, name in FUNCTION.findall(text):
@@ -77,7 +77,7 @@ def command_line_page() -> str:
 
 def spec_page() -> str:
     """The entries of a SPEC, from its schema."""
-    schema = json.loads((ROOT / "specs/spec.schema.json").read_text())
+    schema = json.loads((ROOT / "specs/spec.schema.json").read_text(encoding="utf-8"))
     head = 'In [TOML](https://toml.io). Numbers are in SI units; with a unit they are strings, such as `"90 deg"`.'
     return "\n\n".join(["# SPEC.toml", schema["description"], head, *_sections(schema, "")])
 
@@ -114,7 +114,7 @@ def gallery_page(folder: Path) -> str:
     """The report of the figures that were drawn, as a page of the site: each with its claims and the runs that it shows, their
     commands and SPECs.
     """
-    report = (folder / "report.html").read_text()
+    report = (folder / "report.html").read_text(encoding="utf-8")
     parts = [
         "# Gallery",
         "Every figure is drawn from runs of the generated C. A claim is the paper's, in our words, or this project's.",
@@ -131,7 +131,8 @@ def gallery_page(folder: Path) -> str:
         for file in dict.fromkeys(case.file for case in figure.cases.values()):
             film = f"films/{Path(file).stem}.html"
             parts += [f"[Watch the run of {file}]({film})"] if (folder.parent / film).exists() else []
-            parts += [f"<details><summary>{file}</summary>", _fenced("toml", (SPECS / file).read_text()), "</details>"]
+            spec = _fenced("toml", (SPECS / file).read_text(encoding="utf-8"))
+            parts += [f"<details><summary>{file}</summary>", spec, "</details>"]
     return "\n\n".join(parts)
 
 
@@ -174,7 +175,7 @@ def films() -> Path:
 
 def playground_page(folder: Path) -> str:
     """What the playground is, and a link to its page if `make playground` has made it, which is then copied into a folder."""
-    heading, _, text = (ROOT / "playground/README.md").read_text().partition("\n")
+    heading, _, text = (ROOT / "playground/README.md").read_text(encoding="utf-8").partition("\n")
     if (page := ROOT / "build/playground/index.html").exists():
         shutil.copy(page, folder / "index.html")
         heading += "\n\n**[Drive a robot here](playground/index.html)**"
@@ -196,16 +197,16 @@ def main(folder: Path) -> None:
         "reference/c_runtime": c_page("C of the runtime", sorted((ROOT / "runtime_c").glob("*.h"))),
         "reference/command_line": command_line_page(),
         "reference/spec": spec_page(),
-        "reference/citing": f"# How to cite\n\n{_fenced('yaml', (ROOT / 'CITATION.cff').read_text())}",
+        "reference/citing": f"# How to cite\n\n{_fenced('yaml', (ROOT / 'CITATION.cff').read_text(encoding='utf-8'))}",
         "gallery": gallery_page(folder / "figures"),
         "playground": playground_page(folder / "playground"),
     }
     (folder / "lessons").mkdir()
-    pages["lessons/README"] = (ROOT / "docs/lessons/README.md").read_text().replace("../../", "../")
+    pages["lessons/README"] = (ROOT / "docs/lessons/README.md").read_text(encoding="utf-8").replace("../../", "../")
     for lesson in sorted((ROOT / "docs/lessons").glob("*.py")):
         pages[f"lessons/{lesson.stem}"] = rendered(lesson, folder / "lessons")
     for name, text in pages.items():
-        (folder / f"{name}.md").write_text(text + "\n")
+        (folder / f"{name}.md").write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

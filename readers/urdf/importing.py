@@ -26,7 +26,7 @@ def import_urdf(file: str, options: Options, folder: Path) -> tuple[str, Mapping
     name = name_of(layout.document.name)
     with work_folder(folder) as work:
         path = work / "robot.py"
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
         system = system_of(find_robot(f"{path}:{name}"))
     difference, slip = compare(system, layout)
     if not max(difference, slip or 0.0) <= SAME:

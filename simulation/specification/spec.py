@@ -670,7 +670,8 @@ class DriveSection:
         given = {"bandwidth": self.bandwidth is not None, "delay": self.delay > 0}
         given |= {name: getattr(self, name) != (NO_LIMIT,) for name in ("most_speed", "most_acceleration")}
         for name in () if self.takes_velocity else (name for name, is_given in given.items() if is_given):
-            raise BadInput(f'[drive] {name} does not apply to kind = "torque": the torque acts as given')
+            instead = "leave it out, on the command line by --set 'drive={kind=\"torque\"}'"
+            raise BadInput(f'[drive] {name} does not apply to kind = "torque": the torque acts as given; {instead}')
 
     @property
     def takes_velocity(self) -> bool:
@@ -981,7 +982,7 @@ def read_text(file: Path | str) -> str:
     """Return the text of a file, or of a shipped SPEC by its name. Raises BadInput, naming the file, if it cannot be read."""
     place = file_or_shipped(file, ".toml")
     try:
-        return read_input(place).decode()
+        return read_input(place).decode("utf-8-sig")
     except OSError as error:
         raise BadInput(f"{file}: {error.strerror}") from error
     except UnicodeDecodeError as error:

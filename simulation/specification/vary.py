@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...readers.errors import BadInput
-from ...readers.quantities import QUANTITY
+from ...readers.quantities import TYPED, spaced
 from .spec import DEEPEST, Spec, read_text, spec_of, spec_of_table, toml_table
 
 
@@ -33,12 +33,16 @@ def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
 
 
 def change(text: str) -> tuple[str, Any]:
-    """Read `key=value`, with the value in TOML or a number with a unit. Raises BadInput if it is invalid."""
+    """Read `key=value`, with the value in TOML, a number with a unit, or a word. Raises BadInput if it is invalid."""
     key, equals, value = text.partition("=")
     try:
         read = toml_table(f"value = {value}")
     except BadInput:
-        read = {"value": value.strip()} if re.fullmatch(QUANTITY, value.strip()) else {}
+        value, read = value.strip(), {}
+        if re.fullmatch(TYPED, value):
+            read = {"value": spaced(value)}
+        elif re.fullmatch(r"[A-Za-z_][\w+.-]*", value, re.ASCII):  # a word, of which a shell took the quotation marks away
+            read = {"value": value}
     if not equals or not key.strip() or list(read) != ["value"] or key.count(".") >= DEEPEST:
         text = text if len(text) <= 80 else f"{text[:77]}..."
         raise BadInput(
