@@ -13,9 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from callgraph import call_graph, deepest
 from counting import count_calls, run, symbols_of
 from noslip.controllers.targets import QUIET, SEMIHOSTING, TARGETS, missing
+from noslip.guarantees.callgraph import call_graph, deepest
 
 FIRMWARE = Path(__file__).resolve().parent.parent / "firmware"
 TARGET, PREFIX = "cortex-m4f", "arm-none-eabi-"

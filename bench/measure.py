@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cases
-from callgraph import call_graph, deepest, reached
 from counting import count_calls, run, symbols_of
-from cycles import write_costs
 from noslip.codegen.targets import STANDARD, flags
+from noslip.guarantees.callgraph import call_graph, deepest, reached
+from noslip.guarantees.cycles import write_costs
 from programs import Program, main_text
 
 BENCH = Path(__file__).resolve().parent

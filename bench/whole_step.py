@@ -15,10 +15,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from callgraph import call_graph, deepest, reached
 from counting import count_calls, run, symbols_of
 from noslip.codegen.targets import STANDARD
 from noslip.controllers.targets import QUIET, SEMIHOSTING, TARGETS, missing
+from noslip.guarantees.callgraph import call_graph, deepest, reached
 
 BENCH = Path(__file__).resolve().parent
 ROOT = BENCH.parent

@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, installing
 from ..readers.files import check_folder, write_folder
 from ..readers.progress import Progress
 from .commands import show
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"--jobs {args.jobs} must be 1 or more")
     figures = chosen(args.only, args.all)
     if args.all and (missing := left_out()):
-        print(f"left out, for want of a physics engine: {', '.join(missing)}; pip install 'noslip[physics]'", file=sys.stderr)
+        print(f"left out, for want of a physics engine: {', '.join(missing)}; {installing('physics')}", file=sys.stderr)
     done: list[Made] = []
 
     def tell(latest: Made) -> None:

@@ -19,6 +19,8 @@ def main(argv: list[str] | None = None) -> int:
             signal.signal(signal.SIGINT, lambda *_: _stop(INTERRUPTED, "interrupted"))
             signal.signal(signal.SIGTERM, lambda *_: _stop(TERMINATED, "terminated"))
             argv = sys.argv[1:]
+            for stream in (sys.stdout, sys.stderr):  # a terminal that has no φ gets \u03c6
+                getattr(stream, "reconfigure", dict)(errors="backslashreplace")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: the matrices are too small for threads
         from .commands import run
 

@@ -40,7 +40,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--engine",
         choices=["mujoco"],
-        help="simulate the robot on a floor in a physics engine, where wheels may slip (pip install 'noslip[physics]')",
+        help="simulate the robot on a floor in a physics engine, where wheels may slip (the extra `physics`)",
     )
     parser.add_argument(
         "--write-scene",

@@ -1,7 +1,7 @@
 """Estimated cycles of a law's operations on a target: the objective with which the order of the optimizer's passes is chosen.
 
-Those of cortex-m4f are in ARM's technical reference manual (DDI 0439), as in `bench/cycles.py`: 14 for a division or a root, 2
-for a load, 1 if it follows another one, and 1 more for an operation on the result of the one before. The others are assumed: a
+Those of cortex-m4f are in ARM's technical reference manual (DDI 0439), as in `guarantees/cycles.py`: 14 for a division or a root,
+2 for a load, 1 if it follows another one, and 1 more for an operation on the result of the one before. The others are assumed: a
 host overlaps loads and, in part, divisions; rv32 is a pipeline of five stages with an FPU; soft has no FPU, so that each
 operation is a call of the compiler's library (float, on a Cortex-M0+).
 """

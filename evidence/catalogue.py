@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from importlib.util import find_spec
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, installing
 from ..readers.robots import suggestion
 from .figures import (
     beyond,
@@ -54,7 +54,7 @@ def chosen(names: Sequence[str], every: bool = False) -> list[Figure]:
             raise BadInput(f"--only: unknown figure {name!r}{suggestion(name, known)}")
     missing = left_out()
     for name in sorted({*names} & {*missing}):
-        raise BadInput(f"--only: figure {name!r} is made in a physics engine; pip install 'noslip[physics]'")
+        raise BadInput(f"--only: figure {name!r} is made in a physics engine; {installing('physics')}")
     if names:
         return [figure for figure in FIGURES if figure.name in names]
     return [figure for figure in FIGURES if figure.name not in missing and (every or figure not in LONG)]

@@ -3,9 +3,8 @@
 import re
 from pathlib import Path
 
-from noslip.bench.callgraph import Graph, call_graph, deepest, reached
-
 from . import budget
+from .callgraph import Graph, call_graph, deepest, reached
 from .tools import HOST, M4F, Machine, Task, hold, run
 
 BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers generate

@@ -1,18 +1,17 @@
 """How long every entry point of the follower takes at most: instructions and estimated cycles on three processors, and stack.
 
 The numbers are the largest over the calls that c/timing.c makes, measured and not proved. Cycles are estimated by the models of
-bench/cycles.py.
+guarantees/cycles.py.
 """
 
 import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from noslip.bench.callgraph import deepest
-from noslip.bench.cycles import CORTEX_M4, CORTEX_M7, RV32, Model, write_costs
-
 from ..codegen.targets import TABLE, flags
 from . import budget, memory
+from .callgraph import deepest
+from .cycles import CORTEX_M4, CORTEX_M7, RV32, Model, write_costs
 from .tools import HERE, M4F, Failed, Machine, Task, need, run
 
 RISCV = TABLE["toolchain"]["riscv"]

@@ -97,7 +97,7 @@ OF_LAW = (
 def is_reserved(name: str) -> bool:
     """Return whether the name is reserved in C, C++, their standard headers, the C runtime or Python."""
     taken = keyword.iskeyword(name) or name in KEYWORDS or name in MACROS or UPPER_CASE.fullmatch(name[:-1] * (name[-1] == "_"))
-    return taken or FAMILIES.fullmatch(name) is not None
+    return bool(taken) or FAMILIES.fullmatch(name) is not None
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,13 @@
 """The exceptions that the command line reports: it exits with code 2 for bad input, 1 for C that differs from the model."""
 
 import difflib
+import json
+import sys
 from collections.abc import Iterable
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 
 class BadInput(Exception):
@@ -17,3 +23,14 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     names = list(names)
     near = difflib.get_close_matches(name, names, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(names) or 'none'}"
+
+
+def installing(extra: str) -> str:
+    """Return the command that installs an extra of noslip here: in a clone `make setup`, else the wheel's own path with it."""
+    root = Path(__file__).resolve().parents[1]
+    if (root / "Makefile").is_file():
+        return f"`make -C {root} setup` installs it"
+    origin = metadata.distribution("noslip").read_text("direct_url.json")  # of what was installed from a file
+    wheel = unquote(urlsplit(json.loads(origin)["url"]).path) if origin else f"PATH/noslip-{metadata.version('noslip')}.whl"
+    pip = f"{sys.executable} -m pip install" if find_spec("pip") else f"uv pip install --python {sys.executable}"
+    return f"`{pip} '{wheel}[{extra}]'` installs it"

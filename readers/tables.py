@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import BadInput
+from .errors import BadInput, installing
 from .files import read_input
 from .quantities import in_base_units
 
@@ -153,7 +153,7 @@ def _library(name: str, what: str, extra: str) -> ModuleType:
     try:
         return import_module(name)
     except ImportError as error:
-        raise BadInput(f"{what}; pip install 'noslip[{extra}]'") from error
+        raise BadInput(f"{what}; {installing(extra)}") from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, installing
 from .runner import AHEAD, in_flight
 from .study import Study, outcomes_of
 
@@ -24,7 +24,7 @@ class Cluster:
         try:
             import distributed
         except ImportError as error:
-            raise BadInput("--scheduler needs distributed; python -m pip install 'noslip[cluster]'") from error
+            raise BadInput(f"--scheduler needs distributed; {installing('cluster')}") from error
         for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # this module reports errors itself
         self._distributed, self._study = distributed, study

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, installing
 from ..readers.files import create, replacing
 from .inputs import SEED
 from .study import Study
@@ -25,7 +25,7 @@ try:
     import pyarrow as pa
     import pyarrow.parquet as pq
 except ImportError as error:
-    raise BadInput("a sweep is kept in a Parquet file, which needs pyarrow; python -m pip install 'noslip[sweep]'") from error
+    raise BadInput(f"a sweep is kept in a Parquet file, which needs pyarrow; {installing('sweep')}") from error
 
 LARGEST, SMALLEST, FEWEST = 4096, 32, 64  # of samples in a part; of parts, so that all cores stay busy until the end
 SPEC, IDENTITY = b"noslip.spec", b"noslip.sweep"  # in the file's metadata

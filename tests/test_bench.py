@@ -8,7 +8,7 @@ import pytest
 from .tools import need
 
 ROOT = Path(__file__).resolve().parent.parent
-FUNCTION = {  # instruction -> its cycles, from the timing rules in bench/cycles.py
+FUNCTION = {  # instruction -> its cycles, from the timing rules in guarantees/cycles.py
     "vldr s0, [r1]": 2,
     "vldr s1, [r1, #4]": 1,  # pipelined with the one before
     "vmul.f32 s2, s0, s1": 1,  # what was loaded is there
@@ -33,13 +33,13 @@ AROUND = {"subs r0, #1": 1, "bne 1b": 1}
 def bench(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "bench")
     yield
-    for name in ("cycles", "counting", "measure", "programs", "cases", "callgraph"):
+    for name in ("counting", "measure", "programs", "cases"):
         sys.modules.pop(name, None)
 
 
 def test_cycles_of_a_listing(bench):
     """Every instruction of a listing takes the cycles that the rules give by hand."""
-    from cycles import costs
+    from noslip.guarantees.cycles import costs
 
     lines = [f"  {8 + 4 * k:x}:\t{text.replace(' ', chr(9), 1)}\t@ comment" for k, text in enumerate(FUNCTION)]
     found = costs("00000008 <measured>:\n" + "\n".join(lines) + "\n  44:\t.word\t0x3f22f983\n")
@@ -52,7 +52,7 @@ RISCV |= {"lw a5,0(a1)": 2, "mul a5,a5,a4": 4, "divu a5,a5,a4": 34, "addi a5,a5,
 
 def test_cycles_of_other_processors(bench):
     """A RISC-V core, by hand; a Cortex-M7, which waits two more for each result of its FPU."""
-    from cycles import CORTEX_M7, RV32, costs
+    from noslip.guarantees.cycles import CORTEX_M7, RV32, costs
 
     lines = [f"8000{4 * k:04x}:\t{text.replace(' ', chr(9), 1)}" for k, text in enumerate(RISCV)]
     assert dict(zip(RISCV, costs("\n".join(lines), RV32).values(), strict=True)) == RISCV
@@ -64,8 +64,8 @@ def test_cycles_of_other_processors(bench):
 def test_cycles_of_a_trace(bench, tmp_path):
     """A loop that QEMU executes takes what its instructions take, and 2 more for each branch taken: call, loop, return."""
     from counting import count_calls, run, symbols_of
-    from cycles import write_costs
     from measure import CortexM4F
+    from noslip.guarantees.cycles import write_costs
 
     need("arm-none-eabi-gcc", "qemu-system-arm", "gcc")
     inner = "\\n".join([*FUNCTION, *AROUND])

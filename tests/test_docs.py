@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 import sys
 import types
 from functools import cache
@@ -99,3 +100,32 @@ def test_the_recipe_for_a_pass(monkeypatch, capsys):
     before, after, *_ = capsys.readouterr().out.splitlines()
     assert before.startswith("sums of products [Applied") and after.startswith("squares of roots")
     assert after.endswith("(mul, #0, #1)]")
+
+
+def test_the_layout_of_the_readme_is_that_of_the_tree():
+    """Every folder with files in git has a row, and every row a folder; no folder but the tests imports one of bench."""
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if tracked.returncode:
+        pytest.skip("no git checkout")
+    folders = {name.split("/")[0] for name in tracked.stdout.splitlines() if "/" in name and not name.startswith(".")}
+    table = (ROOT / "README.md").read_text().partition("## How it is laid out")[2].partition("## ")[0]
+    rows = "".join(row.split("|")[1] for row in table.splitlines() if row.startswith("| `"))
+    assert set(re.findall(r"`(\w+)/`", rows)) == folders
+    imported = re.compile(r"^\s*from (?:noslip\.|\.\.)bench\b", re.M)
+    names = [name for name in tracked.stdout.splitlines() if name.endswith(".py")]
+    files = [ROOT / name for name in names if not name.startswith(("bench/", "tests/"))]
+    assert [path.name for path in files if imported.search(path.read_text())] == []
+
+
+def test_the_operations_that_the_pages_name():
+    """Of the circle's law: the model's, those after the derivation, and those of the C, as `generate --explain` prints them."""
+    from noslip.codegen.explain import explain
+    from noslip.readers.robots import find_robot, law_of
+
+    explained = explain(law_of(find_robot("labmate"), "type_iv_circle"), "host")
+    sums = [int(number) for number in re.findall(r"^ +\D+?(?: +\d+){7} +(\d+)$", explained, re.M)]
+    pages = ("docs/method.md", "codegen/derivation/README.md")
+    method, derivation = (" ".join((ROOT / page).read_text().split()) for page in pages)
+    assert f"takes {sums[0]} operations; the C that ships takes {sums[-1]}." in method
+    assert f"{sums[0]} operations for `type_iv_circle`; after this derivation there are {sums[1]}, and" in derivation
+    assert f"passes leave {sums[-1]}." in derivation

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.model.mechanism import Mechanism
-from noslip.readers.errors import BadInput
+from noslip.readers.errors import BadInput, installing
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import contact_forces
@@ -391,7 +391,7 @@ def test_mujoco_is_optional():
         sys.exit(10 * main(run) + main([*run, "--engine", "mujoco"]))"""
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].endswith("MuJoCo is not installed; pip install 'noslip[physics]'")
+    assert done.stderr.splitlines()[-1].endswith(f"MuJoCo is not installed; {installing('physics')}")
 
 
 def test_the_pose_that_the_controller_sees():

@@ -90,7 +90,7 @@ def test_without_the_engine_they_are_left_out(monkeypatch, capsys):
     assert not {*NAMES} & {figure.name for figure in catalogue.chosen([])} and "fastest" in [f.name for f in catalogue.chosen([])]
     monkeypatch.setattr(catalogue, "find_spec", lambda name: None)
     assert catalogue.left_out() == NAMES and not {*NAMES} & {figure.name for figure in catalogue.chosen([], every=True)}
-    with pytest.raises(BadInput, match=r"--only: figure 'floor' is made in a physics engine; pip install 'noslip\[physics\]'"):
+    with pytest.raises(BadInput, match=r"--only: figure 'floor' is made in a physics engine; `make -C .* setup` installs it"):
         catalogue.chosen(["6", "floor"])
 
 

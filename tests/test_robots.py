@@ -104,7 +104,7 @@ def close(value, expected, tolerance: float) -> bool:
     return bool(np.abs(value - expected).max() <= tolerance * np.abs(expected).max())
 
 
-def test_every_shipped_robot_is_tested():
+def test_every_derivation_is_of_a_shipped_robot():
     assert set(NAMES) <= set(ROBOTS) and all(ROBOTS[name]().name == name for name in ROBOTS)
 
 

@@ -35,7 +35,6 @@ COUNTING = {  # options that make QEMU's clock count instructions; instructions 
     "rv32": (("-icount", "shift=0"), ()),
 }
 TIMEOUT = 120  # s, of each tool
-TEXT = {"encoding": "utf-8", "errors": "replace"}  # of what tools print, whatever the locale
 
 
 def project_files(
@@ -201,7 +200,9 @@ def _measured(name: str, folder: Path) -> str:
     outputs = []
     for goal in ("test", "budget"):
         command = ["make", "-s", "-C", str(folder), goal]
-        process = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, **TEXT, timeout=TIMEOUT)
+        process = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace", timeout=TIMEOUT
+        )
         if process.returncode:
             lines = (process.stderr + process.stdout).strip().splitlines()
             worst = next((line for line in lines if "rror:" in line or "FAIL" in line), lines[-1] if lines else "no output")
@@ -209,7 +210,8 @@ def _measured(name: str, folder: Path) -> str:
         outputs.append(process.stdout.strip())
     subprocess.run(["make", "-s", "-C", str(folder), "clean"], capture_output=True, timeout=TIMEOUT)
     compiler = FIRMWARE[name].compiler or "cc"
-    version = subprocess.run([compiler, "-dumpfullversion"], capture_output=True, **TEXT).stdout.strip()
+    asked = subprocess.run([compiler, "-dumpfullversion"], capture_output=True, encoding="utf-8", errors="replace")
+    version = asked.stdout.strip()
     text = "\n".join(outputs).replace(str(folder), ".")
     counted = "; instructions of a step with all its checks, as executed in QEMU" if FIRMWARE[name].bare else ""
     return f"Measured with {compiler} {version} -O2{counted}:\n\n```\n{text}\n```\n"

@@ -26,7 +26,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Write a robot file from a URDF or an MJCF: two driven wheels, a car or a tricycle, trailers behind it, "
         "four wheels with rollers. Joints that are not wheels, steering or hitches are held fixed, but for vertical joints that "
         "--arm names. Before the file is put in place, its mass matrix is compared with that of the links. "
-        "Requires pip install 'noslip[physics]'.",
+        "Requires the extra `physics`.",
         epilog=EXAMPLE,
     )
     parser.add_argument("urdf", metavar="FILE.urdf", help="a URDF, a xacro file expanded first, or an MJCF")

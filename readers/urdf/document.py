@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, suggestion
+from ..errors import BadInput, installing, suggestion
 from ..files import read_input
 from .from_mjcf import urdf_of
 from .inertial import Inertial
@@ -171,7 +171,7 @@ def _parsers() -> tuple[Any, Any]:
         from lxml import etree
         from yourdfpy import URDF
     except ImportError as error:
-        raise BadInput(f"reading a URDF requires {error.name}: install it with pip install 'noslip[physics]'") from error
+        raise BadInput(f"reading a URDF requires {error.name}: {installing('physics')}") from error
     return etree, URDF
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..errors import BadInput
+from ..errors import BadInput, installing
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 SHAPES = {2: "sphere", 3: "cylinder", 5: "cylinder", 6: "box"}  # mjtGeom; a capsule counts as its cylinder
@@ -21,7 +21,7 @@ def urdf_of(file: str) -> Any:
     try:
         import mujoco
     except ImportError as error:
-        raise BadInput("reading an MJCF requires mujoco: install it with pip install 'noslip[physics]'") from error
+        raise BadInput(f"reading an MJCF requires mujoco: {installing('physics')}") from error
     try:
         model = mujoco.MjModel.from_xml_path(file)
     except ValueError as error:

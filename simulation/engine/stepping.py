@@ -11,7 +11,7 @@ import numpy as np
 from ...controllers.direct import Direct
 from ...model.algebra.portable import portable
 from ...model.reduction import ReducedSystem
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, installing
 from ..contact import GRAVITY
 from ..integrate import Refused
 from ..plant import Plant
@@ -117,7 +117,7 @@ def installed() -> Any:
     try:
         import mujoco  # an extra of the package
     except ImportError as error:
-        raise BadInput("--engine mujoco: MuJoCo is not installed; pip install 'noslip[physics]'") from error
+        raise BadInput(f"--engine mujoco: MuJoCo is not installed; {installing('physics')}") from error
     mujoco.set_mju_user_warning(lambda _: None)  # what it warns of ends the run with a status; it would write a file as well
     return mujoco
 
