@@ -526,11 +526,6 @@ class Mechanism:
             raise ModelError(f"{self.name}: Types I to IV require the pose of the vehicle; call moves_in_plane(x, y, heading)")
         return self.vehicle
 
-    @property
-    def pose_numbers(self) -> list[int]:
-        """Which coordinates are x, y and heading of the vehicle, counted from 0; empty unless each is one."""
-        return self.coordinate_numbers([self.vehicle.x, self.vehicle.y, self.vehicle.heading]) if self.vehicle else []
-
     def coordinate_numbers(self, expressions: Iterable[ca.SX]) -> list[int]:
         """Return which coordinates the expressions are, counted from 0; empty unless each is one."""
         known = {c.symbol.element_hash(): k for k, c in enumerate(self.coordinates)}

@@ -10,7 +10,7 @@ from ..controllers import SCALAR
 from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
 from ..controllers.integral import hurwitz
-from ..controllers.odometry import MODES, wheels_function
+from ..controllers.odometry import MODES, arm_function, has_arm, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..model.contacts import GRAVITY
 from ..planning.profile import top_speed
@@ -231,6 +231,9 @@ class Batch:
         if self._wheels:
             W, ahead = (value.full() for value in self._wheels(made["believed"].T))
             made["forward"], made["turn"], made["ahead"] = W[0].reshape(-1, 2), W[1].reshape(-1, 2), ahead[0]
+        if has_arm(law.system):
+            for name, whose in (("arm", "believed"), ("true_arm", "plant")):
+                made[name] = arm_function(law.system)(made[whose].T).full().T
         if self.spec.reference.approach:
             linear, angular = (
                 given.get(f"reference.approach.{name}", np.zeros(len(made))) for name in ("acceleration", "angular")

@@ -16,8 +16,8 @@ LIFTED = 0.1 + 1e-9  # s from which on it is said that a contact carried nothing
 @dataclass(frozen=True, eq=False)
 class FloorMeasurements:
     """For each row and contact, (N, c): slip (m/s), load (N), friction use (1: it slips); forces along and across in turn,
-    (N, 2 c), N; the pose from dead reckoning, (N, 3), m and rad, None for a robot that cannot reckon. `mu` is the friction of the
-    floor outside its patches.
+    (N, 2 c), N; the coordinates of the pose from dead reckoning, (N, 3), m and rad, None for a robot that cannot reckon. `mu` is
+    the friction of the floor outside its patches.
     """
 
     slip: np.ndarray

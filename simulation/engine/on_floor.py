@@ -45,7 +45,7 @@ class OnFloor:
 
         for row in sampled(self.loop, self._simulation, (hold, self.engine.pushed)):
             sensing = self.loop.sensing
-            self._looks.append((*self.engine.look(), sensing.reckoned if isinstance(sensing, Sensing) else np.zeros(0)))
+            self._looks.append((*self.engine.look(), sensing.placed if isinstance(sensing, Sensing) else np.zeros(0)))
             yield row
 
     def measured(self) -> FloorMeasurements:
