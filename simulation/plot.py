@@ -385,8 +385,8 @@ def _draw_passive(axes: Axes, run: Run, passive: Sequence[int]) -> None:
 
 def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
     """Draw the slip of each contact; where some of it counts, on a logarithmic axis that is linear below that."""
-    for contact, slip, colour in zip(run.law.system.mechanism.contacts, floor.slip.T, COLOURS, strict=False):
-        axes.plot(run.t, slip, color=colour, label=f"{contact.name}, at most {slip.max():.2g} m/s")
+    for name, slip, colour in zip(floor.names, floor.slip.T, COLOURS, strict=False):
+        axes.plot(run.t, slip, color=colour, label=f"{name}, at most {slip.max():.2g} m/s")
     if floor.slip.max() > SLIPS:
         axes.set_yscale("symlog", linthresh=SLIPS)
     axes.set_ylim(bottom=0.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import islice
 
 import casadi as ca
 import numpy as np
@@ -28,7 +29,8 @@ class Frame:
     """A rigid body in the plane. Its heading is `heading` . q; its origin is the hinge, at `pivot` (m) in the axes of frame
     `parent`, or of the ground (None).
 
-    `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the origin.
+    `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the origin, `height` (m)
+    of the centre of mass, None where the Mechanism does not say it.
     """
 
     heading: np.ndarray
@@ -37,6 +39,17 @@ class Frame:
     mass: float = 0.0
     moment: np.ndarray = field(default_factory=lambda: np.zeros(2))
     inertia: float = 0.0
+    height: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Castor:
+    """What carries `load` (kg) without friction at a `place` (m) in the axes of `frame`."""
+
+    name: str
+    frame: int
+    place: np.ndarray
+    load: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +59,8 @@ class WheelContact:
     `angle` is the coordinate of its rotation; None: it turns freely, its rotation is no coordinate. `radius` (m) is negative
     where a positive angle rolls backward. `inertia` (kg m^2) is that about the axle. `turned` (rad) is the direction in which it
     rolls, from the heading of the frame to the left. With `rollers` on its rim nothing holds it across that direction: as a wheel
-    of mecanum type acts, whose rollers have that direction and whose radius, here, is the part of its own along it.
+    of mecanum type acts, whose rollers have that direction and whose radius, here, is the part of its own along it. A contact
+    that stands for several wheels, turned by one coordinate, has them at `places`; else that is its place alone.
     """
 
     name: str
@@ -58,6 +72,12 @@ class WheelContact:
     inertia: float
     turned: float = 0.0
     rollers: bool = False
+    wheels: tuple[np.ndarray, ...] = ()
+
+    @property
+    def places(self) -> tuple[np.ndarray, ...]:
+        """Where wheels stand, m, in the axes of the frame."""
+        return self.wheels or (self.place,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +87,8 @@ class PlanarBodies:
 
     `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle; what leans] = joints @ qdot.
     `normal` is the part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own. `mass`
-    (kg) is the whole, 0 where wheels whose rotation is no coordinate also have inertia along.
+    (kg) is the whole, 0 where wheels whose rotation is no coordinate also have inertia along. `castors` are the supports that
+    the Mechanism names.
     """
 
     frames: tuple[Frame, ...]
@@ -76,6 +97,7 @@ class PlanarBodies:
     normal: float = 1.0
     mass: float = 0.0
     leaning: tuple[LeaningBody, ...] = ()
+    castors: tuple[Castor, ...] = ()
 
     def hinge(self, k: int) -> int:
         """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
@@ -121,7 +143,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     states = random.uniform(-3.0, 3.0, (STATES, len(mechanism.coordinates)))
     function, count, bodies = _functions(mechanism), len(mechanism.contacts), len(mechanism.bodies) * weighed
     values = [[value.full() for value in function(q, parameters)] for q in states]
-    rows, turning, M, places, masses, angles = (np.array([value[k] for value in values]) for k in range(6))
+    rows, turning, M, places, masses, angles, heights = (np.array([value[k] for value in values]) for k in range(7))
     if not np.isfinite(turning).all() or np.ptp(turning, axis=0).max() > EXACT:
         raise _refused(name, "the heading of a contact or body is not a sum of coordinates")
     turning = np.round(turning[0], 9)
@@ -144,7 +166,9 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     leaning: list[LeaningBody] = []
     mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else 0.0
     if weighed:
-        _weigh(name, frames, mass, masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
+        of = [found[count + k][0] for k in range(bodies)]
+        _raise(frames, masses[0].ravel(), heights[0].ravel(), of)
+        _weigh(name, frames, mass, masses[0].ravel(), of)
         leans = leaning_angles(rows, turning)
         parts = [part for angle in leans for part in parts_of_mass(states, angle, motions[0])]
         inertias, found_of = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}), parts)
@@ -152,6 +176,9 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     driven = [abs(radius) for radius in radii if radius]
     if not driven:
         raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
+    named, standing = places[0, :, 1:], len(mechanism.standing)
+    from_named = [found[k][1] - named[k] for k in range(count)]  # to the axes of the frame
+    several = iter(named[standing:])
     wheels = tuple(
         WheelContact(
             c.name,
@@ -162,6 +189,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
             inertias.get(axles[k], 0.0),
             points[k].turned,
             c.across.is_zero(),
+            tuple(place + from_named[k] for place in islice(several, len(c.wheels))),
         )
         for k, c in enumerate(mechanism.contacts)
     )
@@ -170,7 +198,15 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
         _check_leaning(name, mechanism.coordinates[body.angle].name, body, frames[0], wheels, mass)
     joints = _joints(name, frames, wheels, x_y, [body.angle for body in leaning], len(mechanism.coordinates))
     normal = loaded if _sloped(mechanism, x_y) else 1.0
-    return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning))
+    on = wheels[0].frame
+    beside = [from_named[k] for k in range(count) if wheels[k].frame == on]
+    if mechanism.supports and np.ptp(beside, axis=0).max() > EXACT * max(1.0, np.abs(named).max()):
+        why = "the places of contacts and supports do not fit the velocities of the contacts; correct ahead and left"
+        raise _refused(name, why)
+    castors = tuple(
+        Castor(c.name, on, named[count + k] + beside[0], float(places[0, count + k, 0])) for k, c in enumerate(mechanism.supports)
+    )
+    return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning), castors)
 
 
 def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
@@ -185,8 +221,8 @@ def _refused(name: str, why: str) -> BadInput:
 
 @lru_cache(maxsize=16)
 def _functions(mechanism: Mechanism) -> ca.Function:
-    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, ahead, left] of contacts, bodies'
-    masses, the angles of the directions along of contacts, rad.
+    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, ahead, left] of contacts, supports and
+    the wheels of contacts, bodies' masses, the angles of the directions along of contacts, rad, bodies' heights.
     """
     q, qdot = mechanism.q, mechanism.qdot
     x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
@@ -200,9 +236,11 @@ def _functions(mechanism: Mechanism) -> ca.Function:
         angles.append(ca.atan2(s, c))
     bodies = [ca.jacobian(ca.vertcat(body.forward, body.left), qdot) for body in mechanism.bodies]
     turning += [ca.jacobian(body.yaw_rate, qdot) for body in mechanism.bodies]
-    places = [ca.horzcat(contact.mass, contact.ahead, contact.left) for contact in mechanism.contacts]
-    masses = ca.vertcat(*[body.mass for body in mechanism.bodies]) if mechanism.bodies else ca.SX(0, 1)
-    results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places), masses, ca.vertcat(*angles)]
+    places = [ca.horzcat(contact.mass, contact.ahead, contact.left) for contact in mechanism.standing]
+    places += [ca.horzcat(0, place.T) for contact in mechanism.contacts for place in contact.wheels]
+    masses, heights = (ca.vertcat(ca.SX(0, 1), *[getattr(b, of) for b in mechanism.bodies]) for of in ("mass", "height"))
+    results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places)]
+    results += [masses, ca.vertcat(*angles), heights]
     return portable(ca.Function("rows", [q, mechanism.p], [ca.densify(result) for result in results]))
 
 
@@ -300,6 +338,14 @@ def _hinge(
             place += point.directions[0] * (point.directions[0] @ (point.place - place))
     moved = base + np.tensordot(pivot, by_pivot, axes=1)
     return pivot, places, np.concatenate([moved, own[:, None]], axis=1)
+
+
+def _raise(frames: list[Frame], masses: np.ndarray, heights: np.ndarray, of: list[int]) -> None:
+    """Set the heights of the frames: of the centre of mass of those of their bodies whose height is known."""
+    for k, frame in enumerate(frames):
+        known = [j for j, own in enumerate(of) if own == k and heights[j]]
+        if known:
+            frame.height = float(masses[known] @ heights[known] / masses[known].sum())
 
 
 def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of: list[int]) -> None:

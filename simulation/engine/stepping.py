@@ -17,6 +17,7 @@ from ..integrate import Refused
 from ..plant import Plant
 from ..specification.floor import Floor
 from .frames import PlanarBodies
+from .measured import Standing
 
 if TYPE_CHECKING:
     from ..drive import Drive
@@ -45,13 +46,36 @@ class Stepped:
         angle, heading = floor.slope
         model.opt.gravity = GRAVITY * np.array([np.sin(angle) * np.cos(heading), np.sin(angle) * np.sin(heading), -np.cos(angle)])
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the wheels whose slip is measured: of the contacts, or of each wheel of a contact that stands for several."""
+        return tuple(wheel.name for wheel in self.planar.wheels)
+
+    @property
+    def castors(self) -> tuple[str, ...]:
+        """Names of what carries load without friction, as far as it is measured."""
+        return ()
+
+    @property
+    def standing(self) -> Standing | None:
+        """How the robot stands at rest, where the engine's bodies are those of the Mechanism."""
+        return None
+
+    def carried(self) -> np.ndarray:
+        """Return the load of each of `castors`, N."""
+        return np.zeros(0)
+
+    def on_contacts(self, force: np.ndarray) -> np.ndarray:
+        """Return the forces on each contact, (N, 2 c), of those on each of `names`."""
+        return force
+
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Return q and qdot of the Mechanism."""
         raise NotImplementedError
 
     def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return for each contact slip (m/s), load (N), friction use, and the level force of the ground along and across in turn
-        (N).
+        """Return for each of `names` slip (m/s), load (N), friction use, and the level force of the ground along and across in
+        turn (N).
         """
         raise NotImplementedError
 
