@@ -369,7 +369,7 @@ def test_the_command_line(tmp_path, capsys):
         (["floor={rough={count=9,x=[0,1],y=[0,1],height=0.3,radius=0.2}}"], "at most the radius, 0.2"),
         (['robot="knife_edge"', "parameters={}", "output.L=0.3"], "no contact has a wheel"),
         (["plant={I_w=0.0}"], "no inertia about its axle"),
-        (["plant={d=0.3}", "contact={share=0.999}"], "the rest would balance 300 m ahead"),
+        (["plant={d=0.3}", "contact={share=0.999}"], "the rest would balance 281 m ahead"),
         (["sensors={pose='wrong'}"], "pose"),
         (["floor={grip=1}"], "unknown key"),
         (["sensors={pose='true'}", "correction={rate=1.0}"], "the true pose needs none"),

@@ -89,6 +89,14 @@ class FloorEngine(Stepped):
         )
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """See Stepped."""
+        if not self.planar.off:
+            return ()
+        off = f"{self.planar.off:.1%} of its largest entry: parts that are steered together turn about one hinge there"
+        return (f"--engine mujoco: the mass matrix of the engine's bodies differs from that of the robot by {off}",)
+
+    @property
     def castors(self) -> tuple[str, ...]:
         """See Stepped."""
         return tuple(castor.name for castor in self.planar.castors)

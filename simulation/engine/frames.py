@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 
 import casadi as ca
@@ -22,6 +22,7 @@ from .leaning import LeaningBody, leaning_angles, parts_of_mass, product
 
 STATES = 12  # random ones at which rows and mass matrix are compared
 EXACT = 1e-9  # relative difference that rounding explains
+APART = 0.02  # relative difference that is accepted, and said, where bodies on hinges of their own turn together
 
 
 @dataclass(eq=False)
@@ -30,7 +31,8 @@ class Frame:
     `parent`, or of the ground (None).
 
     `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the origin, `height` (m)
-    of the centre of mass, None where the Mechanism does not say it.
+    of the centre of mass, None where the Mechanism does not say it. With `apart` some of its bodies turn about other hinges, by
+    the same angle.
     """
 
     heading: np.ndarray
@@ -40,6 +42,7 @@ class Frame:
     moment: np.ndarray = field(default_factory=lambda: np.zeros(2))
     inertia: float = 0.0
     height: float | None = None
+    apart: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +90,9 @@ class PlanarBodies:
 
     `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle; what leans] = joints @ qdot.
     `normal` is the part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own. `mass`
-    (kg) is the whole, 0 where wheels whose rotation is no coordinate also have inertia along. `castors` are the supports that
-    the Mechanism names.
+    (kg) is the whole, 0 where bodies do not say it and wheels also have inertia along. `castors` are the supports that
+    the Mechanism names. `off` is how far their mass matrix is from that of the Mechanism, relative to its largest entry: 0 but
+    for frames with bodies `apart`, which turn about one hinge here.
     """
 
     frames: tuple[Frame, ...]
@@ -98,6 +102,7 @@ class PlanarBodies:
     mass: float = 0.0
     leaning: tuple[LeaningBody, ...] = ()
     castors: tuple[Castor, ...] = ()
+    off: float = 0.0
 
     def hinge(self, k: int) -> int:
         """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
@@ -162,16 +167,17 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     frames, found, motions = _frames(name, points, turning, states, x_y)
     radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
     moved = M[:, x_y[0], x_y[0]]
-    inertias: dict[int | None, float] = {}
+    inertias, idle, off = {}, [0.0] * count, 0.0
     leaning: list[LeaningBody] = []
-    mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else 0.0
+    mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else float(masses[0].sum())  # else wheels have inertia along
     if weighed:
         of = [found[count + k][0] for k in range(bodies)]
         _raise(frames, masses[0].ravel(), heights[0].ravel(), of)
         _weigh(name, frames, mass, masses[0].ravel(), of)
         leans = leaning_angles(rows, turning)
         parts = [part for angle in leans for part in parts_of_mass(states, angle, motions[0])]
-        inertias, found_of = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}), parts)
+        free = [_along(motions[found[k][0]], found[k][1], points[k].turned) if axles[k] is None else None for k in range(count)]
+        inertias, idle, found_of, off = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}), free, parts)
         leaning = [LeaningBody(angle, *each) for angle, each in zip(leans, found_of.reshape(-1, 3).tolist(), strict=True)]
     driven = [abs(radius) for radius in radii if radius]
     if not driven:
@@ -186,7 +192,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
             float(places[0, k, 0]),
             axles[k],
             radii[k] or float(np.mean(driven)),
-            inertias.get(axles[k], 0.0),
+            inertias[axles[k]] if axles[k] in inertias else idle[k] * float(np.mean(driven)) ** 2,
             points[k].turned,
             c.across.is_zero(),
             tuple(place + from_named[k] for place in islice(several, len(c.wheels))),
@@ -206,7 +212,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     castors = tuple(
         Castor(c.name, on, named[count + k] + beside[0], float(places[0, count + k, 0])) for k, c in enumerate(mechanism.supports)
     )
-    return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning), castors)
+    return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning), castors, off)
 
 
 def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
@@ -284,15 +290,20 @@ def _frames(
                 raise _refused(name, f"{points[first].name} does not turn")
             for parent in (*range(len(frames)), None):
                 before, motion = (np.zeros(n), ground) if parent is None else (frames[parent].heading, motions[parent])
-                fitted = _hinge([points[k] for k in mine], states @ (before - heading), motion, heading)
+                hinge = partial(_hinge, angle=states @ (before - heading), motion=motion, heading=heading)
+                fitted, on_it = hinge([points[k] for k in mine]), mine
+                if fitted is None and (on_it := [k for k in mine if points[k].place is not None]):
+                    # Bodies on hinges of their own that turn together, as both steered wheels of a car beside their contact.
+                    fitted = hinge([points[k] for k in on_it]) if all(hinge([points[k]]) for k in mine) else None
                 if fitted is not None:
                     break
             else:
                 continue
             pivot, places, moved = fitted
-            frames.append(Frame(heading, parent, pivot))
+            frames.append(Frame(heading, parent, pivot, apart=on_it != mine))
             motions.append(moved)
-            found |= {k: (len(frames) - 1, place) for k, place in zip(mine, places, strict=True)}
+            found |= {k: (len(frames) - 1, np.zeros(2)) for k in mine}
+            found |= {k: (len(frames) - 1, place) for k, place in zip(on_it, places, strict=True)}
             left = [k for k in left if k not in mine]
             break
         else:
@@ -358,11 +369,24 @@ def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of:
         raise _refused(name, "its bodies weigh more than all that moves")
 
 
+def _along(motion: np.ndarray, place: np.ndarray, turned: float) -> np.ndarray:
+    """Return the rows (S, n) of the velocity of a place of a frame in the direction `turned` (rad) from its heading."""
+    forward, left, yaw = (motion[:, k] for k in range(3))
+    return np.cos(turned) * (forward - place[1] * yaw) + np.sin(turned) * (left + place[0] * yaw)
+
+
 def _spins(
-    name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndarray, axles: list[int], more: list[np.ndarray]
-) -> tuple[dict[int | None, float], np.ndarray]:
-    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle, and
-    the factors of `more` parts of M, each (S, n, n).
+    name: str,
+    frames: list[Frame],
+    motions: list[np.ndarray],
+    M: np.ndarray,
+    axles: list[int],
+    free: list[np.ndarray | None],
+    more: list[np.ndarray],
+) -> tuple[dict[int | None, float], list[float], np.ndarray, float]:
+    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle; that
+    of each wheel whose rotation is no coordinate and which moves along as `free`, by its radius squared (kg); the factors of
+    `more` parts of M, each (S, n, n); and how much of M is left, relative to its largest entry.
     """
     rest, basis = M.copy(), []
     for frame, motion in zip(frames, motions, strict=True):
@@ -374,21 +398,27 @@ def _spins(
         unit = np.zeros_like(M)
         unit[:, axle, axle] = 1.0
         basis.append(unit)
+    basis += [product(along[:, :, None], along[:, :, None]) / 2 for along in free if along is not None]
     basis += more
     A = np.stack([each.ravel() for each in basis], axis=1)
     solution = np.linalg.lstsq(A, rest.ravel(), rcond=None)[0]
-    if np.abs(A @ solution - rest.ravel()).max() > EXACT * np.abs(M).max():
+    off = float(np.abs(A @ solution - rest.ravel()).max() / np.abs(M).max())
+    if off > (APART if any(frame.apart for frame in frames) else EXACT):
         raise _refused(name, "its kinetic energy is not that of bodies and wheels in the plane")
     for k, frame in enumerate(frames):
         frame.moment, frame.inertia = solution[3 * k : 3 * k + 2], float(solution[3 * k + 2])
         about = frame.inertia - (frame.moment @ frame.moment / frame.mass if frame.mass else 0.0)
         if about <= 0:
             raise _refused(name, f"a body has no positive inertia about the vertical ({about:.3g} kg m^2)")
-    own, others = np.split(solution[3 * len(frames) :], [len(axles)])
+    rolls = [along is not None for along in free]
+    own, idle, others = np.split(solution[3 * len(frames) :], [len(axles), len(axles) + sum(rolls)])
+    if idle.min(initial=0.0) < -EXACT * np.abs(M).max():
+        raise _refused(name, f"a wheel that turns freely has a negative inertia ({idle.min():.3g} kg by its radius squared)")
+    spun = iter(np.where(idle > EXACT * np.abs(M).max(), idle, 0.0).tolist())
     inertias: dict[int | None, float] = dict(zip(axles, own.tolist(), strict=True))
     if any(inertia <= 0 for inertia in inertias.values()):
         raise _refused(name, "a wheel has no inertia about its axle, and so no defined slip; give it one")
-    return inertias, others
+    return inertias, [next(spun) if rolling else 0.0 for rolling in rolls], others, off if off > EXACT else 0.0
 
 
 def _check_leaning(name: str, angle: str, body: LeaningBody, frame: Frame, wheels: tuple[WheelContact, ...], mass: float) -> None:

@@ -15,7 +15,7 @@ from ..specification.floor import Floor
 from ..specification.scene import SceneSection
 from ..specification.spec import ContactSection
 from .alignment import UP, align, middle
-from .frames import planar
+from .frames import PlanarBodies, planar
 from .scene_file import MESH, WHERE, read_scene
 from .stepping import Stepped, on_joints, refuse_in_scene
 
@@ -61,11 +61,11 @@ class SceneEngine(Stepped):
         refuse_in_scene(WHERE, mechanism.name, bodies)
         names = [coordinate.name for coordinate in mechanism.coordinates]
         steering = [section.joints.get(names[bodies.hinge(k)], ()) for k in range(1, len(bodies.frames))]
-        self.scene = scene = read_scene(section.file, steering)
+        self.scene = scene = read_scene(section.file, steering, self._fixed_axle(plant, bodies, section))
         if floor.patch or floor.bumps or not (scene.paved or floor.mu is None):
             raise scene.wrong("[floor] mu, patch, bump and rough do not apply to a scene; change its own floor")
         super().__init__(plant, bodies, scene.model, floor)
-        self.name = mechanism.name
+        self.name, self._forces = mechanism.name, mechanism.forces
         rolled, turned = self._joints(plant, section)
         every = [k for own in (*rolled, *turned) for k in own]
         if twice := [k for k in every if every.count(k) > 1]:
@@ -118,6 +118,17 @@ class SceneEngine(Stepped):
         c, s = np.cos(headings), np.sin(headings)
         level = np.column_stack([c * force[:, 0] + s * force[:, 1], c * force[:, 1] - s * force[:, 0]])
         return np.linalg.norm(slip, axis=1) / np.maximum(load, TINY), load, held / np.maximum(limit, TINY), level.ravel()
+
+    @staticmethod
+    def _fixed_axle(plant: Plant, bodies: PlanarBodies, section: SceneSection) -> list[str]:
+        """Return the joints of the wheels on the first frame, about whose axle others are steered; none unless it is one axle."""
+        names = [coordinate.name for coordinate in plant.system.mechanism.coordinates]
+        on_body = [wheel for wheel in bodies.wheels if wheel.frame == 0]
+        found: list[str] = []
+        for wheel in on_body if len({wheel.place[0] for wheel in on_body}) == 1 else ():
+            own = wheel.name if wheel.angle is None else names[wheel.angle]
+            found += (section.wheels if wheel.angle is None else section.joints).get(own, (own,))
+        return found
 
     # -- what is named ------------------------------------------------------------------------------------------------
 
@@ -283,12 +294,20 @@ class SceneEngine(Stepped):
                         f"the wheel on {joint!r} touches at points {breadth:.3g} m apart along its axle and resists turning "
                         "on the spot; a sphere or an ellipsoid as its shape does not"
                     )
+        if not self._forces and (rubs := [k for joint in (*self._driven, *self._wheels) for k in joint.joints if self._rubs(k)]):
+            said = ", ".join(repr(self.model.joint(k).name) for k in dict.fromkeys(rubs))
+            yield f"joints {said} have friction or damping, which the equations of {self.name} do not have; add force(...) there"
         mass, own = float(self.model.body_subtreemass[self._root]), self.planar.mass
         if own and abs(mass / own - 1) > DIFFERS:
             yield f"the mass is {mass:.4g} kg, that of {self.name} {own:.4g} kg"
         off = self.mass_matrix_difference(q)
         if off > DIFFERS:
             yield f"the mass matrix of the rolling robot differs from that of {self.name} by {off:.1%} of its largest entry"
+
+    def _rubs(self, joint: int) -> bool:
+        """Return whether a joint of the file has friction or damping."""
+        dof = self.model.jnt_dofadr[joint]
+        return bool(self.model.dof_frictionloss[dof] or self.model.dof_damping[dof])
 
     def mass_matrix_difference(self, q: np.ndarray) -> float:
         """Return how far S'MS of the scene is from that of the Mechanism at q, the pose of now, relative to its largest entry."""
