@@ -10,7 +10,7 @@ from ..plant import Plant
 from ..specification.floor import Floor
 from ..specification.spec import ContactSection
 from .frames import PlanarBodies, planar
-from .friction import CREEP, LEAST, coulomb
+from .friction import CREEP, LEAST
 from .measured import Standing
 from .mjcf import mjcf, stands, with_castors
 from .stepping import Stepped, installed
@@ -148,7 +148,10 @@ class FloorEngine(Stepped):
             force[body.angle] -= GRAVITY * body.moment * np.sin(q[body.angle])
         self.data.qfrc_applied[:] = 0.0
         self.data.qfrc_applied[self.moving] = self._rates.T @ force
-        self._rub()
+        mu = self._mu()
+        # On bumps friction also sees the forces at right angles to what is touched, which between bumps are not parallel.
+        self._friction = self._rub(self._contact_rows(), self._load, mu, ON_BUMPS if self._uneven else CREEP, self._uneven)
+        self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """See Stepped."""
@@ -207,22 +210,6 @@ class FloorEngine(Stepped):
                 axle = self._axles[k]
                 J[2 * k : 2 * k + 2, self.model.jnt_dofadr[axle]] = self._tangents[k] @ np.cross(self.data.xaxis[axle], arm)
         return J
-
-    def _rub(self) -> None:
-        """Add the friction of this step to the applied forces."""
-        self._mujoco.mj_fwdAcceleration(self.model, self.data)
-        without = self.data.qacc_smooth
-        if self._uneven:  # friction also sees the forces at right angles, which between bumps are not parallel
-            self._mujoco.mj_fwdConstraint(self.model, self.data)
-            without = self.data.qacc
-        h, J = self.model.opt.timestep, self._contact_rows()
-        moved = np.empty_like(J)
-        self._mujoco.mj_solveM(self.model, self.data, moved, J)
-        free = J @ (self.data.qvel + h * without)
-        mu = self._mu()
-        self._friction = coulomb(h * (J @ moved.T), free, self._load, mu, ON_BUMPS if self._uneven else CREEP)
-        self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
-        self.data.qfrc_applied += J.T @ self._friction
 
     def _overturned(self) -> bool:
         """See Stepped; also whether what leans is below its axle."""

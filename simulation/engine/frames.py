@@ -167,7 +167,8 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     frames, found, motions = _frames(name, points, turning, states, x_y)
     radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
     moved = M[:, x_y[0], x_y[0]]
-    inertias, idle, off = {}, [0.0] * count, 0.0
+    inertias: dict[int | None, float] = {}
+    idle, off = [0.0] * count, 0.0
     leaning: list[LeaningBody] = []
     mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else float(masses[0].sum())  # else wheels have inertia along
     if weighed:

@@ -69,7 +69,7 @@ class OnFloor:
         t, x, tau = (np.array(each) for each in zip(*self._moved, strict=True))
         system, wheels = self.loop.plant.system, self.engine.planar.wheels
         point = point_on_body(system)
-        if not any(wheel.wheels for wheel in wheels) or velocity_map(system) is None or point is None:
+        if len(self.engine.names) == len(wheels) or velocity_map(system) is None or point is None:
             return None
         along, across = force.reshape(len(t), -1, 2).transpose(2, 0, 1)
         ahead = np.array([place[0] for wheel in wheels for place in wheel.places])

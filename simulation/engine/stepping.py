@@ -17,6 +17,7 @@ from ..integrate import Refused
 from ..plant import Plant
 from ..specification.floor import Floor
 from .frames import PlanarBodies
+from .friction import coulomb
 from .measured import Standing
 
 if TYPE_CHECKING:
@@ -86,6 +87,30 @@ class Stepped:
     def _push_on(self, tau: np.ndarray) -> None:
         """Apply the inputs and what else acts during a step, whose positions MuJoCo knows."""
         raise NotImplementedError
+
+    def _rub(
+        self, J: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float, constrained: bool, ties: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Add to the applied forces the friction of this step at contacts with these loads (c,), N, whose velocities in the plane
+        that they touch are J (2 c, nv) times those of the joints; return it, (2 c,), N.
+
+        `constrained`: other forces of MuJoCo's constraints act in these directions too, such as those of bumps, or of `ties`,
+        which keep these combinations (k, nv) of the velocities zero.
+        """
+        self._mujoco.mj_fwdAcceleration(self.model, self.data)
+        without = self.data.qacc_smooth
+        if constrained:
+            self._mujoco.mj_fwdConstraint(self.model, self.data)
+            without = self.data.qacc
+        h, moved = self.model.opt.timestep, np.empty_like(J)
+        self._mujoco.mj_solveM(self.model, self.data, moved, J)
+        if ties is not None and len(ties):
+            held = np.empty_like(ties)
+            self._mujoco.mj_solveM(self.model, self.data, held, ties)
+            moved -= np.linalg.solve(ties @ held.T, held @ J.T).T @ held
+        force = coulomb(h * (J @ moved.T), J @ (self.data.qvel + h * without), load, mu, creep)
+        self.data.qfrc_applied += J.T @ force
+        return force
 
     def _weigh(self) -> None:
         """Note what the floor and motors did in the last step."""
