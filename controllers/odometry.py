@@ -193,6 +193,27 @@ def wheels_function(system: ReducedSystem) -> ca.Function:
     return portable(ca.Function("wheels", [system.mechanism.p], [ca.densify(W), ca.densify(ahead)]))
 
 
+def has_arm(system: ReducedSystem) -> bool:
+    """Return whether the vehicle's point is not that of its coordinates, but fixed on the same body."""
+    from ..model.vehicle import point_on_body  # slow to import
+
+    point = point_on_body(system)
+    return point is not None and not point.arm.is_zero()
+
+
+@lru_cache(maxsize=16)
+def arm_function(system: ReducedSystem) -> ca.Function:
+    """Return the function of the parameters to the arm of `point_on_body`, m, (2,), for a robot that has it."""
+    import casadi as ca
+
+    from ..model.algebra.portable import portable
+    from ..model.vehicle import point_on_body  # slow to import
+
+    point = point_on_body(system)
+    assert point, "its pose is three coordinates"
+    return portable(ca.Function("arm", [system.mechanism.p], [ca.densify(point.arm)]))
+
+
 def _mode(name: str) -> int:
     if name not in MODES:
         raise BadInput(f"unknown correction mode {name!r}; known are {', '.join(MODES)}")

@@ -248,8 +248,19 @@ class Mechanism:
         self._forget()
 
     @_before_reduction
-    def body(self, name: str, mass: ca.SX, inertia: ca.SX, forward: ca.SX, left: ca.SX, yaw_rate: ca.SX) -> None:
+    def body(
+        self,
+        name: str,
+        mass: ca.SX,
+        inertia: ca.SX,
+        forward: ca.SX,
+        left: ca.SX,
+        yaw_rate: ca.SX,
+        height: ca.SX | float = 0.0,
+    ) -> None:
         """Add a rigid body in the plane by the velocity (m/s) of its centre of mass along its own axes and its yaw rate (rad/s).
+
+        `height` (m) is that of its centre of mass above the ground, which moves load between contacts; 0: not known.
 
         The energy is that of kinetic_energy(mass (forward^2 + left^2) / 2 + inertia yaw_rate^2 / 2). If the velocities of each
         body are written in terms of those of the body before it, the reduced equations are formed body by body, at a cost that
@@ -257,13 +268,13 @@ class Mechanism:
         """
         quantity(name, "")
         refuse_twice([*(b.name for b in self.bodies), name], f"{self.name}, bodies")
-        entries = {"mass": mass, "inertia": inertia, "forward": forward, "left": left, "yaw_rate": yaw_rate}
+        entries = {"mass": mass, "inertia": inertia, "forward": forward, "left": left, "yaw_rate": yaw_rate, "height": height}
         places = {key: f"body {name!r}, {key}" for key in entries}
         body = Body(
             name, **{key: self._smooth(self._scalar(x, places[key]), places[key], bends=False) for key, x in entries.items()}
         )
-        if ca.depends_on(ca.vertcat(body.mass, body.inertia), ca.vertcat(self.q, self.qdot)):
-            raise ModelError(f"{self.name}: body {name!r}: mass and inertia must be parameters or numbers")
+        if ca.depends_on(ca.vertcat(body.mass, body.inertia, body.height), ca.vertcat(self.q, self.qdot)):
+            raise ModelError(f"{self.name}: body {name!r}: mass, inertia and height must be parameters or numbers")
         self.bodies.append(body)
         self._forget()
 
@@ -430,6 +441,7 @@ class Mechanism:
         across: ca.SX | None = None,
         left: ca.SX | float = 0.0,
         ahead: ca.SX | float = 0.0,
+        wheels: Sequence[tuple[ca.SX | float, ca.SX | float]] = (),
     ) -> None:
         """Define a contact with the ground, so that the forces there can be compared with the limit of friction.
 
@@ -437,13 +449,19 @@ class Mechanism:
         keep them zero by a force (N) in that direction. None means no force in that direction. `mass` (kg) rests on the
         contact; `left` (m) is its position to the left of the vehicle's centre line, `ahead` (m) that ahead of any point of it,
         which is required with `support` and for contacts on several lines. No equation of motion depends on this.
+
+        `wheels`: places (ahead, left) of the wheels that the contact stands for, all turned by its coordinate, such as those of
+        one side of a robot that steers by skidding. The engine has each of them, with an equal part of the mass.
         """
         if along is None and across is None:
             raise ModelError(
                 f"{self.name}: contact {name!r} requires a velocity along or across that the constraints keep zero; use support "
                 "for one without friction"
             )
-        self.contacts.append(self._contact("contact", name, along, across, (mass, left, ahead)))
+        new = self._contact("contact", name, along, across, (mass, left, ahead))
+        where = f"contact {name!r}, wheels"
+        places = [ca.vertcat(*[self._at_rest(self._scalar(part, where), where) for part in place]) for place in wheels]
+        self.contacts.append(replace(new, wheels=tuple(places)))
         self._forget()
 
     @_before_reduction
@@ -525,11 +543,6 @@ class Mechanism:
         if self.vehicle is None:
             raise ModelError(f"{self.name}: Types I to IV require the pose of the vehicle; call moves_in_plane(x, y, heading)")
         return self.vehicle
-
-    @property
-    def pose_numbers(self) -> list[int]:
-        """Which coordinates are x, y and heading of the vehicle, counted from 0; empty unless each is one."""
-        return self.coordinate_numbers([self.vehicle.x, self.vehicle.y, self.vehicle.heading]) if self.vehicle else []
 
     def coordinate_numbers(self, expressions: Iterable[ca.SX]) -> list[int]:
         """Return which coordinates the expressions are, counted from 0; empty unless each is one."""
@@ -633,6 +646,13 @@ class Mechanism:
     def standing(self) -> "tuple[Contact, ...]":
         """All that the robot stands on: the contacts, then the supports."""
         return (*self.contacts, *self.supports)
+
+    @property
+    def height(self) -> ca.SX:
+        """Height of the centre of mass of the bodies whose height is known, m, in parameters; 0 if there are none."""
+        known = [body for body in self.bodies if not body.height.is_zero()]
+        mass = sum((body.mass for body in known), ca.SX(0))
+        return sum((body.mass * body.height for body in known), ca.SX(0)) / mass if known else ca.SX(0)
 
     @property
     def places_named(self) -> bool:
@@ -741,7 +761,8 @@ class Mechanism:
             ("the preferred value of an input", self.preferred),
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
-            *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left, c.ahead)) for c in self.standing],
+            *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left, c.ahead, *c.wheels)) for c in self.standing],
+            *[(f"body {body.name!r}, height", body.height) for body in self.bodies],
             *([("S", self._null_space)] if self._null_space is not None else []),
             *[("a line of the drawing", line) for line in self.lines],
             *([("the vehicle's pose", ca.vertcat(*vars(self.vehicle).values()))] if self.vehicle else []),
@@ -766,10 +787,10 @@ class Mechanism:
             raise ModelError(f"{self.name}: a {kind}'s name must be text on one line, got {name!r}")
         refuse_twice([*(c.name for c in self.standing), name], f"{self.name}, contacts")
         where = f"{kind} {name!r}"
-        velocities = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
+        first, second = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
         places = [f"{where}, {entry}" for entry in ("mass", "left", "ahead")]
-        values = [self._at_rest(self._scalar(value, place), place) for place, value in zip(places, entries, strict=True)]
-        return Contact(name, *velocities, *values)
+        m, left, ahead = [self._at_rest(self._scalar(value, at), at) for at, value in zip(places, entries, strict=True)]
+        return Contact(name, first, second, m, left, ahead)
 
     def _knows(self, coordinate: str, constraint: str, rate: ca.SX | float) -> None:
         """Add a constraint by which a coordinate has a known rate, whatever the robot and its ground do."""
@@ -835,7 +856,8 @@ def _is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body in the plane: mass (kg), inertia about its centre of mass (kg m^2), velocities along its own axes."""
+    """A rigid body in the plane: mass (kg), inertia about its centre of mass (kg m^2), velocities along its own axes, height of
+    its centre of mass (m; 0: not known)."""
 
     name: str
     mass: ca.SX
@@ -843,6 +865,7 @@ class Body:
     forward: ca.SX
     left: ca.SX
     yaw_rate: ca.SX
+    height: ca.SX
 
     @property
     def kinetic_energy(self) -> ca.SX:
@@ -864,7 +887,7 @@ class Contact:
     """A contact with the ground: its velocity along and across (m/s, forward and left), both zero in rolling.
 
     `mass` (kg) rests on it, `left` and `ahead` (m) are its position to the left of the vehicle's centre line and along it.
-    A support has no velocities.
+    A support has no velocities. `wheels`: places (ahead, left) of those for which the contact stands; empty for one wheel.
     """
 
     name: str
@@ -873,6 +896,7 @@ class Contact:
     mass: ca.SX
     left: ca.SX
     ahead: ca.SX
+    wheels: tuple[ca.SX, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

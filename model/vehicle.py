@@ -3,7 +3,8 @@ such that depend on a steering angle.
 """
 
 from dataclasses import dataclass
-from itertools import product
+from functools import lru_cache
+from itertools import permutations, product
 
 import casadi as ca
 
@@ -55,6 +56,38 @@ def _turns(system: ReducedSystem, pose: Pose) -> bool:
         ca.jtimes(each, mechanism.q, rotation) - ca.jtimes(rotation, mechanism.q, each) for each in ca.horzsplit(system.S)
     ]
     return all(canonical(each).is_zero() for each in (place, *[mechanism.A @ bracket for bracket in brackets]))
+
+
+@dataclass(frozen=True, eq=False)
+class PointOnBody:
+    """The vehicle's point, fixed on the body whose pose is three coordinates.
+
+    `pose`: x, y (m) and heading (rad) of the body, as numbers of coordinates from 0. `arm`, 2 x 1 (m), in parameters only: how
+    far the vehicle's point is ahead of (x, y) and to its left; zero if (x, y) is the vehicle's point.
+    """
+
+    pose: tuple[int, int, int]
+    arm: ca.SX
+
+
+@lru_cache(maxsize=16)
+def point_on_body(system: ReducedSystem) -> PointOnBody | None:
+    """Return the vehicle's point on the body that the coordinates place; None if no three coordinates do so.
+
+    Dead reckoning, followers, sweeps and certificates take the pose from here: it is that of the vehicle's point, and the
+    coordinates (x, y) are behind it by the arm.
+    """
+    mechanism, vehicle = system.mechanism, system.mechanism.vehicle
+    heading = mechanism.coordinate_numbers([vehicle.heading]) if vehicle else []
+    if not vehicle or not heading:
+        return None
+    c, s = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
+    for x, y in permutations([k for k, q in enumerate(mechanism.coordinates) if q.unit == "m"], 2):
+        away = ca.vertcat(vehicle.x, vehicle.y) - mechanism.q[[x, y]]
+        arm = canonical(ca.vertcat(c * away[0] + s * away[1], c * away[1] - s * away[0]))
+        if not ca.depends_on(arm, mechanism.q):
+            return PointOnBody((x, y, heading[0]), arm)
+    return None
 
 
 def estimated_pose(system: ReducedSystem) -> Vehicle | None:

@@ -84,7 +84,7 @@ def simulate(
 def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: FloorMeasurements | None) -> dict[str, np.ndarray]:
     """Return the friction use of each contact by name: measured on a floor, else what rolling needs if the SPEC has [contact]."""
     if measured:
-        return {c.name: use for c, use in zip(loop.law.system.mechanism.contacts, measured.use.T, strict=True)}
+        return dict(zip(measured.names, measured.use.T, strict=True))
     return {c.name: c.use for c in contact_forces(loop.plant, x, tau, spec.contact)} if spec.contact else {}
 
 
@@ -113,7 +113,7 @@ def as_json(run: Run) -> dict[str, Any]:
         "rows": len(run.t),
         "errors": {name: {"unit": unit, "final": error[-1], "peak": np.abs(error).max()} for name, unit, error in _errors(run)},
         "inputs": {i.name: {"unit": i.unit, "peak": peak} for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True)},
-        **(_rolls(run) if run.floor is None else {"floor": run.floor.as_json(run.t, run.law.system.mechanism)}),
+        **(_rolls(run) if run.floor is None else {"floor": run.floor.as_json(run.t)}),
         **({"learned": learned} if (learned := _learned(run)) else {}),
         "warnings": run.warnings,
     }
@@ -148,7 +148,7 @@ def summary(run: Run) -> str:
         lines.append(f"  learned {name}: {each['final']:.4g} {each['unit']}, true {each['true']:.4g} {each['unit']}")
     peaks = ", ".join(f"{name} {found['peak']:.3g} {found['unit']}" for name, found in values["inputs"].items())
     if run.floor:
-        ground = run.floor.summary(run.t, run.law.system.mechanism)
+        ground = run.floor.summary(run.t)
     else:
         residual = "||A qdot - b||" if run.plant.system.mechanism.carried else "||A qdot||"
         ground, peaks = grip(run).summary(), f"{peaks}; worst {residual} {values['residual']:.1e}"

@@ -142,20 +142,30 @@ class Grip:
         return f"{self.t[np.argmax(where)]:.4g} s"
 
 
+def check_share(contact: ContactSection, plant: Plant) -> None:
+    """Raise BadInput for a share of the weight on contacts that have one by the robot's own masses: it would count twice."""
+    if contact.share < 1 and plant.part < 1 - NEGLIGIBLE:
+        raise BadInput(
+            f"[contact] share = {contact.share:g}: {plant.system.mechanism.name} says itself that {plant.part:.0%} of the weight "
+            "is on these contacts; leave share out, or correct the masses of the robot's contacts"
+        )
+
+
 def grip(run: Run) -> Grip:
     """Return the contacts of a run, without the last row of a stopped run, whose torque did not act.
 
     Raises BadInput as `contact_forces` does.
     """
     going = slice(None, -1) if run.stopped else slice(None)
-    options = run.spec.contact or ContactSection()
-    found = contact_forces(run.plant, run.x[going], run.tau[going], options)
+    options, plant = run.spec.contact or ContactSection(), run.plant
+    found = contact_forces(plant, run.x[going], run.tau[going], options)
+    options = dataclasses.replace(options, share=options.share * plant.part, height=options.height or plant.height)
     return Grip(run.t[going], found, options, unknown_loads(run.plant.system.mechanism))
 
 
 def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: ContactSection) -> tuple[ContactForce, ...]:
     """Return forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty if `unknown_loads` has
-    a reason.
+    a reason. The height of the centre of mass is that of `options`, or if it has none that of the robot.
 
     Supports are contacts too, the last ones. Raises BadInput if a height of the centre of mass is given and an axle has no width,
     or all supports are on one line.
@@ -167,12 +177,13 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     lam = plant.constraint_forces(x, tau)
     load = options.share * GRAVITY * mass
     force = _shared(combination, lam, load)
-    if options.height and mechanism.places_named:
+    height = options.height or plant.height
+    if height and mechanism.places_named:
         if narrow(mechanism):
-            raise BadInput(f"[contact] height = {options.height:g}: all supports of {mechanism.name} are on one line; omit it")
-        load = load + options.height * (plant.shift(x) @ force[:, :, None])[:, :, 0]
-    elif options.height:
-        load = load + _transfer(mechanism, force[:, 1::2], load, left, options.height)
+            raise BadInput(f"[contact] height = {height:g}: all supports of {mechanism.name} are on one line; omit it")
+        load = load + height * (plant.shift(x) @ force[:, :, None])[:, :, 0]
+    elif height:
+        load = load + _transfer(mechanism, force[:, 1::2], load, left, height)
     return tuple(
         ContactForce(each.name, force[:, 2 * k], force[:, 2 * k + 1], load[:, k], options.mu, k >= len(mechanism.contacts))
         for k, each in enumerate(mechanism.standing)

@@ -37,7 +37,7 @@ from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
 from ..verification.cases import gain_entries, integral_entries, observer_entries
-from .contact import friction_accelerations
+from .contact import check_share, friction_accelerations
 from .drive import Drive, make_drive
 from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
 from .guidance import (
@@ -244,9 +244,11 @@ def make_loop(spec: Spec) -> Loop:
     believed = np.array(mechanism.parameter_values(spec.parameters))
     given = known_functions(mechanism, spec.given, spec.simulation.duration)
     plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"), given)
+    if spec.contact:
+        check_share(spec.contact, plant)
     used = believed.copy()
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
-    limits, integral = _limits(spec, len(mechanism.inputs)), _integral(spec, law, gains)
+    limits, integral = _limits(spec, law, believed), _integral(spec, law, gains)
     observers = _observers(spec, law, gains)
 
     def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
@@ -378,15 +380,17 @@ def axle_at(law: ControlLaw, parameters: Mapping[str, float]) -> float:
     return float(ca.Function("ahead", [mechanism.p], [axle(law.system)])(mechanism.parameter_values(parameters)))
 
 
-def _limits(spec: Spec, inputs: int) -> Limits | None:
+def _limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> Limits | None:
     """Return the limits; a single limit applies to all inputs. None for a kinematic law, whose commands its drives limit."""
+    inputs = len(law.system.mechanism.inputs)
     if spec.limits is None or spec.kinematic:
         return None
     torque, friction = (0.0,) if spec.limits.torque is None else spec.limits.torque, None
     if spec.limits.mode == "grip":
         floor = spec.contact
         assert floor is not None, "checked by the SPEC"
-        friction = Friction(floor.mu, spec.limits.margin, floor.share, floor.height)
+        height = floor.height or Plant(law.system, believed.tolist()).height
+        friction = Friction(floor.mu, spec.limits.margin, floor.share, height)
     return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode, friction)
 
 
@@ -396,7 +400,8 @@ def _vehicle_limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> Vehicl
     """
     assert spec.limits and spec.contact, "checked by the SPEC"
     forward, turn, _ = vehicle_wheels(law.system, believed)
-    most = spec.contact.mu * (1 - spec.limits.margin) * spec.contact.share * GRAVITY
+    part = spec.contact.share * Plant(law.system, believed.tolist()).part
+    most = spec.contact.mu * (1 - spec.limits.margin) * part * GRAVITY
     return VehicleLimits(tuple(forward), tuple(turn), ALONG * most, LATERAL * most)
 
 
@@ -444,7 +449,7 @@ def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Acceler
     if missing := [name for name in names if name not in given]:
         if spec.contact is None:
             raise BadInput(f"[reference] {missing[0]} is missing; give it, or [contact] mu, the friction that there is")
-        limits = _limits(spec, len(law.system.mechanism.inputs))
+        limits = _limits(spec, law, believed)
         known = friction_accelerations(
             Plant(law.system, list(believed)), spec.contact, PROFILE_PART, limits.torque if limits else ()
         )

@@ -1,7 +1,7 @@
 """The plant: dynamics (10), (11) of a mechanism with its own parameters."""
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -9,7 +9,8 @@ import numpy as np
 from ..controllers.direct import Direct
 from ..model.algebra.linear import solve
 from ..model.algebra.portable import portable
-from ..model.contacts import combination, shift_by_forces
+from ..model.contacts import combination, narrow, shift_by_forces
+from ..model.mechanism import Mechanism
 from ..model.reduction import ReducedSystem
 from . import runge_kutta
 from .specification.given import Given, accelerations
@@ -31,6 +32,20 @@ class Plant:
     def time(self, t: float) -> tuple[float, ...]:
         """Return the last arguments of functions of motion at t, s: none unless something is given."""
         return (t,) if self.given else ()
+
+    @cached_property
+    def height(self) -> float:
+        """Height of the centre of mass, m; 0 if the robot does not say it, or contacts on one line cannot carry its moment."""
+        return float(self._standing[0])
+
+    @cached_property
+    def part(self) -> float:
+        """The part of the weight that rests on the contacts by the robot's own masses; 1 on a slope of its own."""
+        return float(self._standing[1])
+
+    @cached_property
+    def _standing(self) -> np.ndarray:
+        return standing(self.system.mechanism)(self.parameters).full().ravel()
 
     def rate(self, x: np.ndarray, tau: np.ndarray, t: float = 0.0) -> np.ndarray:
         """xdot = [S nu + s; (S'MS)^-1 (S'E tau - S'(M Sdot nu + V))] (11), at t (s)."""
@@ -86,6 +101,20 @@ class Plant:
 
     def _rows(self, name: str, *rows: np.ndarray) -> np.ndarray:
         return self._functions[name](*[np.atleast_2d(r).T for r in rows], self.parameters).full().T
+
+
+@lru_cache(maxsize=16)
+def standing(mechanism: Mechanism) -> ca.Function:
+    """Return the function of the parameters to `Plant.height` and `Plant.part`."""
+    height = ca.SX(0) if mechanism.height.is_zero() or narrow(mechanism) else mechanism.height
+    places = [k for k, q in enumerate(mechanism.coordinates) if q.unit == "m"]
+    along = mechanism.rest[0][places[0], places[0]] if places else ca.SX(0)  # depends on q for wheels that roll along
+    mass = sum((body.mass for body in mechanism.bodies), ca.SX(0) if ca.depends_on(along, mechanism.q) else along)
+    resting = ca.substitute(mechanism.energy(), mechanism.qdot, ca.SX.zeros(len(mechanism.coordinates)))
+    level = not any(ca.which_depends(resting, mechanism.q, 1, False))
+    known = mechanism.contacts and level and not mass.is_zero()
+    part = sum((contact.mass for contact in mechanism.contacts), ca.SX(0)) / mass if known else ca.SX(1)
+    return portable(ca.Function("standing", [mechanism.p], [ca.densify(ca.vertcat(height, part))]))
 
 
 @lru_cache(maxsize=16)

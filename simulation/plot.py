@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from ..controllers.odometry import vehicle_wheels
 from ..model.paths import Path
 from ..model.segments import Segment
+from ..model.vehicle import point_on_body
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .drawing import (
@@ -368,7 +369,8 @@ def _passive(run: Run) -> list[int]:
     equations = ca.vertcat(ca.vec(system.Mbar), system.bias)
     moves = [ca.depends_on(equations, c.symbol) for c in system.mechanism.coordinates]
     held = [any(ca.is_equal(row.expression, c.symbol) for row in run.law.output.rows) for c in system.mechanism.coordinates]
-    return [k for k, m in enumerate(moves) if m and not held[k] and k not in system.mechanism.pose_numbers]
+    pose = point.pose if (point := point_on_body(system)) else ()
+    return [k for k, m in enumerate(moves) if m and not held[k] and k not in pose]
 
 
 def _draw_passive(axes: Axes, run: Run, passive: Sequence[int]) -> None:
@@ -383,8 +385,8 @@ def _draw_passive(axes: Axes, run: Run, passive: Sequence[int]) -> None:
 
 def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
     """Draw the slip of each contact; where some of it counts, on a logarithmic axis that is linear below that."""
-    for contact, slip, colour in zip(run.law.system.mechanism.contacts, floor.slip.T, COLOURS, strict=False):
-        axes.plot(run.t, slip, color=colour, label=f"{contact.name}, at most {slip.max():.2g} m/s")
+    for name, slip, colour in zip(floor.names, floor.slip.T, COLOURS, strict=False):
+        axes.plot(run.t, slip, color=colour, label=f"{name}, at most {slip.max():.2g} m/s")
     if floor.slip.max() > SLIPS:
         axes.set_yscale("symlog", linthresh=SLIPS)
     axes.set_ylim(bottom=0.0)

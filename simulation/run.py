@@ -134,7 +134,7 @@ class Run(Outputs):
         names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
         names += ["believed_mu", "uncertain_heading", "uncertain_way"][: self.noticed.shape[1]]
         names += [f"learned_{name}" for name in self.spec.learned]
-        names += self.floor.columns(mechanism) if self.floor else []
+        names += self.floor.columns if self.floor else []
         names += ["distance"] if self.distance.size else []
         return [*names, "piece"] if self.in_pieces else names
 

@@ -10,10 +10,11 @@ from ..controllers.angles import nearest_angle
 from ..controllers.direct import Direct
 from ..controllers.estimation.ekf import Filter, FilterOptions
 from ..controllers.ground.slip import Noticed, SlipOptions, make_slip
-from ..controllers.odometry import make_odometry, vehicle_wheels
-from ..model.algebra.trigonometry import sine_cosine
+from ..controllers.odometry import arm_function, make_odometry, vehicle_wheels
+from ..model.algebra.trigonometry import sine_cosine, unit
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
+from ..model.vehicle import point_on_body
 from ..readers.errors import BadInput
 from .guidance import Number, vehicle_motion
 from .noise import Noise
@@ -60,7 +61,8 @@ class NoisyRates:
 
 
 class Sensing(NoisyRates):
-    """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI; `reckoned` the pose, (3,).
+    """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI; `reckoned` the pose of the
+    vehicle's point, (3,), `placed` the coordinates at this pose.
 
     The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller does. Its heading
     is the true one but for whole turns.
@@ -82,10 +84,13 @@ class Sensing(NoisyRates):
         self._correction, self.parameters = correction, parameters
         self._motion = Direct(vehicle_motion(system))
         self._pose, self._angles = pose_coordinates(system), angle_coordinates(system)
+        self._arm = complex(*arm_function(system)(believed).full().ravel())  # m, in the axes of the body
         wheels = vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
         self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
         self.reckoned = self._true_pose(start)
+        if sensors.pose == "reckoned":
+            self.state[self._pose] = self.placed
         self._t, self._true_angle = 0.0, start[self._angles].copy()
         self._turned = self._true_angle.copy()  # with the noise so far; what an encoder counts
         self._corrected = 0.0
@@ -108,7 +113,7 @@ class Sensing(NoisyRates):
         self.state = x.copy()
         self.reckoned = pose
         if self._sensors.pose == "reckoned":
-            self.state[self._pose] = pose
+            self.state[self._pose] = self.placed
         self.state[self._angles] = self._counted()
         self.state[self._rates] = self._rate_scales() * (moved / dt if self._sensors.counts else x[self._rates] + self._noise)
 
@@ -124,6 +129,13 @@ class Sensing(NoisyRates):
             if self.slip:
                 self.slip.notice.trust()
         return pose
+
+    @property
+    def placed(self) -> np.ndarray:
+        """The coordinates x, y (m) and heading (rad) at the pose that is reckoned."""
+        x, y, heading = self.reckoned
+        place = complex(x, y) - self._arm * unit(heading)
+        return np.array([place.real, place.imag, heading])
 
     def _rate_scales(self) -> np.ndarray:
         """Return by how much each sensed rate is multiplied."""
@@ -300,12 +312,12 @@ def _each(values: tuple[float, ...], count: int, where: str = "[sensors] noise")
 
 
 def pose_coordinates(system: ReducedSystem) -> list[int]:
-    """Which coordinates are the vehicle's x, y and heading."""
-    found = system.mechanism.pose_numbers
-    if not found:
+    """Which coordinates are x, y and heading of the vehicle's body. Raises BadInput if there are none."""
+    point = point_on_body(system)
+    if point is None:
         names = ", ".join(c.name for c in system.mechanism.coordinates)
         raise BadInput(f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {names}")
-    return found
+    return list(point.pose)
 
 
 def angle_coordinates(system: ReducedSystem) -> list[int]:

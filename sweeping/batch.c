@@ -383,16 +383,45 @@ static int make_law(loop *self, const double *where)
     return status;
 }
 
-#if BATCH_ROUTE
-static const int pose_of_state[3] = BATCH_POSE;
+#if BATCH_ROUTE || BATCH_SENSED
+static const int pose_coordinate[3] = BATCH_POSE;
 
+/* Moves a pose by `side` (1 or -1) times an arm in its own axes: from the coordinates to the vehicle's point, or back. */
+static void move_by_arm(double pose[3], const double arm[2], double side)
+{
+#if BATCH_ARM
+    double sine, cosine;
+    noslip_sincos(pose[2], &sine, &cosine);
+    pose[0] += side * (arm[0] * cosine - arm[1] * sine);
+    pose[1] += side * (arm[0] * sine + arm[1] * cosine);
+#else
+    (void)pose;
+    (void)arm;
+    (void)side;
+#endif
+}
+
+/* Pose of the vehicle's point in a state. */
+static void pose_of(const double *state, const double arm[2], double pose[3])
+{
+    int i;
+    for (i = 0; i < 3; i++) {
+        pose[i] = state[pose_coordinate[i]];
+    }
+    move_by_arm(pose, arm, 1);
+}
+#endif
+
+#if BATCH_ROUTE
 /* Estimated position of the vehicle, for the path. */
 static void place_seen(const loop *self, BATCH_REAL place[4])
 {
     const double *x = seen(self), *rates = x + BATCH_COORDINATES, *forward = self->sample->forward;
+    double pose[3];
     int i;
+    pose_of(x, self->sample->arm, pose);
     for (i = 0; i < 3; i++) {
-        place[i] = (BATCH_REAL)x[pose_of_state[i]];
+        place[i] = (BATCH_REAL)pose[i];
     }
     place[3] = (BATCH_REAL)(forward[0] * rates[0] + forward[1] * rates[1]);
 }
@@ -871,7 +900,6 @@ static int command(loop *self, double t, double given[BATCH_GIVEN])
 /* -- the sensors ------------------------------------------------------------------------------------------------------- */
 
 #if BATCH_SENSED
-static const int pose_coordinate[3] = BATCH_POSE;
 static const int wheel_coordinate[2] = BATCH_WHEELS;
 
 /* Number of elapsed periods; with period 0 every instant counts. */
@@ -900,12 +928,14 @@ static double counted(double turned, double counts)
     return counts > 0 ? floor_of(turned / step) * step : turned;
 }
 
-static BATCH_RUNTIME(noslip_pose) true_pose(const double *x)
+static BATCH_RUNTIME(noslip_pose) true_pose(const loop *self)
 {
     BATCH_RUNTIME(noslip_pose) pose;
-    pose.x = (BATCH_REAL)x[pose_coordinate[0]];
-    pose.y = (BATCH_REAL)x[pose_coordinate[1]];
-    pose.heading = (BATCH_REAL)x[pose_coordinate[2]];
+    double place[3];
+    pose_of(self->x, self->sample->true_arm, place);
+    pose.x = (BATCH_REAL)place[0];
+    pose.y = (BATCH_REAL)place[1];
+    pose.heading = (BATCH_REAL)place[2];
     return pose;
 }
 
@@ -943,9 +973,7 @@ static int notice_first(loop *self)
         vehicle.turn[i] = (BATCH_REAL)sample->turn[i];
     }
     vehicle.ahead = vehicle.release = 0;
-    for (i = 0; i < 3; i++) {
-        sensors->pose[i] = self->x[pose_coordinate[i]];
-    }
+    pose_of(self->x, sample->true_arm, sensors->pose);
     sensors->speed = 0;
     sensors->readings = 0;
     sensors->moved = sensors->slipping = 0;
@@ -972,12 +1000,10 @@ static int notice(loop *self, const BATCH_REAL *moved, double dt)
     sensing *sensors = &self->sensors;
     BATCH_RUNTIME(noslip_slip_reading) reading;
     double normal[2], pose[3], speed;
-    int i, status;
+    int status;
     noise_normal((uint64_t)sample->seed + (UINT64_C(1) << 63), sensors->readings, 2, normal);
     sensors->readings++;
-    for (i = 0; i < 3; i++) {
-        pose[i] = self->x[pose_coordinate[i]];
-    }
+    pose_of(self->x, sample->true_arm, pose);
     speed = mean_speed(sensors->pose, pose, sample->true_ahead, dt);
     reading.angle[0] = moved[0];
     reading.angle[1] = moved[1];
@@ -994,11 +1020,27 @@ static int notice(loop *self, const BATCH_REAL *moved, double dt)
 }
 #endif
 
+#if BATCH_RECKONED
+/* Sets the coordinates of the estimated state to a pose of the vehicle's point. */
+static void show_pose(sensing *sensors, const batch_sample *sample, const BATCH_RUNTIME(noslip_pose) *pose)
+{
+    double place[3];
+    int i;
+    place[0] = (double)pose->x;
+    place[1] = (double)pose->y;
+    place[2] = (double)pose->heading;
+    move_by_arm(place, sample->arm, -1);
+    for (i = 0; i < 3; i++) {
+        sensors->state[pose_coordinate[i]] = place[i];
+    }
+}
+#endif
+
 static int sense_first(loop *self)
 {
     const batch_sample *sample = self->sample;
     sensing *sensors = &self->sensors;
-    const BATCH_RUNTIME(noslip_pose) pose = true_pose(self->x);
+    const BATCH_RUNTIME(noslip_pose) pose = true_pose(self);
     BATCH_RUNTIME(noslip_odometry_options) options;
     int i;
     for (i = 0; i < 2; i++) {
@@ -1014,6 +1056,9 @@ static int sense_first(loop *self)
     for (i = 0; i < 2; i++) {
         sensors->state[BATCH_COORDINATES + i] += sensors->noise[i];
     }
+#if BATCH_RECKONED && BATCH_ARM
+    show_pose(sensors, sample, &pose);
+#endif
 #if BATCH_NOTICES
     i = notice_first(self);
     if (i < 0) {
@@ -1053,7 +1098,7 @@ static int sense(loop *self, double t)
 #endif
     now = status >= 0 && self->settings->corrected ? periods(t, 1 / sample->correction_rate) : 0;
     if (now > sensors->corrected) {
-        BATCH_RUNTIME(noslip_pose) truth = true_pose(self->x);
+        BATCH_RUNTIME(noslip_pose) truth = true_pose(self);
         double heading;
         sensors->corrected = now;
         sensors->jumped = self->settings->correction_mode == NOSLIP_RESET;
@@ -1077,9 +1122,7 @@ static int sense(loop *self, double t)
     }
     copy(sensors->state, self->x, BATCH_STATE);
 #if BATCH_RECKONED
-    sensors->state[pose_coordinate[0]] = (double)pose.x;
-    sensors->state[pose_coordinate[1]] = (double)pose.y;
-    sensors->state[pose_coordinate[2]] = (double)pose.heading;
+    show_pose(sensors, sample, &pose);
 #endif
     for (i = 0; i < 2; i++) {
         const double rate = self->x[BATCH_COORDINATES + i];

@@ -48,6 +48,7 @@ typedef struct batch_sample {
     double start[BATCH_STATE];
     double extension[BATCH_EXTENSION + 1]; /* states of the law's dynamic extension at the start */
     double forward[2], turn[2], ahead; /* of the vehicle, as assumed by the controller; see noslip_odometry_options */
+    double arm[2], true_arm[2];     /* m: of the vehicle's point ahead of its coordinates and to the left: believed, and true */
     double speed, deceleration, creep, L[2], W; /* of a composite path, see noslip_path_options */
     double lateral, along, angular; /* of its speed profile, see noslip_profile_limits; deceleration is that above */
     double omega, drive_delay;      /* 1/s, s: of velocity-controlled drives, see drive.py */

@@ -10,13 +10,14 @@ from ..controllers import SCALAR
 from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
 from ..controllers.integral import hurwitz
-from ..controllers.odometry import MODES, wheels_function
+from ..controllers.odometry import MODES, arm_function, has_arm, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..model.contacts import GRAVITY
 from ..planning.profile import top_speed
 from ..readers.errors import BadInput
 from ..simulation.guidance import accelerations
 from ..simulation.loop import ALONG, LATERAL, make_loop
+from ..simulation.plant import standing
 from ..simulation.sensing import gyro_bias, wheel_noise
 from ..simulation.specification.spec import MOST_ROWS, Spec
 from ..simulation.starts import extension_starts, starts
@@ -221,16 +222,21 @@ class Batch:
             made["sensor_period"], made["counts"] = given["sensors.period"], given["sensors.counts"]
         for name in ("mu", "share", "height"):
             made[name] = given.get(f"contact.{name}", 0.0)
+        height, part = standing(mechanism)(made["believed"].T).full()
+        made["height"] = np.where(made["height"] == 0, height, made["height"])
         made["margin"] = given.get("limits.margin", 0.0)
         if self.spec.correction:
             made["correction_rate"] = given["correction.rate"]
             with np.errstate(divide="ignore", invalid="ignore"):
                 made["release"] = given.get("correction.release", 1 / given["correction.rate"])
         if self.spec.drive and self.spec.drive.takes_velocity:
-            self._set_drives(made, given)
+            self._set_drives(made, given, part)
         if self._wheels:
             W, ahead = (value.full() for value in self._wheels(made["believed"].T))
             made["forward"], made["turn"], made["ahead"] = W[0].reshape(-1, 2), W[1].reshape(-1, 2), ahead[0]
+        if has_arm(law.system):
+            for name, whose in (("arm", "believed"), ("true_arm", "plant")):
+                made[name] = arm_function(law.system)(made[whose].T).full().T
         if self.spec.reference.approach:
             linear, angular = (
                 given.get(f"reference.approach.{name}", np.zeros(len(made))) for name in ("acceleration", "angular")
@@ -247,8 +253,8 @@ class Batch:
         made["refused"] = np.where(made["refused"] == 0, self._refused(made, table), made["refused"])
         return made
 
-    def _set_drives(self, made: np.ndarray, given: dict[str, np.ndarray]) -> None:
-        """Set the drives, and for a kinematic law the limits of the vehicle's motion."""
+    def _set_drives(self, made: np.ndarray, given: dict[str, np.ndarray], part: np.ndarray) -> None:
+        """Set the drives, and for a kinematic law the limits of the vehicle's motion, with a `part` of the weight on contacts."""
         with np.errstate(divide="ignore", invalid="ignore"):
             made["omega"], made["drive_delay"] = 2 * np.pi * given["drive.bandwidth"], given["drive.delay"]
             for k in range(self.law.system.dof):
@@ -257,7 +263,7 @@ class Batch:
             lag = made["drive_delay"] + 1 / made["omega"] + made["period"]
             made["drive_band"] = 2 * made["most_acceleration"] * lag[:, None]
         if self.spec.kinematic and self.spec.limits:
-            most = made["mu"] * (1 - made["margin"]) * made["share"] * GRAVITY
+            most = made["mu"] * (1 - made["margin"]) * made["share"] * part * GRAVITY
             made["vehicle_along"], made["vehicle_lateral"] = ALONG * most, LATERAL * most
 
     def _notice(self, made: np.ndarray, given: dict[str, np.ndarray]) -> None:

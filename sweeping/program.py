@@ -13,6 +13,7 @@ from ..codegen.dynamics import DynamicsProgram, compile_dynamics
 from ..codegen.files import dynamics_text, law_program, law_text, shared_files
 from ..codegen.printing.scalar import DOUBLE, SCALARS
 from ..codegen.printing.vectors_c import VectorText, dynamics_vectors, law_vectors, turns_function
+from ..controllers.odometry import has_arm
 from ..controllers.runtime import declarations, load
 from ..controllers.tracking import HEADER as PATH
 from ..model.law import ControlLaw
@@ -200,6 +201,7 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
     }
     if parts.sensed or parts.route:
         known["POSE"] = _list(pose_coordinates(law.system))
+        known["ARM"] = int(has_arm(law.system))
     if parts.sensed:
         known["WHEELS"] = _list(angle_coordinates(law.system))
     known |= vectors.known() if vectors else {"LANES": 0, "STEPS": 0}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..codegen.follower.follower import placed_names
+from ..controllers.odometry import arm_function, has_arm
 from ..model.reduction import ReducedSystem
 from ..model.segments import Segment
 from ..model.vehicle import SteeredAxle, steered_axle
@@ -45,14 +46,18 @@ def run_of(start: Start, vehicle: FollowerInC, where: str) -> Run:
     t = times(start, config.period)
     q = np.zeros((len(t), len(system.mechanism.coordinates)))
     index = {c.name: k for k, c in enumerate(system.mechanism.coordinates)}
-    for name, values in zip(placed_names(system), (records[f"pose.{each}"] for each in ("x", "y", "heading")), strict=True):
+    plant = Plant(system, [getattr(config.params, p.in_c) for p in system.mechanism.parameters])
+    x, y, heading = (np.array(records[f"pose.{each}"], float) for each in ("x", "y", "heading"))
+    if has_arm(system):
+        place = x + 1j * y - complex(*arm_function(system)(plant.parameters).full().ravel()) * np.exp(1j * heading)
+        x, y = place.real, place.imag
+    for name, values in zip(placed_names(system), (x, y, heading), strict=True):
         q[:, index[name]] = values
     turned = angles(start, config, steered_axle(system))
     for name, values in zip(angle_names(system), turned.T, strict=True):
         if name:
             q[:, index[name]] = values
     nu, tau = rates(turned, t), np.array(records["torque"], float)
-    plant = Plant(system, [getattr(config.params, p.in_c) for p in system.mechanism.parameters])
     x = np.hstack([q, nu])
     velocity = bool(spec.drive and spec.drive.takes_velocity)
     empty = np.empty((len(t), 0))

@@ -168,15 +168,16 @@ def test_a_robot_that_falls_over_stops(tmp_path, capsys):
     assert main([*argv, *(part for each in (*settings, *more) for part in ("--set", each))]) == 1
     out, err = capsys.readouterr()
     rows = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True, dtype=None, encoding=None)
-    assert re.search(r"stopped at t = 0\.\d+ s: overturned", err) and "none for" not in out
+    assert re.search(r"stopped at t = 0\.\d+ s: overturned", err)
+    assert re.search(r"castor: load 0 to 31.\d+ N, none for 0.64 s", out)
     assert rows["status"][-1] == "overturned" and "overturned" not in rows["status"][:-1] and 0.3 < rows["t"][-1] < 1.0
 
 
 def test_a_contact_that_carries_nothing_is_said():
     t, load = np.arange(10) / 10, np.full((10, 2), 9.0)
     load[3:6, 0], load[4, 1] = 0.0, 0.0
-    measured = FloorMeasurements(np.zeros((10, 2)), load, load, load, None, 0.7)
-    left, right = measured.summary(t, find_robot("labmate")).splitlines()
+    measured = FloorMeasurements(np.zeros((10, 2)), load, load, load, None, 0.7, ("left", "right"), (), np.zeros((10, 0)))
+    left, right = measured.summary(t).splitlines()
     assert left.endswith("load 0 to 9 N, none for 0.3 s") and right.endswith("load 0 to 9 N")
 
 
@@ -368,7 +369,7 @@ def test_the_command_line(tmp_path, capsys):
         (["floor={rough={count=9,x=[0,1],y=[0,1],height=0.3,radius=0.2}}"], "at most the radius, 0.2"),
         (['robot="knife_edge"', "parameters={}", "output.L=0.3"], "no contact has a wheel"),
         (["plant={I_w=0.0}"], "no inertia about its axle"),
-        (["plant={d=0.0}", "contact={share=0.7}"], "castors carry nothing"),
+        (["plant={d=0.3}", "contact={share=0.999}"], "the rest would balance 281 m ahead"),
         (["sensors={pose='wrong'}"], "pose"),
         (["floor={grip=1}"], "unknown key"),
         (["sensors={pose='true'}", "correction={rate=1.0}"], "the true pose needs none"),
@@ -620,8 +621,8 @@ def test_a_law_that_lets_it_fall_is_stopped():
 
 
 LEANING = {
-    "contact.height=0.3": "[contact] height is for robots whose bodies stay level",
-    "contact.share=0.9": "castors carry nothing",
+    "contact.height=0.3": "[contact] height and share are for robots whose bodies stay level",
+    "contact.share=0.9": "[contact] height and share are for robots whose bodies stay level",
     "scene={file='robot.xml'}": "[feedback] does not go with [scene]",
 }
 

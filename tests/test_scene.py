@@ -163,15 +163,22 @@ def test_a_car_with_four_wheels_moves_as_the_bicycle(tmp_path):
 
 
 def test_steered_wheels_are_tied(tmp_path):
-    """Both turn by one angle, though the load on one is as from a curb; the file's axes are downward, one of them here upward."""
+    """Their axles meet on that of the rear wheels, though the load on one is as from a curb; the file's axes are downward, one of
+    them here upward. Without rear wheels they are parallel.
+    """
     text = car().replace('<joint name="steer_left" axis="0 0 -1"/>', '<joint name="steer_left" axis="0 0 1" damping="0.2"/>')
     (tmp_path / "car.xml").write_text(text)
     named = {entry: {key: (of,) if isinstance(of, str) else tuple(of) for key, of in PAIRS[entry].items()} for entry in PAIRS}
     section = SceneSection(file=str(tmp_path / "car.xml"), **named)
     made = SceneEngine(plant("f1tenth"), section, ContactSection(), Floor(), np.zeros(7))
-    made.hold(0.0, made.state(), np.array([0.0, 0.05]), 0.2)
+    made.hold(0.0, made.state(), np.array([0.0, 0.05]), 0.4)
     right, left = (float(made.data.joint(f"steer_{side}").qpos[0]) for side in ("right", "left"))
-    assert left == pytest.approx(-right, abs=1e-3) and left > 0.02 and made.coordinates()[0][3] == pytest.approx(left, abs=1e-3)
+    ahead = next(p.default for p in find_robot("f1tenth").parameters if p.name == "l")
+    centres = [side * 0.1 + ahead / np.tan(angle) for side, angle in ((-1, -right), (1, left))]  # to the left of the middle
+    assert left > 0.05 and centres[0] == pytest.approx(centres[1], rel=2e-3)
+    assert made.coordinates()[0][3] == pytest.approx(np.arctan(ahead / np.mean(centres)), abs=1e-3)
+    parallel = read_scene(section.file, [("steer_right", "steer_left")]).model
+    assert parallel.eq_data[0, :5].tolist() == [0.0, -1.0, 0.0, 0.0, 0.0]
 
 
 def urdf(tmp_path) -> str:

@@ -18,12 +18,13 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from ...controllers.odometry import vehicle_wheels
+from ...controllers.odometry import arm_function, vehicle_wheels
 from ...controllers.symbolic import slowed
 from ...model.law import symbols
 from ...model.outputs import body_point, forward_speed, reference_point
 from ...model.reduction import ReducedSystem
 from ...model.segments import Segment
+from ...model.vehicle import point_on_body
 from ...readers.errors import BadInput
 from ...simulation.guidance import Route
 from ...simulation.loop import Loop, make_loop
@@ -260,7 +261,10 @@ class EnclosedLoop:
         """Build the parts that do not depend on the start, the gains and the position of the path."""
         law, system, loop = self.loop.law, self.loop.law.system, self.loop
         tau, limits, curvature = (ca.SX.sym(name, n) for name, n in (("tau", len(self.most)), ("most", len(self.most)), ("k", 1)))
-        pose = system.mechanism.pose_numbers
+        on_body = point_on_body(system)
+        pose = list(on_body.pose) if on_body else []
+        # From the coordinates to the vehicle's point, as the controller knows it: P_l is where the controller takes it to be.
+        self._arm = arm_function(system)(loop.believed).full().ravel() if on_body else np.zeros(2)
         acting = ca.vertcat(ca.vec(system.Mbar), ca.vec(system.input_map), system.bias)
         state, kind = symbols(law.state), law.output.required_path.kind
         level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # whether the forces are the same in each pose
@@ -295,7 +299,8 @@ class EnclosedLoop:
         """Return the config of the path by name, P_l and the heading at the start."""
         names, config, x = [c.name for c in loop.law.config], np.asarray(loop.guidance.leg.config), loop.start
         values = dict(zip(names, config, strict=True))
-        ahead, left, c, s = values["L"], values.get("W", 0.0), math.cos(x[pose[2]]), math.sin(x[pose[2]])
+        ahead, left = self._arm + (values["L"], values.get("W", 0.0))
+        c, s = math.cos(x[pose[2]]), math.sin(x[pose[2]])
         return names, config, (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]])
 
     def _begin(self, loop: Loop, spec: Spec) -> None:
@@ -402,7 +407,7 @@ class EnclosedLoop:
         if not self._kind:
             return state[: self._first], state, rates
         config = {c.name: c.symbol for c in law.config}
-        ahead, left = config["L"], config.get("W", ca.SX(0))
+        ahead, left = config["L"] + self._arm[0], config.get("W", ca.SX(0)) + self._arm[1]
         h, psi, along = ca.SX.sym("h"), ca.SX.sym("psi"), ca.SX.sym("along")
         direction, place, lengthwise = ca.SX(0), ca.SX.zeros(2), ca.SX(0, 1)
         if self._kind == "line":
@@ -412,7 +417,9 @@ class EnclosedLoop:
         if self._kind == "ellipse" or self.loop.composite:
             lengthwise = along
         point = body_point(offset=True)
-        offsets = ca.vertcat(*[q.symbol for q in point]), ca.vertcat(ahead, left)
+        on_body = point_on_body(system)
+        assert on_body, "the path has a foot"
+        offsets = ca.vertcat(*[q.symbol for q in point]), ca.vertcat(ahead, left) - on_body.arm
         velocity = system.along_motion(ca.substitute(ca.vertcat(*reference_point(system, point)), *offsets))
         cosine, sine = ca.cos(direction), ca.sin(direction)
         behind, across = left * ca.sin(psi) - ahead * ca.cos(psi), h - ahead * ca.sin(psi) - left * ca.cos(psi)

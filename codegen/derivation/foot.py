@@ -12,6 +12,7 @@ from ...model.algebra.exact import canonical
 from ...model.algebra.expression import fold, operate
 from ...model.law import ControlLaw
 from ...model.outputs import FOOT, body_offsets
+from ...model.vehicle import point_on_body
 from .stages import Result, Stages, inner_velocities, staged
 
 DISTANCE, COSINE, SINE, CURVATURE = (q.symbol for q in FOOT)
@@ -30,10 +31,10 @@ def has_foot_form(law: ControlLaw) -> bool:
     """
     if law.output.at_foot is None or law.system.mechanism.carried:
         return False
-    vehicle, inner = law.system.mechanism.required_vehicle, inner_velocities(law.system)[0]
-    place = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading)
-    if not all(part.is_symbolic() for part in ca.vertsplit(place)):
+    point, inner = point_on_body(law.system), inner_velocities(law.system)[0]
+    if point is None:
         return False
+    vehicle, place = law.system.mechanism.required_vehicle, law.system.mechanism.q[list(point.pose)]
     x_rate, y_rate, turning = (inner.along_motion(part) for part in ca.vertsplit(place))
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
     motion = [cosine * x_rate + sine * y_rate, cosine * y_rate - sine * x_rate, turning]
@@ -44,8 +45,8 @@ def has_foot_form(law: ControlLaw) -> bool:
 
 def place_names(law: ControlLaw) -> frozenset[str]:
     """Return the names of the coordinates that FOOT replaces."""
-    vehicle = law.system.mechanism.required_vehicle
-    return frozenset(str(part) for part in (vehicle.x, vehicle.y, vehicle.heading))
+    point = point_on_body(law.system)
+    return frozenset(law.system.mechanism.coordinates[k].name for k in point.pose) if point else frozenset()
 
 
 def staged_at_foot(law: ControlLaw) -> Stages:
@@ -61,14 +62,16 @@ def staged_at_foot(law: ControlLaw) -> Stages:
 
 def plain_at_foot(law: ControlLaw, quantity: ca.SX) -> ca.SX:
     """Return a quantity of the reference law as a function of FOOT: the path is placed at the foot, along x."""
-    vehicle, config = law.system.mechanism.required_vehicle, {q.name: q.symbol for q in law.config}
-    ahead, left = body_offsets(law.config)
+    point, config = point_on_body(law.system), {q.name: q.symbol for q in law.config}
+    assert point, "the law has a form at the foot"
+    x, y, heading = ca.vertsplit(law.system.mechanism.q[list(point.pose)])
+    ahead, left = (offset + arm for offset, arm in zip(body_offsets(law.config), ca.vertsplit(point.arm), strict=True))
     place = -ahead * COSINE + left * SINE, DISTANCE - ahead * SINE - left * COSINE
     path = law.output.required_path
     here = [(config[q.name], value) for q, value in zip(path.parameters, path.from_foot(DISTANCE, CURVATURE), strict=True)]
-    placed = [(vehicle.x, place[0]), (vehicle.y, place[1]), *here]
+    placed = [(x, place[0]), (y, place[1]), *here]
     moved = ca.substitute([quantity], *[[ca.SX(one) for one in side] for side in zip(*placed, strict=True)])[0]
-    return _with_foot(moved, vehicle.heading)
+    return _with_foot(moved, heading)
 
 
 def _with_foot(expression: ca.SX, heading: ca.SX) -> ca.SX:

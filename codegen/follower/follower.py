@@ -12,8 +12,9 @@ import casadi as ca
 from ...model.algebra.exact import canonical
 from ...model.errors import ModelError
 from ...model.law import ControlLaw
+from ...model.mechanism import Quantity
 from ...model.reduction import ReducedSystem
-from ...model.vehicle import point_ahead, required_velocity_map, steered_axle
+from ...model.vehicle import point_ahead, point_on_body, required_velocity_map, steered_axle
 from ...readers.templates import render
 from ..graph import Graph, Group, Leaf, Node, from_casadi
 from ..printing.layout import WIDTH, aside, body, fill, table
@@ -32,12 +33,14 @@ def has_follower(law: ControlLaw) -> bool:
     The vehicle has two driven wheels, or a driven and a steered one (SteeredAxle): the quasi-velocities are their rates, on which
     the two inputs act. Forward speed and yaw rate of two driven wheels must be fixed combinations of the rates.
     """
-    return law.name == LAW and not law.extension and _has_wheels(law.system)
+    return law.name == LAW and not law.extension and _has_wheels(law.system) and not _unknown(law.system)
 
 
 def why_no_follower(system: ReducedSystem) -> str:
     """Return why there is no follower for any law of a robot that has none."""
     why = system.mechanism.why_carried or "it is not a vehicle with two driven wheels or a steered one"
+    if _has_wheels(system) and (unknown := _unknown(system)):
+        why = f"its motion depends on {', '.join(c.name for c in unknown)}, which no wheel shows"
     return f"{system.mechanism.name}: {why}"
 
 
@@ -54,6 +57,14 @@ def _has_wheels(system: ReducedSystem) -> bool:
     except ModelError:
         return False
     return bool(placed_names(system))
+
+
+def _unknown(system: ReducedSystem) -> list[Quantity]:
+    """Return the coordinates on which the motion depends and that are neither the pose nor the angle of a wheel, as trailers'."""
+    pose, angles = placed_names(system), [k for places in system.coordinates_by_velocity for k in places]
+    motion = ca.vertcat(ca.vec(system.Mbar), system.bias, ca.vec(system.input_map))
+    others = [c for k, c in enumerate(system.mechanism.coordinates) if c.in_c not in pose and k not in angles]
+    return [c for c in others if ca.depends_on(motion, c.symbol)]
 
 
 def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> dict[str, str]:
@@ -114,9 +125,9 @@ def measured_names(system: ReducedSystem) -> list[str]:
 
 
 def placed_names(system: ReducedSystem) -> list[str]:
-    """Return the members of the state that are position and heading of the vehicle or its fixed axle; none unless each is one."""
-    mechanism, steered = system.mechanism, steered_axle(system)
-    found = mechanism.coordinate_numbers(ca.vertsplit(steered.place)) if steered else mechanism.pose_numbers
+    """Return the members of the state that are position and heading of the vehicle's body or its fixed axle; none without one."""
+    mechanism, steered, point = system.mechanism, steered_axle(system), point_on_body(system)
+    found = mechanism.coordinate_numbers(ca.vertsplit(steered.place)) if steered else point.pose if point else []
     return [mechanism.coordinates[k].in_c for k in found]
 
 
@@ -126,10 +137,13 @@ def _kinematics(system: ReducedSystem, scalar: Scalar) -> dict[str, Any]:
     if steered is None:
         places = ["wheels->forward[0]", "wheels->forward[1]", "wheels->turn[0]", "wheels->turn[1]", "wheels->ahead"]
         found = ca.vertcat(ca.vec(required_velocity_map(system).T), point_ahead(system))
-        return {"steering": False, "each": "", "odometry": _assigned(system, scalar, places, found)}
+        point = point_on_body(system)
+        arm = _assigned(system, scalar, ["arm[0]", "arm[1]"], point.arm) if point and not point.arm.is_zero() else ""
+        return {"steering": False, "each": "", "odometry": _assigned(system, scalar, places, found), "arm": arm}
     moves, turns = [f"{name}[{k}]" for name in ("forward", "turn") for k in range(2)], ["moved[0]", "moved[1]"]
     return {
         "steering": True,
+        "arm": "",
         "each": "[2]",
         "steers": steered.steers,
         "rolls": 1 - steered.steers,

@@ -21,6 +21,7 @@ from ...model.errors import ModelError
 from ...model.mechanism import Mechanism
 from ...model.reduction import counted
 from ...model.underactuated import PartialLinearization, at_rest, partial_linearization
+from ...model.vehicle import point_on_body
 from ...readers.errors import BadInput
 
 RESTS = 1e-9  # N, N m, or the unit of a rate: what is left at an equilibrium
@@ -83,8 +84,8 @@ class Steady:
         """The numbers of the states that are the vehicle's position and heading; None if they are no coordinates, or the
         heading is not 0 at the beginning.
         """
-        pose = self.partial.system.mechanism.pose_numbers
-        return (pose[0], pose[1], pose[2]) if pose and self.q[pose[2]] == 0.0 else None
+        point = point_on_body(self.partial.system)
+        return point.pose if point and point.arm.is_zero() and self.q[point.pose[2]] == 0.0 else None
 
     @property
     def stabilizable(self) -> bool:
@@ -245,7 +246,8 @@ def _constant(partial: PartialLinearization, p: Sequence[float]) -> list[int]:
     random states.
     """
     system, random = partial.system, np.random.default_rng(0)
-    n, pose = len(system.mechanism.coordinates), system.mechanism.pose_numbers
+    n, point = len(system.mechanism.coordinates), point_on_body(system)
+    pose = list(point.pose) if point else []
     x, u, expression = _equations(partial)
     numbers = ca.substitute(expression, system.mechanism.p, ca.DM(p))
     rate = ca.Function("rate", [x, u], [numbers, ca.jacobian(numbers, system.mechanism.q)])
@@ -271,8 +273,8 @@ def _linearized(partial: PartialLinearization, state: np.ndarray, tau: np.ndarra
     linear = ca.Function("linear", [x, u, robot.p], [ca.jacobian(rate, x), ca.jacobian(rate, u), system.qdot])
     A, B, rates = (each.full() for each in linear(state, tau, p))
     refuse_undefined(robot, A, B, rates)
-    if pose := robot.pose_numbers:
-        along, aside, heading = pose
+    if point := point_on_body(system):
+        along, aside, heading = point.pose
         A[along, aside] += rates[heading, 0]
         A[aside, along] -= rates[heading, 0]
     reached, lost = reached_and_lost(A, B)

@@ -171,7 +171,9 @@ class _Names:
         for side, own in zip(SIDES, sides, strict=True):
             self.coordinate(f"theta_{side[0]}", "rad", f"{side} {wheel}, positive rolls forward", _angles(own))
         load = self.loads("load", sides, f"part of the weight on the {wheel} of a side")
-        return {"wheel": wheel, "load": load}
+        places = [[self.layout.seen(w.centre, self.layout.base.origin) for w in side] for side in sides if len(side) > 1]
+        written = [f"[{', '.join(f'({_number(a)}, {_number(b)})' for a, b in side)}]" for side in places]
+        return {"wheel": wheel, "load": load, "places": written}
 
     def mecanum(self) -> dict[str, object]:
         """Four wheels with rollers."""

@@ -58,7 +58,10 @@ def align(
     ]
     origins = hinges(bodies, 0)
     known = np.array(
-        [*(origins[k] for k in range(1, len(bodies.frames))), *(origins[wheel.frame] + wheel.place for wheel in bodies.wheels)]
+        [
+            *(origins[k] for k in range(1, len(bodies.frames))),
+            *(origins[wheel.frame] + np.mean(wheel.places, axis=0) for wheel in bodies.wheels),
+        ]
     )
     there = np.array([*(data.xanchor[list(own)].mean(axis=0) for own in turned), *(np.mean(own, axis=0) for own in centres)])
     turn, place, off = _moved(known, there[:, :2])

@@ -9,11 +9,13 @@ from ..contact import GRAVITY
 from ..plant import Plant
 from ..specification.floor import Floor
 from ..specification.spec import ContactSection
-from .frames import planar
-from .friction import CREEP, LEAST, coulomb
-from .mjcf import mjcf, stands
+from .frames import PlanarBodies, planar
+from .friction import CREEP, LEAST
+from .measured import Standing
+from .mjcf import mjcf, stands, with_castors
 from .stepping import Stepped, installed
 
+SLIGHT = 1e-3  # of the weight: a contact that carries less at rest gives way as one that carries this
 SETTLED, LONGEST = 1e-9, 4000  # m/s, rad/s: the robot stands still; steps until it must
 ON_BUMPS = 1e-3  # m/s, as CREEP: tyres give way where the wheels of an axle that leans come nearer to each other
 
@@ -27,29 +29,37 @@ class FloorEngine(Stepped):
 
     def __init__(self, plant: Plant, contact: ContactSection, floor: Floor, start: np.ndarray):
         """Raises BadInput if MuJoCo is missing, or if the robot is not made of bodies and wheels in the plane."""
-        mujoco, bodies = installed(), planar(plant.system.mechanism, plant.parameters)
-        self.xml = mjcf(plant.system.mechanism.name, bodies, contact.height, contact.share, floor.bumps)
+        mujoco, bodies = installed(), with_castors(planar(plant.system.mechanism, plant.parameters), contact.share)
+        self.xml = mjcf(plant.system.mechanism.name, bodies, contact.height, floor.bumps)
         super().__init__(plant, bodies, mujoco.MjModel.from_xml_string(self.xml), floor)
         self._plant = plant
         self.mu = contact.mu if floor.mu is None else floor.mu
         wheels = self.planar.wheels
         self.moving = self._dofs(self._joint_names())
         self._free = self._dofs([f"axle_{k}" for k, wheel in enumerate(wheels) if wheel.angle is None])
-        self._geoms = [self.model.geom(f"wheel_{k}").id for k in range(len(wheels))]
+        self._of = np.array([k for k, wheel in enumerate(wheels) for _ in wheel.places])  # the contact of each wheel
+        names = [f"wheel_{k}_{j}" for k, wheel in enumerate(wheels) for j in range(len(wheel.places))]
+        self._geoms = [self.model.geom(name).id for name in names]
+        self._castors = [self.model.geom(f"castor_{k}").id for k in range(len(bodies.castors))]
         self._bodies = self.model.geom_bodyid[self._geoms]
-        self._radii = [abs(wheel.radius) for wheel in wheels]
-        if bodies.leaning and contact.height:
-            raise BadInput("[contact] height is for robots whose bodies stay level; leave it out")
+        self._axles = np.array([self.model.joint(f"axle_{k}").id for k in self._of])
+        self._radii = np.array([abs(wheels[k].radius) for k in self._of])
+        self._yield_alike(bodies)
+        if bodies.leaning and (contact.height or contact.share < 1):
+            raise BadInput("[contact] height and share are for robots whose bodies stay level; leave them out")
         self._standing = [self.model.body(f"body_{k}").id for k in range(len(bodies.frames)) if stands(bodies, k)]
         self._uneven = bool(floor.bumps)
-        self._rollers = [k for k, wheel in enumerate(wheels) if wheel.rollers]
+        self._rollers = [k for k, of in enumerate(self._of) if wheels[of].rollers]
         if self._rollers and self._uneven:
             raise BadInput("--engine mujoco: wheels with rollers on bumps are not described; leave out [floor] bump and rough")
-        self._tangents = np.tile(np.eye(3)[:2], (len(wheels), 1, 1))  # directions of friction, in the plane that each touches
-        self._push = np.zeros((len(wheels), 3))  # N, of the ground, at right angles to that plane
-        self._load, self._limit, self._friction = np.zeros(len(wheels)), np.ones(len(wheels)), np.zeros(2 * len(wheels))
-        self._jacobian, self._slot = np.zeros((2 * len(wheels), self.model.nv)), np.zeros((3, self.model.nv))
+        count = len(self._of)
+        self._tangents = np.tile(np.eye(3)[:2], (count, 1, 1))  # directions of friction, in the plane that each wheel touches
+        self._push = np.zeros((count, 3))  # N, of the ground, at right angles to that plane
+        self._load, self._limit, self._friction = np.zeros(count), np.ones(count), np.zeros(2 * count)
+        self._carried = np.zeros(len(self._castors))  # N
+        self._jacobian, self._slot = np.zeros((2 * count, self.model.nv)), np.zeros((3, self.model.nv))
         self._settle(start)
+        self._stands = self._standing_at_rest(contact.height)
 
     def _joint_names(self) -> list[str]:
         axles = [f"axle_{k}" for k, wheel in enumerate(self.planar.wheels) if wheel.angle is not None]
@@ -59,15 +69,71 @@ class FloorEngine(Stepped):
     def _dofs(self, names: list[str]) -> np.ndarray:
         return np.array([self.model.joint(name).dofadr[0] for name in names], int)
 
+    def _yield_alike(self, bodies: PlanarBodies) -> None:
+        """Let wheels and castors give way as springs in proportion to their loads at rest: where the balance of forces and
+        moments leaves loads open, at rest they are those of the Mechanism, and forces change them as `shift_by_forces` says.
+        """
+        shares = [bodies.wheels[k].load / len(bodies.wheels[k].places) for k in self._of]
+        shares += [castor.load for castor in bodies.castors]
+        least = SLIGHT * sum(shares)
+        for geom, share in zip((*self._geoms, *self._castors), shares, strict=True):
+            self.model.body_invweight0[self.model.geom_bodyid[geom]] = 1 / max(share, least)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """See Stepped."""
+        return tuple(
+            wheel.name if len(wheel.places) == 1 else f"{wheel.name} {j + 1}"
+            for wheel in self.planar.wheels
+            for j in range(len(wheel.places))
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """See Stepped."""
+        if not self.planar.off:
+            return ()
+        off = f"{self.planar.off:.1%} of its largest entry: parts that are steered together turn about one hinge there"
+        return (f"--engine mujoco: the mass matrix of the engine's bodies differs from that of the robot by {off}",)
+
+    @property
+    def castors(self) -> tuple[str, ...]:
+        """See Stepped."""
+        return tuple(castor.name for castor in self.planar.castors)
+
+    @property
+    def standing(self) -> Standing:
+        """See Stepped."""
+        return self._stands
+
+    def carried(self) -> np.ndarray:
+        """See Stepped."""
+        return self._carried.copy()
+
+    def on_contacts(self, force: np.ndarray) -> np.ndarray:
+        """See Stepped."""
+        groups = [np.flatnonzero(self._of == k) for k in range(len(self.planar.wheels))]
+        each = force.reshape(len(force), -1, 2)
+        return np.concatenate([each[:, of].sum(axis=1) for of in groups], axis=1)
+
+    def _standing_at_rest(self, height: float) -> Standing:
+        """Return how the robot stands now."""
+        planar, mass = self.planar, float(self.model.body_mass.sum())
+        known = [(f.mass, height if f.height is None else f.height) for f in planar.frames if f.height or height]
+        high = sum(own * h for own, h in known) / sum(own for own, _ in known) if known else None
+        loads = dict(zip((*self.names, *self.castors), map(float, (*self._load, *self._carried)), strict=True))
+        places = {c.name: (float(c.place[0]), float(c.place[1])) for c in planar.castors}
+        return Standing(mass, high, loads, places)
+
     def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """See Stepped."""
         q, qdot = self.coordinates()
         friction = self._friction.reshape(-1, 2)
         use = np.hypot(*friction.T) / self._limit
-        headings = self._directions(q)
+        headings = self._directions(q)[self._of]
         c, s = np.cos(headings), np.sin(headings)
         x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
-        if self._uneven:
+        if self._uneven or len(self._of) > len(self.planar.wheels):
             self._mujoco.mj_fwdPosition(self.model, self.data)
             slip = np.hypot(*(self._contact_rows() @ self.data.qvel).reshape(-1, 2).T)
         else:
@@ -82,7 +148,10 @@ class FloorEngine(Stepped):
             force[body.angle] -= GRAVITY * body.moment * np.sin(q[body.angle])
         self.data.qfrc_applied[:] = 0.0
         self.data.qfrc_applied[self.moving] = self._rates.T @ force
-        self._rub()
+        mu = self._mu()
+        # On bumps friction also sees the forces at right angles to what is touched, which between bumps are not parallel.
+        self._friction = self._rub(self._contact_rows(), self._load, mu, ON_BUMPS if self._uneven else CREEP, self._uneven)
+        self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """See Stepped."""
@@ -99,13 +168,13 @@ class FloorEngine(Stepped):
 
     def _aim(self, q: np.ndarray) -> None:
         """Let the friction of wheels with rollers act in the direction in which they roll, and not across it."""
-        directions = self._directions(q)
+        directions = self._directions(q)[self._of]
         for k in self._rollers:
             self._tangents[k] = [[np.cos(directions[k]), np.sin(directions[k]), 0.0], [0.0, 0.0, 0.0]]
 
     def _weigh(self) -> None:
         """Note the load of each wheel, and on bumps the plane that it touches."""
-        self._load[:], self._push[:] = 0.0, 0.0
+        self._load[:], self._push[:], self._carried[:] = 0.0, 0.0, 0.0
         contacts = self.data.contact
         # The floor is the first geom, bumps are next.
         for other, address, frame in zip(contacts.geom.max(axis=1), contacts.efc_address, contacts.frame, strict=True):
@@ -113,6 +182,8 @@ class FloorEngine(Stepped):
                 k, force = self._geoms.index(other), self.data.efc_force[address]
                 self._load[k] = force
                 self._push[k] += force * (frame[:3] if frame[2] > 0 else -frame[:3])
+            elif other in self._castors and address >= 0:
+                self._carried[self._castors.index(other)] += self.data.efc_force[address]
         if self._uneven:
             x, y, z = self._push.T
             self._load[:] = np.sqrt(x * x + y * y + z * z)
@@ -132,26 +203,13 @@ class FloorEngine(Stepped):
                 down = np.cross(self._tangents[k, 1], self._tangents[k, 0])
                 down -= (down @ axle) * axle
                 down /= np.sqrt(down @ down)
-            point = self.data.geom_xpos[geom] + self._radii[k] * down
-            self._mujoco.mj_jac(self.model, self.data, self._slot, None, point, self._bodies[k])
+            arm = self._radii[k] * down
+            self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[geom] + arm, self._bodies[k])
             J[2 * k : 2 * k + 2] = self._tangents[k] @ self._slot
+            if k and self._of[k] == self._of[k - 1]:  # it is turned by the axle of the first wheel of its contact
+                axle = self._axles[k]
+                J[2 * k : 2 * k + 2, self.model.jnt_dofadr[axle]] = self._tangents[k] @ np.cross(self.data.xaxis[axle], arm)
         return J
-
-    def _rub(self) -> None:
-        """Add the friction of this step to the applied forces."""
-        self._mujoco.mj_fwdAcceleration(self.model, self.data)
-        without = self.data.qacc_smooth
-        if self._uneven:  # friction also sees the forces at right angles, which between bumps are not parallel
-            self._mujoco.mj_fwdConstraint(self.model, self.data)
-            without = self.data.qacc
-        h, J = self.model.opt.timestep, self._contact_rows()
-        moved = np.empty_like(J)
-        self._mujoco.mj_solveM(self.model, self.data, moved, J)
-        free = J @ (self.data.qvel + h * without)
-        mu = self._mu()
-        self._friction = coulomb(h * (J @ moved.T), free, self._load, mu, ON_BUMPS if self._uneven else CREEP)
-        self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
-        self.data.qfrc_applied += J.T @ self._friction
 
     def _overturned(self) -> bool:
         """See Stepped; also whether what leans is below its axle."""
@@ -197,9 +255,11 @@ class FloorEngine(Stepped):
         """Turn the wheels whose rotation is no coordinate as they roll."""
         idle, directions = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None], self._directions(q)
         for k, dof in zip(idle, self._free, strict=True):
-            self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[self._geoms[k]], self._bodies[k])
+            first = int(np.flatnonzero(self._of == k)[0])
+            geom = self._geoms[first]
+            self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[geom], self._bodies[first])
             x, y, _ = self._slot @ self.data.qvel
-            self.data.qvel[dof] = (np.cos(directions[k]) * x + np.sin(directions[k]) * y) / self._radii[k]
+            self.data.qvel[dof] = (np.cos(directions[k]) * x + np.sin(directions[k]) * y) / self._radii[first]
 
 
 def _tangents(normal: np.ndarray) -> np.ndarray:

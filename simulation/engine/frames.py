@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
+from itertools import islice
 
 import casadi as ca
 import numpy as np
@@ -21,6 +22,7 @@ from .leaning import LeaningBody, leaning_angles, parts_of_mass, product
 
 STATES = 12  # random ones at which rows and mass matrix are compared
 EXACT = 1e-9  # relative difference that rounding explains
+APART = 0.02  # relative difference that is accepted, and said, where bodies on hinges of their own turn together
 
 
 @dataclass(eq=False)
@@ -28,7 +30,9 @@ class Frame:
     """A rigid body in the plane. Its heading is `heading` . q; its origin is the hinge, at `pivot` (m) in the axes of frame
     `parent`, or of the ground (None).
 
-    `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the origin.
+    `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the origin, `height` (m)
+    of the centre of mass, None where the Mechanism does not say it. With `apart` some of its bodies turn about other hinges, by
+    the same angle.
     """
 
     heading: np.ndarray
@@ -37,6 +41,18 @@ class Frame:
     mass: float = 0.0
     moment: np.ndarray = field(default_factory=lambda: np.zeros(2))
     inertia: float = 0.0
+    height: float | None = None
+    apart: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Castor:
+    """What carries `load` (kg) without friction at a `place` (m) in the axes of `frame`."""
+
+    name: str
+    frame: int
+    place: np.ndarray
+    load: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +62,8 @@ class WheelContact:
     `angle` is the coordinate of its rotation; None: it turns freely, its rotation is no coordinate. `radius` (m) is negative
     where a positive angle rolls backward. `inertia` (kg m^2) is that about the axle. `turned` (rad) is the direction in which it
     rolls, from the heading of the frame to the left. With `rollers` on its rim nothing holds it across that direction: as a wheel
-    of mecanum type acts, whose rollers have that direction and whose radius, here, is the part of its own along it.
+    of mecanum type acts, whose rollers have that direction and whose radius, here, is the part of its own along it. A contact
+    that stands for several wheels, turned by one coordinate, has them at `places`; else that is its place alone.
     """
 
     name: str
@@ -58,6 +75,12 @@ class WheelContact:
     inertia: float
     turned: float = 0.0
     rollers: bool = False
+    wheels: tuple[np.ndarray, ...] = ()
+
+    @property
+    def places(self) -> tuple[np.ndarray, ...]:
+        """Where wheels stand, m, in the axes of the frame."""
+        return self.wheels or (self.place,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +90,9 @@ class PlanarBodies:
 
     `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle; what leans] = joints @ qdot.
     `normal` is the part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own. `mass`
-    (kg) is the whole, 0 where wheels whose rotation is no coordinate also have inertia along.
+    (kg) is the whole, 0 where bodies do not say it and wheels also have inertia along. `castors` are the supports that
+    the Mechanism names. `off` is how far their mass matrix is from that of the Mechanism, relative to its largest entry: 0 but
+    for frames with bodies `apart`, which turn about one hinge here.
     """
 
     frames: tuple[Frame, ...]
@@ -76,6 +101,8 @@ class PlanarBodies:
     normal: float = 1.0
     mass: float = 0.0
     leaning: tuple[LeaningBody, ...] = ()
+    castors: tuple[Castor, ...] = ()
+    off: float = 0.0
 
     def hinge(self, k: int) -> int:
         """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
@@ -121,7 +148,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     states = random.uniform(-3.0, 3.0, (STATES, len(mechanism.coordinates)))
     function, count, bodies = _functions(mechanism), len(mechanism.contacts), len(mechanism.bodies) * weighed
     values = [[value.full() for value in function(q, parameters)] for q in states]
-    rows, turning, M, places, masses, angles = (np.array([value[k] for value in values]) for k in range(6))
+    rows, turning, M, places, masses, angles, heights = (np.array([value[k] for value in values]) for k in range(7))
     if not np.isfinite(turning).all() or np.ptp(turning, axis=0).max() > EXACT:
         raise _refused(name, "the heading of a contact or body is not a sum of coordinates")
     turning = np.round(turning[0], 9)
@@ -141,17 +168,24 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
     moved = M[:, x_y[0], x_y[0]]
     inertias: dict[int | None, float] = {}
+    idle, off = [0.0] * count, 0.0
     leaning: list[LeaningBody] = []
-    mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else 0.0
+    mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else float(masses[0].sum())  # else wheels have inertia along
     if weighed:
-        _weigh(name, frames, mass, masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
+        of = [found[count + k][0] for k in range(bodies)]
+        _raise(frames, masses[0].ravel(), heights[0].ravel(), of)
+        _weigh(name, frames, mass, masses[0].ravel(), of)
         leans = leaning_angles(rows, turning)
         parts = [part for angle in leans for part in parts_of_mass(states, angle, motions[0])]
-        inertias, found_of = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}), parts)
+        free = [_along(motions[found[k][0]], found[k][1], points[k].turned) if axles[k] is None else None for k in range(count)]
+        inertias, idle, found_of, off = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}), free, parts)
         leaning = [LeaningBody(angle, *each) for angle, each in zip(leans, found_of.reshape(-1, 3).tolist(), strict=True)]
     driven = [abs(radius) for radius in radii if radius]
     if not driven:
         raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
+    named, standing = places[0, :, 1:], len(mechanism.standing)
+    from_named = [found[k][1] - named[k] for k in range(count)]  # to the axes of the frame
+    several = iter(named[standing:])
     wheels = tuple(
         WheelContact(
             c.name,
@@ -159,9 +193,10 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
             float(places[0, k, 0]),
             axles[k],
             radii[k] or float(np.mean(driven)),
-            inertias.get(axles[k], 0.0),
+            inertias[axles[k]] if axles[k] in inertias else idle[k] * float(np.mean(driven)) ** 2,
             points[k].turned,
             c.across.is_zero(),
+            tuple(place + from_named[k] for place in islice(several, len(c.wheels))),
         )
         for k, c in enumerate(mechanism.contacts)
     )
@@ -170,7 +205,15 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
         _check_leaning(name, mechanism.coordinates[body.angle].name, body, frames[0], wheels, mass)
     joints = _joints(name, frames, wheels, x_y, [body.angle for body in leaning], len(mechanism.coordinates))
     normal = loaded if _sloped(mechanism, x_y) else 1.0
-    return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning))
+    on = wheels[0].frame
+    beside = [from_named[k] for k in range(count) if wheels[k].frame == on]
+    if mechanism.supports and np.ptp(beside, axis=0).max() > EXACT * max(1.0, np.abs(named).max()):
+        why = "the places of contacts and supports do not fit the velocities of the contacts; correct ahead and left"
+        raise _refused(name, why)
+    castors = tuple(
+        Castor(c.name, on, named[count + k] + beside[0], float(places[0, count + k, 0])) for k, c in enumerate(mechanism.supports)
+    )
+    return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning), castors, off)
 
 
 def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
@@ -185,8 +228,8 @@ def _refused(name: str, why: str) -> BadInput:
 
 @lru_cache(maxsize=16)
 def _functions(mechanism: Mechanism) -> ca.Function:
-    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, ahead, left] of contacts, bodies'
-    masses, the angles of the directions along of contacts, rad.
+    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, ahead, left] of contacts, supports and
+    the wheels of contacts, bodies' masses, the angles of the directions along of contacts, rad, bodies' heights.
     """
     q, qdot = mechanism.q, mechanism.qdot
     x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
@@ -200,9 +243,11 @@ def _functions(mechanism: Mechanism) -> ca.Function:
         angles.append(ca.atan2(s, c))
     bodies = [ca.jacobian(ca.vertcat(body.forward, body.left), qdot) for body in mechanism.bodies]
     turning += [ca.jacobian(body.yaw_rate, qdot) for body in mechanism.bodies]
-    places = [ca.horzcat(contact.mass, contact.ahead, contact.left) for contact in mechanism.contacts]
-    masses = ca.vertcat(*[body.mass for body in mechanism.bodies]) if mechanism.bodies else ca.SX(0, 1)
-    results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places), masses, ca.vertcat(*angles)]
+    places = [ca.horzcat(contact.mass, contact.ahead, contact.left) for contact in mechanism.standing]
+    places += [ca.horzcat(0, place.T) for contact in mechanism.contacts for place in contact.wheels]
+    masses, heights = (ca.vertcat(ca.SX(0, 1), *[getattr(b, of) for b in mechanism.bodies]) for of in ("mass", "height"))
+    results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places)]
+    results += [masses, ca.vertcat(*angles), heights]
     return portable(ca.Function("rows", [q, mechanism.p], [ca.densify(result) for result in results]))
 
 
@@ -246,15 +291,20 @@ def _frames(
                 raise _refused(name, f"{points[first].name} does not turn")
             for parent in (*range(len(frames)), None):
                 before, motion = (np.zeros(n), ground) if parent is None else (frames[parent].heading, motions[parent])
-                fitted = _hinge([points[k] for k in mine], states @ (before - heading), motion, heading)
+                hinge = partial(_hinge, angle=states @ (before - heading), motion=motion, heading=heading)
+                fitted, on_it = hinge([points[k] for k in mine]), mine
+                if fitted is None and (on_it := [k for k in mine if points[k].place is not None]):
+                    # Bodies on hinges of their own that turn together, as both steered wheels of a car beside their contact.
+                    fitted = hinge([points[k] for k in on_it]) if all(hinge([points[k]]) for k in mine) else None
                 if fitted is not None:
                     break
             else:
                 continue
             pivot, places, moved = fitted
-            frames.append(Frame(heading, parent, pivot))
+            frames.append(Frame(heading, parent, pivot, apart=on_it != mine))
             motions.append(moved)
-            found |= {k: (len(frames) - 1, place) for k, place in zip(mine, places, strict=True)}
+            found |= {k: (len(frames) - 1, np.zeros(2)) for k in mine}
+            found |= {k: (len(frames) - 1, place) for k, place in zip(on_it, places, strict=True)}
             left = [k for k in left if k not in mine]
             break
         else:
@@ -302,6 +352,14 @@ def _hinge(
     return pivot, places, np.concatenate([moved, own[:, None]], axis=1)
 
 
+def _raise(frames: list[Frame], masses: np.ndarray, heights: np.ndarray, of: list[int]) -> None:
+    """Set the heights of the frames: of the centre of mass of those of their bodies whose height is known."""
+    for k, frame in enumerate(frames):
+        known = [j for j, own in enumerate(of) if own == k and heights[j]]
+        if known:
+            frame.height = float(masses[known] @ heights[known] / masses[known].sum())
+
+
 def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of: list[int]) -> None:
     """Set the masses of the frames: those of the bodies on them, and what remains of the total on the first."""
     for mass, k in zip(masses, of, strict=True):
@@ -312,11 +370,24 @@ def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of:
         raise _refused(name, "its bodies weigh more than all that moves")
 
 
+def _along(motion: np.ndarray, place: np.ndarray, turned: float) -> np.ndarray:
+    """Return the rows (S, n) of the velocity of a place of a frame in the direction `turned` (rad) from its heading."""
+    forward, left, yaw = (motion[:, k] for k in range(3))
+    return np.cos(turned) * (forward - place[1] * yaw) + np.sin(turned) * (left + place[0] * yaw)
+
+
 def _spins(
-    name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndarray, axles: list[int], more: list[np.ndarray]
-) -> tuple[dict[int | None, float], np.ndarray]:
-    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle, and
-    the factors of `more` parts of M, each (S, n, n).
+    name: str,
+    frames: list[Frame],
+    motions: list[np.ndarray],
+    M: np.ndarray,
+    axles: list[int],
+    free: list[np.ndarray | None],
+    more: list[np.ndarray],
+) -> tuple[dict[int | None, float], list[float], np.ndarray, float]:
+    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle; that
+    of each wheel whose rotation is no coordinate and which moves along as `free`, by its radius squared (kg); the factors of
+    `more` parts of M, each (S, n, n); and how much of M is left, relative to its largest entry.
     """
     rest, basis = M.copy(), []
     for frame, motion in zip(frames, motions, strict=True):
@@ -328,21 +399,27 @@ def _spins(
         unit = np.zeros_like(M)
         unit[:, axle, axle] = 1.0
         basis.append(unit)
+    basis += [product(along[:, :, None], along[:, :, None]) / 2 for along in free if along is not None]
     basis += more
     A = np.stack([each.ravel() for each in basis], axis=1)
     solution = np.linalg.lstsq(A, rest.ravel(), rcond=None)[0]
-    if np.abs(A @ solution - rest.ravel()).max() > EXACT * np.abs(M).max():
+    off = float(np.abs(A @ solution - rest.ravel()).max() / np.abs(M).max())
+    if off > (APART if any(frame.apart for frame in frames) else EXACT):
         raise _refused(name, "its kinetic energy is not that of bodies and wheels in the plane")
     for k, frame in enumerate(frames):
         frame.moment, frame.inertia = solution[3 * k : 3 * k + 2], float(solution[3 * k + 2])
         about = frame.inertia - (frame.moment @ frame.moment / frame.mass if frame.mass else 0.0)
         if about <= 0:
             raise _refused(name, f"a body has no positive inertia about the vertical ({about:.3g} kg m^2)")
-    own, others = np.split(solution[3 * len(frames) :], [len(axles)])
+    rolls = [along is not None for along in free]
+    own, idle, others = np.split(solution[3 * len(frames) :], [len(axles), len(axles) + sum(rolls)])
+    if idle.min(initial=0.0) < -EXACT * np.abs(M).max():
+        raise _refused(name, f"a wheel that turns freely has a negative inertia ({idle.min():.3g} kg by its radius squared)")
+    spun = iter(np.where(idle > EXACT * np.abs(M).max(), idle, 0.0).tolist())
     inertias: dict[int | None, float] = dict(zip(axles, own.tolist(), strict=True))
     if any(inertia <= 0 for inertia in inertias.values()):
         raise _refused(name, "a wheel has no inertia about its axle, and so no defined slip; give it one")
-    return inertias, others
+    return inertias, [next(spun) if rolling else 0.0 for rolling in rolls], others, off if off > EXACT else 0.0
 
 
 def _check_leaning(name: str, angle: str, body: LeaningBody, frame: Frame, wheels: tuple[WheelContact, ...], mass: float) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 CREEP = 1e-6  # m/s: slip of a contact that rolls, where its force is as large as its load; shares what several contacts hold
 CLOSE = 1e-8  # relative, of a sliding contact's force to its limit
 LEAST = 1e-9  # N, of a limit
-TRIES = 20
-SWEEPS = 300
+TRIES, NEWTON = 20, 60
+SHORTER = [4.0**-k for k in range(12)]
 
 
 def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float = CREEP) -> np.ndarray:
@@ -20,8 +20,8 @@ def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray
     that rolls slips by `creep` (m/s) times its force over its load.
 
     Every sliding contact has a multiplier, its slip divided by its force; each is found by Newton's method for the reciprocal of
-    the size of its force, as the radius of a trust region is met (Moré and Sorensen, 1983), all at once; where that does not
-    converge, contact by contact.
+    the size of its force, as the radius of a trust region is met (Moré and Sorensen, 1983), side by side; where contacts depend
+    too much on each other for that, all at once.
     """
     limit = np.maximum(mu * load, LEAST)
     base = give + np.diag(np.repeat(creep / np.maximum(load, CREEP), 2))
@@ -38,20 +38,37 @@ def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray
         change = np.divide(size**2 * beyond, bends, out=np.zeros_like(size), where=bends > 0)
         slides = np.maximum(slides + change, 0.0)
     force = (force * np.minimum(1.0, limit / np.maximum(size, limit))[:, None]).ravel()
-    return force if len(load) == 1 else _in_turn(give, free, load, mu, creep, force)
+    return force if len(load) == 1 else _together(base, free, limit, force)
 
 
-def _in_turn(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float, force: np.ndarray) -> np.ndarray:
-    """Return the same, contact by contact with the others held (Gauss and Seidel): slower, and sure.
-
-    The forces are within their limits also where the last sweep is not exact; the next step starts from the slip that is left.
+def _together(base: np.ndarray, free: np.ndarray, limit: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Return the same by Newton's method for all multipliers s at once, in the dual problem: with F = -(base + diag(s))^-1 free,
+    maximize F' free / 2 - s' limit^2 / 2 for s >= 0, which is concave. A step that does not raise it is shortened. `force` is
+    returned where contacts without a load leave nothing to do, and within the limits where this does not converge.
     """
-    for _ in range(SWEEPS):
-        before = force.copy()
-        for k in range(len(load)):
-            own = slice(2 * k, 2 * k + 2)
-            others = free[own] + give[own] @ force - give[own, own] @ force[own]
-            force[own] = coulomb(give[own, own], others, load[k : k + 1], mu[k : k + 1], creep)
-        if np.abs(force - before).max() <= CLOSE * np.abs(force).max():
+    loaded = np.flatnonzero(limit > LEAST)
+    own, count = np.repeat(2 * loaded, 2) + np.tile([0, 1], len(loaded)), len(loaded)
+    B, f, most, s = base[np.ix_(own, own)], free[own], limit[loaded], np.zeros(count)
+
+    def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        inverse = np.linalg.inv(B + np.diag(np.repeat(s, 2)))
+        F = -(inverse @ f)
+        return inverse.reshape(count, 2, count, 2), F.reshape(count, 2), float(F @ f - s @ most**2) / 2
+
+    inverse, F, value = at(s)
+    for _ in range(NEWTON):
+        size = np.hypot(*F.T)
+        held = (size <= most * (1 + CLOSE)) & (s == 0)
+        if np.all(held | (np.abs(size / most - 1) <= CLOSE)):
             break
+        slope, moves = (size**2 - most**2) / 2, np.flatnonzero(~held)
+        bends = np.einsum("ka,kalb,lb->kl", F, inverse, F)[np.ix_(moves, moves)]
+        step = np.zeros(count)
+        step[moves] = np.linalg.lstsq(bends, slope[moves], rcond=None)[0]
+        for shorter in SHORTER:
+            inverse, F, new = at(following := np.maximum(s + shorter * step, 0.0))
+            if new > value:
+                break
+        s, value = following, new
+    force[own] = (F * np.minimum(1.0, most / np.maximum(np.hypot(*F.T), most))[:, None]).ravel()
     return force

@@ -6,8 +6,8 @@ contacts; the model adds what carries them:
 - A body whose contacts carry its own weight moves up and down by itself; its hinge carries no weight. Any other body is carried
   by the one it is hinged to.
 - It rolls if it has contacts on both sides, and pitches if it has contacts ahead and behind. Where it has none, it is kept level.
-- What its contacts do not carry, by their loads or with a `share` below 1, is on a castor, a sphere without friction; then the
-  body pitches. The castor is where the moments balance.
+- Supports are castors, spheres without friction. Without any, what the contacts do not carry, by their loads or with a `share`
+  below 1, is on one castor where the moments balance; with the centre of mass above an axle on two, ahead of it and behind.
 - A body that leans about the axle of two wheels is hinged there, with all of the mass: where a part of it is on the axle, the
   motion is the same. It has the inertias of the equations.
 - About its horizontal axes through the centre of mass, any other body has the inertia that it has about the vertical.
@@ -17,19 +17,20 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as xml
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...readers.errors import BadInput
 from ..specification.floor import Bump
-from .frames import Frame, PlanarBodies, WheelContact
+from .frames import Castor, Frame, PlanarBodies, WheelContact
 from .leaning import inertia, possible
 
 NOTHING = 1e-12  # kg, kg m^2: a body with a joint must have a mass, also where it only holds others
 FREE = 1e-6  # kg m^2, times the radius / m squared: a wheel whose rotation is no coordinate
 BREADTH = 0.25  # of a wheel, relative to its radius: half the breadth of the ellipsoid that rolls on the floor
 SMALL = 1e-6  # m, relative: equal places, equal weights
+FAR = 10.0  # times the size of the robot: no castor is farther away
 STIFF, DAMPED = 0.004, 1.0  # s, 1: time constant and damping ratio with which a contact gives way
 HARD = "0.99 0.99 0.001"  # how much of a contact's force is independent of its penetration
 # MuJoCo leaves out that the normal turns as a wheel rolls on, v^2 / R; by half, a wheel leaves a bump as it should: beyond g.
@@ -58,7 +59,6 @@ class Build:
 
     planar: PlanarBodies
     height: float
-    share: float
     scene: ByItself | None
     pairs: xml.Element
     shapes: list[str]
@@ -72,20 +72,59 @@ class Build:
         return self.scene.wheels[k] if self.scene else f"axle_{k}"
 
 
+def with_castors(planar: PlanarBodies, share: float) -> PlanarBodies:
+    """Return the robot with the castors on which it stands besides its contacts, which carry `share` of what they do by the
+    Mechanism. Raises BadInput where no castor balances the moments.
+    """
+    wheels = tuple(replace(wheel, load=share * wheel.load) for wheel in planar.wheels)
+    planar = replace(planar, wheels=wheels)
+    standing = [k for k in range(len(planar.frames)) if stands(planar, k)]
+    more = [castor for k in standing for castor in _castors(planar, k)] if not planar.castors else []
+    return replace(planar, castors=(*planar.castors, *more))
+
+
+def _castors(planar: PlanarBodies, k: int) -> list[Castor]:
+    """Return the castors that carry what the contacts of frame k and of all that it carries do not."""
+    group, origins = carried(planar, k), hinges(planar, k)
+    wheels = [wheel for wheel in planar.wheels if wheel.frame in group]
+    if not wheels:
+        raise BadInput("--engine mujoco: nothing carries a body: no contact is on it")
+    places, loads = np.array([origins[w.frame] + w.place for w in wheels]), np.array([wheel.load for wheel in wheels])
+    mass = sum(planar.frames[j].mass for j in group) * planar.normal
+    rest = mass - loads.sum()
+    if rest <= SMALL * mass:
+        return []
+    moment = sum((planar.frames[j].moment + planar.frames[j].mass * origins[j] for j in group), np.zeros(2)) * planar.normal
+    place, middle = np.round((moment - loads @ places) / rest, 12) + 0.0, places.mean(axis=0)
+    name = "castor" if k == 0 else f"castor {k + 1}"
+    if np.ptp(places[:, 0]) > SMALL or abs(place[0] - middle[0]) > SMALL:
+        far = max(np.ptp(places, axis=0).max(), *(abs(wheel.radius) for wheel in wheels))
+        if np.abs(place - middle).max() > FAR * far:
+            raise BadInput(
+                f"--engine mujoco: the contacts carry {loads.sum() / mass:.0%} of the weight, and the rest would balance "
+                f"{place[0]:.3g} m ahead and {place[1]:.3g} m to the left; correct the masses on contacts, or name supports"
+            )
+        return [Castor(name, k, place, rest)]
+    reach = np.ptp(places[:, 1]) / 2 or abs(wheels[0].radius)
+    return [
+        Castor(f"{where} {name}", k, np.array([middle[0] + side * reach, place[1]]), rest / 2)
+        for where, side in (("front", 1), ("rear", -1))
+    ]
+
+
 def mjcf(
     name: str,
     planar: PlanarBodies,
     height: float,
-    share: float,
     bumps: Sequence[Bump] = (),
     scene: ByItself | None = None,
 ) -> str:
     """Return the MJCF of a robot.
 
-    `height` (m) is that of the centre of mass of each body with a mass, `share` the part of the weight on the contacts. Joints:
-    x, y, yaw_K of frame K, axle_K of wheel K, lean_K of what leans; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K,
-    castor_K. As a `scene` the first frame has a free joint, base, and the others have the names given there. Raises BadInput for
-    a share that cannot be balanced, and for a scene in which the robot would fall over.
+    `height` (m) is that of the centre of mass of each body with a mass that does not say its own. Joints: x, y, yaw_K of frame K,
+    axle_K of the wheels of contact K, lean_K of what leans; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K_J of the wheels
+    of contact K, castor_K. As a `scene` the first frame has a free joint, base, and the others have the names given there.
+    Raises BadInput for a scene in which the robot would fall over.
     """
     root = xml.Element("mujoco", model=name)
     option = xml.SubElement(root, "option", integrator="implicit")
@@ -94,7 +133,7 @@ def mjcf(
     xml.SubElement(option, "flag", autoreset="disable")
     world = xml.SubElement(root, "worldbody")
     xml.SubElement(world, "geom", name="floor", type="plane", size="50 50 1", contype="0", conaffinity="0", rgba=".9 .9 .9 1")
-    build = Build(planar, height, share, scene, xml.SubElement(root, "contact"), ["floor"])
+    build = Build(planar, height, scene, xml.SubElement(root, "contact"), ["floor"])
     for k, bump in enumerate(bumps):
         build.shapes.append(f"bump_{k}")
         _geom(world, f"bump_{k}", "sphere", [bump.curvature], (bump.x, bump.y, bump.height - bump.curvature))
@@ -123,7 +162,8 @@ def carried(planar: PlanarBodies, k: int) -> list[int]:
 def stands(planar: PlanarBodies, k: int) -> bool:
     """Return whether frame k carries its own weight: the first, or contacts on it carry as much."""
     frame = planar.frames[k]
-    load = sum(wheel.load for wheel in planar.wheels if wheel.frame == k)
+    load = sum(each.load for each in planar.wheels if each.frame == k)
+    load += sum(each.load for each in planar.castors if each.frame == k)
     return frame.parent is None or (load > 0 and abs(load - frame.mass) <= SMALL * frame.mass)
 
 
@@ -154,32 +194,23 @@ def _frame(level: xml.Element, tilting: xml.Element, k: int, build: Build) -> No
 
 
 def _supports(upper: xml.Element, k: int, build: Build, free: bool) -> None:
-    """Add the joints about the horizontal axes of what stands on its own, unless it is `free`, and a castor if one carries a
-    part.
+    """Add the castors of what stands on its own, and, unless it is `free`, the joints about the horizontal axes about which it
+    has contacts on both sides.
     """
-    planar, share = build.planar, build.share
-    group = carried(planar, k)
-    origins = hinges(planar, k)
-    places = np.array([origins[w.frame] + w.place for w in planar.wheels if w.frame in group])
-    if not len(places):
-        raise BadInput("--engine mujoco: nothing carries a body: no contact is on it")
-    wide, long = np.ptp(places[:, 1]) > SMALL, np.ptp(places[:, 0]) > SMALL
-    mass = sum(planar.frames[j].mass for j in group)
-    on_wheels = share * sum(w.load for w in planar.wheels if w.frame in group) / (mass * planar.normal)
-    carries = on_wheels < 1 - SMALL
-    if carries and long:
-        raise BadInput(f"[contact] share = {share:g}: the contacts are ahead and behind and carry all of the weight; set 1")
-    if carries:
-        moment = sum((planar.frames[j].moment + planar.frames[j].mass * origins[j] for j in group), np.zeros(2))
-        ahead = moment[0] / mass - places[0, 0]
-        if abs(ahead) < SMALL:
-            raise BadInput(f"[contact] share = {share:g}: the centre of mass is above the axle, castors carry nothing; set 1")
-        radius = min(abs(w.radius) for w in planar.wheels) / 2
-        place = (places[0, 0] + ahead / (1 - on_wheels), places[:, 1].mean(), radius)
-        _geom(upper, f"castor_{k}", "sphere", [radius], place)
-        _pair(build, f"castor_{k}")
+    planar = build.planar
+    group, origins = carried(planar, k), hinges(planar, k)
+    radius = min(abs(wheel.radius) for wheel in planar.wheels) / 2
+    places = [origins[wheel.frame] + place for wheel in planar.wheels if wheel.frame in group for place in wheel.places]
+    for j, castor in enumerate(planar.castors):
+        if castor.frame in group:
+            places.append(origins[castor.frame] + castor.place)
+        if castor.frame == k:
+            made = _body(upper, castor.name, (*castor.place, radius))
+            _geom(made, f"castor_{j}", "sphere", [radius], (0.0, 0.0, 0.0))
+            _pair(build, f"castor_{j}")
+    long, wide = np.ptp(places, axis=0) > SMALL
     if free:
-        if not wide or not (long or carries):
+        if not (wide and long):
             raise BadInput(
                 "--write-scene: on these contacts the robot would fall over; "
                 + (
@@ -189,7 +220,7 @@ def _supports(upper: xml.Element, k: int, build: Build, free: bool) -> None:
                 )
             )
         return
-    if long or carries:
+    if long:
         _joint(upper, f"pitch_{k}", "hinge", Y)
     if wide:
         _joint(upper, f"roll_{k}", "hinge", X)
@@ -216,6 +247,7 @@ def _inertial(body: xml.Element, planar: PlanarBodies, k: int, height: float) ->
         _leans(body, planar, about)
         xml.SubElement(body, "inertial", pos="0 0 0", mass=_text([NOTHING]), diaginertia=_text([NOTHING] * 3))
         return
+    height = height if frame.height is None else frame.height
     place = [*centre.tolist(), height if frame.mass else 0.0]
     xml.SubElement(body, "inertial", pos=_text(place), mass=_text([frame.mass or NOTHING]), diaginertia=_text([float(about)] * 3))
     if abs(planar.normal - 1) > SMALL:
@@ -241,14 +273,19 @@ def _diameter(wheel: WheelContact) -> float:
 
 
 def _wheel(body: xml.Element, j: int, wheel: WheelContact, build: Build) -> None:
-    """Add a wheel; its mass is part of the body's."""
+    """Add the wheels of a contact; their mass is part of the body's. The first turns on the axle, with the inertia of all; others
+    are fixed, and the engine lets their rims move as that of the first.
+    """
     radius, about = abs(wheel.radius), _diameter(wheel)
-    made = _body(body, wheel.name, (*wheel.place, radius), (about, 2 * about, about))
-    if wheel.turned:
-        made.set("quat", _text([np.cos(wheel.turned / 2), 0.0, 0.0, np.sin(wheel.turned / 2)]))
-    _joint(made, build.axle(j), "hinge", Y if wheel.radius > 0 else "0 -1 0")
-    _geom(made, f"wheel_{j}", "ellipsoid", [radius, BREADTH * radius, radius], (0.0, 0.0, 0.0))
-    _pair(build, f"wheel_{j}", build.scene.mu if build.scene else None)
+    for i, place in enumerate(wheel.places):
+        first = i == 0
+        made = _body(body, wheel.name if first else f"{wheel.name} {i + 1}", (*place, radius), (about, 2 * about, about), first)
+        if wheel.turned:
+            made.set("quat", _text([np.cos(wheel.turned / 2), 0.0, 0.0, np.sin(wheel.turned / 2)]))
+        if first:
+            _joint(made, build.axle(j), "hinge", Y if wheel.radius > 0 else "0 -1 0")
+        _geom(made, f"wheel_{j}_{i}", "ellipsoid", [radius, BREADTH * radius, radius], (0.0, 0.0, 0.0))
+        _pair(build, f"wheel_{j}_{i}", build.scene.mu if build.scene else None)
 
 
 def _body(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,7 +16,8 @@ from ..specification.floor import Floor
 from ..specification.scene import SceneSection
 from ..specification.spec import ContactSection
 from .alignment import UP, align, middle
-from .frames import planar
+from .frames import PlanarBodies, planar
+from .friction import CREEP
 from .scene_file import MESH, WHERE, read_scene
 from .stepping import Stepped, on_joints, refuse_in_scene
 
@@ -24,6 +26,7 @@ DIFFERS = 0.01  # relative: what is worth a warning
 FALLEN = 0.3  # rad
 RAISED = 3  # times; the first raises what is below, the others what came to be the lowest
 NO_LOAD = 1e-6  # of the weight
+TIED = 2  # mjtEq, of joints
 TINY = 1e-9  # N
 
 
@@ -47,8 +50,8 @@ class SceneEngine(Stepped):
     """A plant whose bodies, shapes, contacts, friction and motors are those of a file. Starts at [q; nu] = `start`, rolling,
     settled.
 
-    The Mechanism says what the coordinates are and on what its inputs act; the controller knows it alone. MuJoCo's own friction
-    acts, with elliptic cones.
+    The Mechanism says what the coordinates are and on what its inputs act; the controller knows it alone. On a floor of the file
+    MuJoCo's own friction acts, with elliptic cones; on one that the file did not have, that of FloorEngine.
     """
 
     def __init__(self, plant: Plant, section: SceneSection, contact: ContactSection, floor: Floor, start: np.ndarray):
@@ -61,11 +64,12 @@ class SceneEngine(Stepped):
         refuse_in_scene(WHERE, mechanism.name, bodies)
         names = [coordinate.name for coordinate in mechanism.coordinates]
         steering = [section.joints.get(names[bodies.hinge(k)], ()) for k in range(1, len(bodies.frames))]
-        self.scene = scene = read_scene(section.file, steering)
+        together = [section.joints.get(names[w.angle], ()) for w in bodies.wheels if w.wheels and w.angle is not None]
+        self.scene = scene = read_scene(section.file, [*steering, *together], self._fixed_axle(plant, bodies, section))
         if floor.patch or floor.bumps or not (scene.paved or floor.mu is None):
             raise scene.wrong("[floor] mu, patch, bump and rough do not apply to a scene; change its own floor")
         super().__init__(plant, bodies, scene.model, floor)
-        self.name = mechanism.name
+        self.name, self._forces = mechanism.name, mechanism.forces
         rolled, turned = self._joints(plant, section)
         every = [k for own in (*rolled, *turned) for k in own]
         if twice := [k for k in every if every.count(k) > 1]:
@@ -79,8 +83,11 @@ class SceneEngine(Stepped):
         own = [wheel for wheel, contact in zip(self._wheels, bodies.wheels, strict=True) if contact.angle is not None]
         self._driven = [*self.aligned.hinges, *own]
         self._wheel_of = {g: k for k, wheel in enumerate(self._wheels) for shapes in wheel.shapes for g in shapes}
+        self._rubbing: dict[int, np.ndarray] = {}  # friction at contacts of the last step, N
+        self._loads = dict.fromkeys(self._wheel_of, 0.0)  # of shapes of wheels in the last step, N
+        self._mu = contact.mu if floor.mu is None else floor.mu
         if scene.paved:
-            scene.pave(self._wheel_of, contact.mu if floor.mu is None else floor.mu)
+            scene.pave(self._wheel_of)
         self._drive(plant, section)
         self._jacobian = np.zeros((3, self.model.nv))
         self._settle(start)
@@ -118,6 +125,17 @@ class SceneEngine(Stepped):
         c, s = np.cos(headings), np.sin(headings)
         level = np.column_stack([c * force[:, 0] + s * force[:, 1], c * force[:, 1] - s * force[:, 0]])
         return np.linalg.norm(slip, axis=1) / np.maximum(load, TINY), load, held / np.maximum(limit, TINY), level.ravel()
+
+    @staticmethod
+    def _fixed_axle(plant: Plant, bodies: PlanarBodies, section: SceneSection) -> list[str]:
+        """Return the joints of the wheels on the first frame, about whose axle others are steered; none unless it is one axle."""
+        names = [coordinate.name for coordinate in plant.system.mechanism.coordinates]
+        on_body = [wheel for wheel in bodies.wheels if wheel.frame == 0]
+        found: list[str] = []
+        for wheel in on_body if len({wheel.place[0] for wheel in on_body}) == 1 else ():
+            own = wheel.name if wheel.angle is None else names[wheel.angle]
+            found += (section.wheels if wheel.angle is None else section.joints).get(own, (own,))
+        return found
 
     # -- what is named ------------------------------------------------------------------------------------------------
 
@@ -165,9 +183,47 @@ class SceneEngine(Stepped):
     def _push_on(self, tau: np.ndarray) -> None:
         self.data.qfrc_applied[:] = self._at_joints @ tau
         self.data.ctrl[:] = self._at_motors @ tau
+        if self.scene.paved:
+            self._rub_wheels()
+
+    def _rub_wheels(self) -> None:
+        """Add the friction of wheels; where a shape touches at several points, each carries an equal part of its load."""
+        geoms = self.data.contact.geom
+        touching = [(c, g) for c, pair in enumerate(geoms.tolist()) for g in pair if g in self._wheel_of]
+        if not touching:
+            self._rubbing = {}
+            return
+        counts = Counter(g for _, g in touching)
+        J, tangents = np.zeros((2 * len(touching), self.model.nv)), []
+        for k, (c, g) in enumerate(touching):
+            tangents.append(self.data.contact.frame[c].reshape(3, 3)[1:])
+            self._mujoco.mj_jac(self.model, self.data, self._jacobian, None, self.data.contact.pos[c], self.model.geom_bodyid[g])
+            J[2 * k : 2 * k + 2] = tangents[k] @ self._jacobian
+        load = np.array([self._loads[g] / counts[g] for _, g in touching])
+        self._mujoco.mj_fwdActuation(self.model, self.data)
+        force = self._rub(J, load, np.full(len(load), self._mu), CREEP, True, self._ties()).reshape(-1, 2)
+        self._rubbing = {c: force[k] @ tangents[k] for k, (c, _) in enumerate(touching)}
+
+    def _ties(self) -> np.ndarray:
+        """Return G, (k, nv): equalities between joints keep G qvel zero."""
+        model, ties = self.model, []
+        for one, other, kind, poly in zip(model.eq_obj1id, model.eq_obj2id, model.eq_type, model.eq_data, strict=True):
+            if kind == TIED and other >= 0:
+                row = np.zeros(model.nv)
+                angle = self.data.qpos[model.jnt_qposadr[other]] - model.qpos0[model.jnt_qposadr[other]]
+                row[model.jnt_dofadr[one]] = 1.0
+                row[model.jnt_dofadr[other]] = -(poly[1:5] * np.arange(1, 5)) @ angle ** np.arange(4)
+                ties.append(row)
+        return np.array(ties).reshape(-1, model.nv)
 
     def _weigh(self) -> None:
-        """Note where motors were at their limits, which MuJoCo does not say."""
+        """Note the loads of wheels, and where motors were at their limits, which MuJoCo does not say."""
+        self._loads = dict.fromkeys(self._wheel_of, 0.0)
+        contact = self.data.contact
+        for pair, address in zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True):
+            for g in pair:
+                if g in self._wheel_of and address >= 0:
+                    self._loads[g] += float(self.data.efc_force[address])
         short = np.abs(self._gains @ self.data.ctrl - self.data.qfrc_actuator) * self._gains.any(axis=1)
         for dof in np.flatnonzero(short > TINY).tolist():
             since, most = self._short.get(dof, (self.data.time - self.model.opt.timestep, 0.0))
@@ -217,6 +273,7 @@ class SceneEngine(Stepped):
         self.mu = min(touch.mu for touch in self._touches())
         d.qvel[:] = self._rolling(start[: self._n], self._functions["qdot"](start, self._parameters)[0])
         self._mujoco.mj_forward(self.model, d)
+        self._weigh()
         d.time = 0.0
 
     def _lift(self, target: np.ndarray) -> None:
@@ -283,12 +340,20 @@ class SceneEngine(Stepped):
                         f"the wheel on {joint!r} touches at points {breadth:.3g} m apart along its axle and resists turning "
                         "on the spot; a sphere or an ellipsoid as its shape does not"
                     )
+        if not self._forces and (rubs := [k for joint in (*self._driven, *self._wheels) for k in joint.joints if self._rubs(k)]):
+            said = ", ".join(repr(self.model.joint(k).name) for k in dict.fromkeys(rubs))
+            yield f"joints {said} have friction or damping, which the equations of {self.name} do not have; add force(...) there"
         mass, own = float(self.model.body_subtreemass[self._root]), self.planar.mass
         if own and abs(mass / own - 1) > DIFFERS:
             yield f"the mass is {mass:.4g} kg, that of {self.name} {own:.4g} kg"
         off = self.mass_matrix_difference(q)
         if off > DIFFERS:
             yield f"the mass matrix of the rolling robot differs from that of {self.name} by {off:.1%} of its largest entry"
+
+    def _rubs(self, joint: int) -> bool:
+        """Return whether a joint of the file has friction or damping."""
+        dof = self.model.jnt_dofadr[joint]
+        return bool(self.model.dof_frictionloss[dof] or self.model.dof_damping[dof])
 
     def mass_matrix_difference(self, q: np.ndarray) -> float:
         """Return how far S'MS of the scene is from that of the Mechanism at q, the pose of now, relative to its largest entry."""
@@ -312,8 +377,8 @@ class SceneEngine(Stepped):
             self._mujoco.mj_contactForce(self.model, self.data, c, supplied)
             frame, place = contacts.frame[c].reshape(3, 3), contacts.pos[c].copy()
             velocity = self._velocity(place, own) - self._velocity(place, other)
-            mu = float(contacts.friction[c, 0]) if contacts.dim[c] > 1 else 0.0
-            load, force = float(supplied[0]), sign * supplied[:3] @ frame
+            mu = self._mu if self.scene.paved else float(contacts.friction[c, 0]) if contacts.dim[c] > 1 else 0.0
+            load, force = float(supplied[0]), sign * supplied[:3] @ frame + self._rubbing.get(c, 0.0)
             yield Touch(self._wheel_of[own], own, place, sign * frame[0], load, mu, force, velocity)
 
     def _velocity(self, place: np.ndarray, shape: int) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from ...readers.errors import BadInput, suggestion
 from ...readers.urdf.document import NO_BODY, parsed, read
 from ...readers.urdf.rims import mesh_file
-from .mjcf import DAMPED, HARD, IMPRATIO, STIFF
+from .mjcf import DAMPED, HARD, STIFF
 from .stepping import installed
 
 FREE, HINGE = 0, 3  # mjtJoint
@@ -111,10 +111,10 @@ class SceneFile:
         touches = [model.geom_contype[g] or model.geom_conaffinity[g] or g in in_pairs for g in range(model.ngeom)]
         return [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in bodies and touches[g]]
 
-    def pave(self, wheels: Iterable[int], mu: float) -> None:
-        """Set the friction of what stands on a floor that the file did not have: shapes of wheels `mu`, the others none.
-        Cylinders of wheels touch as the ellipsoids in them do, in the middle. Shapes of the robot do not touch each other: in a
-        URDF they often overlap.
+    def pave(self, wheels: Iterable[int]) -> None:
+        """Let the robot stand, on a floor that the file did not have, without friction: that of wheels is the engine's. Cylinders
+        of wheels touch as the ellipsoids in them do, in the middle. Shapes of the robot do not touch each other: in a URDF they
+        often overlap.
         """
         model, wheels = self.model, set(wheels)
         for g in range(model.ngeom):
@@ -122,8 +122,7 @@ class SceneFile:
             model.geom_contype[g], model.geom_conaffinity[g] = (touches, 0) if model.geom_bodyid[g] else (0, touches)
             if model.geom_bodyid[g]:
                 model.geom_priority[g] = 1
-                model.geom_condim[g] = 3 if g in wheels else 1
-                model.geom_friction[g] = mu, 0.0, 0.0
+                model.geom_condim[g] = 1
                 model.geom_solref[g] = STIFF, DAMPED
                 if g in wheels and model.geom_type[g] == CYLINDER:
                     model.geom_type[g] = ELLIPSOID
@@ -131,9 +130,10 @@ class SceneFile:
                 model.geom_solimp[g, :3] = [float(part) for part in HARD.split()]
 
 
-def read_scene(file: str, tied: Iterable[Sequence[str]] = ()) -> SceneFile:
+def read_scene(file: str, tied: Iterable[Sequence[str]] = (), fixed: Sequence[str] = ()) -> SceneFile:
     """Read an MJCF or a URDF. A URDF gets a free joint; a file without anything that stands still gets a level floor. Vertical
-    joints that are named together in `tied` turn together, as by a tie rod, unless the file has equalities of its own.
+    joints that are named together in `tied` turn together, as by a tie rod, unless the file has equalities of its own: about one
+    centre on the axle of the wheels on joints `fixed`, or parallel without any. Other joints named together there turn as one.
 
     Raises BadInput for a file that is missing, and with the reason for one that is not a robot or that MuJoCo cannot read.
     """
@@ -149,10 +149,9 @@ def read_scene(file: str, tied: Iterable[Sequence[str]] = ()) -> SceneFile:
         paved = not (model.npair or (stands_still & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))).any())
         if paved:
             spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
-            spec.option.impratio = IMPRATIO
         if not model.neq:
             for names in tied:
-                _tie(spec, model, names)
+                _tie(spec, model, names, fixed)
         model = spec.compile()
     except (BadInput, OSError, ValueError) as error:
         said = " ".join(str(error).removeprefix(f"{file}: ").removeprefix("Error: ").split())
@@ -166,18 +165,37 @@ def read_scene(file: str, tied: Iterable[Sequence[str]] = ()) -> SceneFile:
     return SceneFile(file, model, paved)
 
 
-def _tie(spec: Any, model: Any, names: Sequence[str]) -> None:
-    """Add equalities by which vertical joints turn as the first of them; none for names that are not in the file."""
+def _tie(spec: Any, model: Any, names: Sequence[str], fixed: Sequence[str]) -> None:
+    """Add equalities by which joints turn with the first of them; none for names that are not in the file.
+
+    Vertical joints steer. The axle of a wheel steered by delta passes through the centre of the turn, at l cot(delta) to the
+    left of the joint at a distance l ahead of the fixed axle. For a joint that is y farther to the left, with t = tan(delta),
+    tan(delta') is t / (1 - t y / l) (Ackermann). The equality is this as a polynomial of degree 4, the most that MuJoCo has.
+    """
     mujoco = installed()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     known = [model.joint(k).name for k in range(model.njnt)]
-    up = {name: float(data.xaxis[known.index(name)][2]) for name in names if name in known}
-    for name in names[1:] if len(up) == len(names) else ():
+    if len(names) < 2 or not {*names} <= {*known}:
+        return
+    axes = {name: data.xaxis[known.index(name)] for name in names}
+    steers = abs(axes[names[0]][2]) > 0.5
+    up = {name: float(np.sign(axis[2] if steers else axis @ axes[names[0]])) for name, axis in axes.items()}
+    places, axle = ([data.xanchor[known.index(name)][:2] for name in each if name in known] for each in (names, fixed))
+    ahead = np.mean(places, axis=0) - np.mean(axle, axis=0) if axle else np.zeros(2)
+    for name, place in list(zip(names, places, strict=True))[1:]:
+        aside = place - places[0]
+        # With the unit vector e = ahead / l the distance to the left is e x aside, and y / l = (ahead x aside) / l^2.
+        ratio = float(ahead[0] * aside[1] - ahead[1] * aside[0]) / float(ahead @ ahead) if steers and ahead.any() else 0.0
         tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=name, name2=names[0])
-        tie.data[:2] = 0.0, float(np.sign(up[name] * up[names[0]]))
+        tie.data[:5] = up[name] * _ackermann(ratio) * up[names[0]] ** np.arange(5)
         tie.solref[:] = STIFF, DAMPED
         tie.solimp[:3] = [float(part) for part in HARD.split()]
+
+
+def _ackermann(ratio: float) -> np.ndarray:
+    """Return the Taylor coefficients of atan(t / (1 - t ratio)), t = tan(delta), by the power of delta, 0 to 4."""
+    return np.array([0.0, 1.0, ratio, ratio**2, ratio**3 - ratio / 3])
 
 
 def _of_urdf(file: str, root: Any) -> Any:

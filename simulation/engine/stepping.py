@@ -17,6 +17,8 @@ from ..integrate import Refused
 from ..plant import Plant
 from ..specification.floor import Floor
 from .frames import PlanarBodies
+from .friction import coulomb
+from .measured import Standing
 
 if TYPE_CHECKING:
     from ..drive import Drive
@@ -45,13 +47,36 @@ class Stepped:
         angle, heading = floor.slope
         model.opt.gravity = GRAVITY * np.array([np.sin(angle) * np.cos(heading), np.sin(angle) * np.sin(heading), -np.cos(angle)])
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the wheels whose slip is measured: of the contacts, or of each wheel of a contact that stands for several."""
+        return tuple(wheel.name for wheel in self.planar.wheels)
+
+    @property
+    def castors(self) -> tuple[str, ...]:
+        """Names of what carries load without friction, as far as it is measured."""
+        return ()
+
+    @property
+    def standing(self) -> Standing | None:
+        """How the robot stands at rest, where the engine's bodies are those of the Mechanism."""
+        return None
+
+    def carried(self) -> np.ndarray:
+        """Return the load of each of `castors`, N."""
+        return np.zeros(0)
+
+    def on_contacts(self, force: np.ndarray) -> np.ndarray:
+        """Return the forces on each contact, (N, 2 c), of those on each of `names`."""
+        return force
+
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Return q and qdot of the Mechanism."""
         raise NotImplementedError
 
     def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return for each contact slip (m/s), load (N), friction use, and the level force of the ground along and across in turn
-        (N).
+        """Return for each of `names` slip (m/s), load (N), friction use, and the level force of the ground along and across in
+        turn (N).
         """
         raise NotImplementedError
 
@@ -62,6 +87,30 @@ class Stepped:
     def _push_on(self, tau: np.ndarray) -> None:
         """Apply the inputs and what else acts during a step, whose positions MuJoCo knows."""
         raise NotImplementedError
+
+    def _rub(
+        self, J: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float, constrained: bool, ties: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Add to the applied forces the friction of this step at contacts with these loads (c,), N, whose velocities in the plane
+        that they touch are J (2 c, nv) times those of the joints; return it, (2 c,), N.
+
+        `constrained`: other forces of MuJoCo's constraints act in these directions too, such as those of bumps, or of `ties`,
+        which keep these combinations (k, nv) of the velocities zero.
+        """
+        self._mujoco.mj_fwdAcceleration(self.model, self.data)
+        without = self.data.qacc_smooth
+        if constrained:
+            self._mujoco.mj_fwdConstraint(self.model, self.data)
+            without = self.data.qacc
+        h, moved = self.model.opt.timestep, np.empty_like(J)
+        self._mujoco.mj_solveM(self.model, self.data, moved, J)
+        if ties is not None and len(ties):
+            held = np.empty_like(ties)
+            self._mujoco.mj_solveM(self.model, self.data, held, ties)
+            moved -= np.linalg.solve(ties @ held.T, held @ J.T).T @ held
+        force = coulomb(h * (J @ moved.T), J @ (self.data.qvel + h * without), load, mu, creep)
+        self.data.qfrc_applied += J.T @ force
+        return force
 
     def _weigh(self) -> None:
         """Note what the floor and motors did in the last step."""

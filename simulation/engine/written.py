@@ -9,7 +9,7 @@ from ..plant import Plant
 from ..specification.floor import Floor
 from ..specification.spec import ContactSection
 from .frames import planar
-from .mjcf import ByItself, mjcf
+from .mjcf import ByItself, mjcf, with_castors
 from .stepping import on_joints, refuse_in_scene
 
 
@@ -22,7 +22,9 @@ def scene_of(plant: Plant, contact: ContactSection, floor: Floor) -> str:
     """
     if floor.patch:
         raise BadInput("--write-scene: a scene has no patches; leave out [floor] patch, or make the floor of several shapes")
-    mechanism, bodies = plant.system.mechanism, planar(plant.system.mechanism, plant.parameters)
+    mechanism, bodies = plant.system.mechanism, with_castors(planar(plant.system.mechanism, plant.parameters), contact.share)
+    if several := [wheel.name for wheel in bodies.wheels if wheel.wheels]:
+        raise BadInput(f"--write-scene: {several[0]} of {mechanism.name} are several wheels on one coordinate; use its own file")
     refuse_in_scene("--write-scene", mechanism.name, bodies)
     names = [coordinate.name for coordinate in mechanism.coordinates]
     frames = [names[bodies.hinge(k)] for k in range(1, len(bodies.frames))]
@@ -33,4 +35,4 @@ def scene_of(plant: Plant, contact: ContactSection, floor: Floor) -> str:
         if len(acts := np.flatnonzero(column)) == 1:
             motors[name.name] = (joints[acts[0]], float(column[acts[0]]))
     scene = ByItself(contact.mu if floor.mu is None else floor.mu, frames, wheels, motors)
-    return mjcf(mechanism.name, bodies, contact.height, contact.share, floor.bumps, scene) + "\n"
+    return mjcf(mechanism.name, bodies, contact.height, floor.bumps, scene) + "\n"

@@ -705,8 +705,8 @@ class ContactSection:
 
     # 0.7: the middle of the range 0.6 to 0.85 of rubber on dry concrete in textbooks
     mu: float = entry(number("positive", "1"), 0.7, "friction coefficient")
-    share: float = entry(number("positive", "1"), 1.0, "part of the weight on the driven wheels, at most 1")
-    height: float = entry(number("nonnegative", "m"), 0.0, "height of the centre of mass, which moves load to the outer wheel")
+    share: float = entry(number("positive", "1"), 1.0, "part of the weight on the contacts, of a robot that does not say it")
+    height: float = entry(number("nonnegative", "m"), 0.0, "height of the centre of mass, which moves load; 0: that of the robot")
 
     def __post_init__(self):
         if self.share > 1:

@@ -128,6 +128,14 @@ static NOSLIP_COLD void set_wheels(const @{ r("params") } *params, @{ n("odometr
 @{ odometry }
     wheels->release = 0;
 }
+{% if arm %}
+
+/* Computes how far the vehicle's point is ahead of its coordinates and to their left, m. */
+static NOSLIP_COLD void set_arm(const @{ r("params") } *params, @{ real } arm[2])
+{
+@{ arm }
+}
+{% endif %}
 {% endif %}
 
 /* Checks the options and initializes a law for a P_l with this L. */
@@ -307,6 +315,9 @@ int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
         return NOSLIP_BAD_PARAMETER; /* overflow or underflow */
     }
     @{ "set_axle(&wheels)" if steering else "set_wheels(&self->params, &wheels)" };
+{% if arm %}
+    set_arm(&self->params, self->arm);
+{% endif %}
     status = noslip_watchdog_init(&self->watchdog, &config->watchdog);
     status = status < 0 ? status : init_encoders(self, config);
     status = status < 0 ? status : @{ n("odometry_init") }(&self->odometry, &wheels, &config->start);
@@ -368,6 +379,9 @@ int @{ f("update") }(@{ self } *self, const @{ r("params") } *params, const @{ l
     }
     @{ n("write") }(wheels.forward, self->odometry.options.forward, 2);
     @{ n("write") }(wheels.turn, self->odometry.options.turn, 2);
+{% if arm %}
+    set_arm(params, self->arm);
+{% endif %}
     if (self->config->drive == NOSLIP_DRIVE_VELOCITY && self->velocity.vehicle.along > 0) {
         @{ n("write") }(wheels.forward, self->velocity.vehicle.forward, 2);
         @{ n("write") }(wheels.turn, self->velocity.vehicle.turn, 2);
@@ -532,8 +546,13 @@ static int move(@{ self } *self, const @{ real } turned[2], const @{ f("interval
 {% endif %}
     state->@{ wheels[0] } += time->filter_gain * (self->rate[0] - state->@{ wheels[0] });
     state->@{ wheels[1] } += time->filter_gain * (self->rate[1] - state->@{ wheels[1] });
+{% if arm %}
+    state->@{ place[0] } = pose.x - (self->arm[0] * odometry->direction[0] - self->arm[1] * odometry->direction[1]);
+    state->@{ place[1] } = pose.y - (self->arm[0] * odometry->direction[1] + self->arm[1] * odometry->direction[0]);
+{% else %}
     state->@{ place[0] } = pose.x;
     state->@{ place[1] } = pose.y;
+{% endif %}
     state->@{ place[2] } = pose.heading;
 {% if steering %}
     state->@{ angle } = angle;

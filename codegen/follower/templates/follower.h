@@ -143,6 +143,9 @@ typedef struct @{ self } {
     @{ n("integral") } integrals[2]; /* of distance and speed */
     int last; /* status of the last tick: whether integrals may grow */
     @{ n("odometry") } odometry;
+{% if arm %}
+    @{ real } arm[2]; /* m: of the vehicle's point ahead of the coordinates in state, and to their left */
+{% endif %}
 {% if steering %}
     @{ f("steering") } steering;
 {% endif %}
