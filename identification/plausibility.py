@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from ..readers.quantities import in_base_units
+from ..readers.quantities import scaled_units
 from .smoothing import slopes
 
 Columns = Mapping[str, np.ndarray]
@@ -58,7 +58,8 @@ def check_kinematics(
     groups = [*((name,) for name in columns), *((*angle, *rate) for angle, rate in wheels if angle and rate)]
     angles = tuple(name for angle, _ in wheels for name in angle)
     known = [name for name in (*columns, "t") if name not in scaled]
-    of_units = _units(known, tuple(name for name in angles if name not in scaled), {**units, "t": "s"})
+    unscaled = tuple(name for name in angles if name not in scaled)
+    of_units = _units(known, unscaled, {**units, "t": "s"}, motion.radius)
     _blame(
         {"t": t, **columns},
         lambda logged: motion.misfit(logged, stretches),
@@ -127,14 +128,19 @@ def _exchange(pairs: Sequence[tuple[str, str]]) -> _Change:
     return _Change(f"{text} ({advice})", lambda c: {**c, **{name: c[other] for name, other in new.items()}})
 
 
-def _units(names: Sequence[str], angles: tuple[str, ...], units: Mapping[str, str]) -> Iterator[_Change]:
+def _units(names: Sequence[str], angles: tuple[str, ...], units: Mapping[str, str], radius: float) -> Iterator[_Change]:
+    """Yield other units of single columns, of all in the same unit, and of the angles, which may be distances
+    on the floor, m.
+    """
     alike = [tuple(name for name in names if units[name] == unit) for unit in dict.fromkeys(units[name] for name in names)]
     for group in dict.fromkeys([*((name,) for name in names), *alike, angles]):
-        for unit in OTHER_UNITS.get(units[group[0]], ()) if group else ():
-            factor = float(in_base_units(unit)[0])
+        others = OTHER_UNITS.get(units[group[0]], ()) if group else ()
+        for unit in (*others, *([f"rad/{radius:.6g}"] if group and group == angles and radius else [])):
+            factor = float(scaled_units(unit)[0])
             advice = " ".join(f"--map '{name}={name} [{unit}]'" for name in group)
+            called = unit if unit in others else f"m on the floor, of wheels with a radius of {radius:.6g} m"
             yield _Change(
-                f"{', '.join(group)} in {unit} ({advice})",
+                f"{', '.join(group)} in {called} ({advice})",
                 partial(_scaled, names=group, factor=factor),
             )
 
@@ -157,6 +163,9 @@ class _Motion:
         arguments = [system.mechanism.q, system.nu, system.mechanism.p]
         self._rates = ca.Function("rates", arguments, [ca.densify(system.qdot), ca.densify(system.S), ca.densify(system.carried)])
         self._values = np.array(values, float)
+        lengths = [k for k, q in enumerate(system.mechanism.coordinates) if q.unit == "m"]
+        rolling = self._rates(np.zeros(len(coordinates)), np.ones(system.dof), self._values)[0].full()[lengths]
+        self.radius = float(np.nan_to_num(np.linalg.norm(rolling)))  # m per rad, where all quasi-velocities are alike
 
     def misfit(self, columns: Columns, stretches: Sequence[range]) -> float:
         """Return the error of the changes over blocks of rows, relative to the changes: the RMS over the coordinates. Each

@@ -3,7 +3,7 @@
 import argparse
 
 from ...readers.files import check_targets
-from .identify import add_options, columns, fitted_and_set, reduced, show_result
+from .identify import add_options, columns, fitted_and_set, head, reduced, show_result
 
 EXAMPLE = """examples:
   noslip simulate circle --set 'plant={r=0.152,b=0.36}' --set simulation.period=0.05 -o run.csv
@@ -25,7 +25,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    parser.add_argument("logs", metavar="LOG", nargs="+", help="CSV, .parquet or .mcap with t, angles and pose, SI units")
+    form = "CSV or another text, .parquet or .mcap with t, angles and pose, SI units"
+    parser.add_argument("logs", metavar="LOG", nargs="+", help=form)
     parser.add_argument("--fit", nargs="+", metavar="NAME", help="parameters to fit, such as r b")
     add_options(parser)
     parser.set_defaults(run=run)
@@ -37,14 +38,15 @@ def run(args: argparse.Namespace) -> int:
     from ...identification.log import read_poses
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
+    from ...readers.tables import read_table
 
     check_targets([], [args.plot] if args.plot else [], inputs=args.logs)
     robot = find_robot(args.robot)
     system = reduced(robot)
     pose = pose_names(system)
-    logs = [read_poses(file, system, pose, columns(args)) for file in args.logs]
+    logs = [read_poses(read_table(file, head(args)), system, pose, columns(args)) for file in args.logs]
     values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
-    head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
-    return show_result(args, robot, result, head, "the pose, m, m and rad")
+    about = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
+    return show_result(args, robot, result, about, "the pose, m, m and rad")
