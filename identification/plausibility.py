@@ -11,12 +11,14 @@ import numpy as np
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.quantities import scaled_units
+from .result import Estimate
 from .smoothing import slopes
 
 Columns = Mapping[str, np.ndarray]
 WRONG = 0.5  # error of the equations, relative to the motion, from which on something else is tried
 RIGHT = 0.25  # error below which it is taken for the cause
 UNCERTAIN = 2.5  # factor by which lengths of the robot may be off
+FAR = 5.0  # factor by which a fitted length is so far off that the unit of the angles is doubted; a turn has 6.28 rad
 BLOCK = 25  # rows over which motions are compared
 OTHER_UNITS = {
     "rad": ("deg", "turn"),
@@ -66,6 +68,20 @@ def check_kinematics(
         [*_signs(groups), *_exchanges(groups, units), *of_units],
         "the motions of the log contradict each other",
     )
+
+
+def check_sizes(estimates: Mapping[str, Estimate], values: Mapping[str, float], names: Sequence[str]) -> None:
+    """Raise BadInput if a fitted length differs from its value so far by a factor that the unit of the angles, which
+    are called `names`, is likely to be another one: turns, or distances in m.
+    """
+    for name, each in estimates.items():
+        given = values.get(name, each.quantity.default)
+        if each.quantity.unit == "m" and each.quantity.sign == "positive" and not 1 / FAR < each.value / given < FAR:
+            units = " or ".join(" ".join(f"--map '{a}={a} [{unit}]'" for a in names) for unit in ("turn", f"rad/{given:g}"))
+            raise BadInput(
+                f"{name} = {each.value:.4g} m would fit the log, which is far from {given:g} m: are the angles in turns, or "
+                f"distances in m? Say {units}; or give a better value to begin with, --set {name}={each.value:.2g}"
+            )
 
 
 def check_dynamics(

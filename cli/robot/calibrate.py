@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip calibrate`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
     from ...identification.geometry import calibrate, pose_names, sensor_parameters
     from ...identification.log import read_poses
+    from ...identification.plausibility import check_sizes
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
     from ...readers.tables import read_table
@@ -45,8 +46,10 @@ def run(args: argparse.Namespace) -> int:
     system = reduced(robot)
     pose = pose_names(system)
     logs = [read_poses(read_table(file, head(args)), system, pose, columns(args)) for file in args.logs]
+    own = {p.name for p in robot.parameters}
     values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
+    check_sizes({name: each for name, each in result.estimates.items() if name in own}, values, logs[0].names)
     about = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
     return show_result(args, robot, result, about, "the pose, m, m and rad")
