@@ -216,7 +216,7 @@ def _add(
     name, unit = _split(head)
     where = f"{table.file} column {name!r}"
     problem = (
-        f"{table.file}: two columns are called {name!r}; name all in order, --columns t,..."
+        f"{table.file}: two columns are called {name!r}; name all in order, --columns NAME,..."
         if name in table
         else ""
     )

@@ -303,7 +303,7 @@ REFUSED = {  # content, what is said
     "kind": (lines("t,theta_r [kg],theta_l,x_c,y_c,phi"), "[kg] is not a unit of a quantity in rad"),
     "clock set back": (late(0.6), "row 32: t goes from 1764230001.700 s to 1764230001.150 s, but times must"),
     "few digits": (lines(HEAD, rows=blunt(plain())), "row 3: t goes from 0.000000000 s to 0.000000000 s, but times"),
-    "thousands": (b"t;theta_r;theta_l;x_c;y_c;phi\n" + b"1,000;2,000;3,000;1,500;1,500;2,500\n" * 9, "00' is not a number: write a point"),
+    "thousands": (b"t;theta_r;theta_l;x_c;y_c;phi\n" + b"1,000;2,000;3,000;1,500;1,500;2,500\n" * 9, "00' is not a number: "),
     "broken JSON": (b'{"t": 0.0}\n{"t": 0.1\n', "not JSON, row 2: "),
     "words in JSON": (b'["a", ["b"]]', "JSON, but not a table"),
     "true in JSON": (json.dumps({**dict.fromkeys(NAMES, [True] * 9), "t": [*range(9)]}).encode(), "'True' is not a number"),

@@ -3,7 +3,7 @@
 import argparse
 
 from ...readers.files import check_targets
-from .identify import add_options, columns, fitted_and_set, head, reduced, show_result
+from .identify import add_options, columns, fitted_and_set, reduced, show_result
 
 EXAMPLE = """examples:
   noslip simulate circle --set 'plant={r=0.152,b=0.36}' --set simulation.period=0.05 -o run.csv
@@ -45,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
     robot = find_robot(args.robot)
     system = reduced(robot)
     pose = pose_names(system)
-    logs = [read_poses(read_table(file, head(args)), system, pose, columns(args)) for file in args.logs]
+    logs = [read_poses(read_table(file, args.columns), system, pose, columns(args)) for file in args.logs]
     own = {p.name for p in robot.parameters}
     values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
     check_sizes({name: each for name, each in result.estimates.items() if name in own}, values, logs[0].names)
-    about = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
-    return show_result(args, robot, result, about, "the pose, m, m and rad")
+    head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
+    return show_result(args, robot, result, head, "the pose, m, m and rad")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...readers.errors import BadInput
 from ...readers.files import check_targets, write_whole
-from ..commands import show
+from ..commands import add_columns, show
 
 if TYPE_CHECKING:
     from ...identification.result import Identification
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     robot = find_robot(args.robot)
     system = reduced(robot)
     values = fitted_and_set(args, described(system), robot)
-    table = read_table(args.log, head(args))
+    table = read_table(args.log, args.columns)
     inputs = [each for kind in KINDS for each in logged_inputs(system, kind)]
     there = quantities_in(table, [*system.state, *inputs], columns(args))
     for name in args.outputs or ():
@@ -81,9 +81,9 @@ def run(args: argparse.Namespace) -> int:
     with Progress() as progress:
         result = identify(log, dynamics, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
     held = "constant" if result.inputs == "held" else "smooth"
-    about = f"{result.rows} rows, one in {log.interval:.4g} s; inputs: {kind}, {held} between rows"
+    head = f"{result.rows} rows, one in {log.interval:.4g} s; inputs: {kind}, {held} between rows"
     outputs = ", ".join(f"{name} ({unit})" for name, unit in result.outputs)
-    return show_result(args, robot, result, about, f"{outputs}, in parentheses over the rows that were not fitted")
+    return show_result(args, robot, result, head, f"{outputs}, in parentheses over the rows that were not fitted")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -103,11 +103,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="the column of a quantity that has another name, sign or unit: NAME=-COLUMN, 'NAME=COLUMN [UNIT]', "
         "where the unit may have a factor, [turn/4096]; a field of a topic: NAME=TOPIC:FIELD",
     )
-    parser.add_argument(
-        "--columns",
-        metavar="NAMES",
-        help="names of all columns in their order, instead of a header, - for one that is not used: t,theta_r,theta_l,-",
-    )
+    add_columns(parser, "t,theta_r,theta_l,-")
 
 
 def reduced(robot: "Mechanism") -> "ReducedSystem":
@@ -144,11 +140,6 @@ def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], r
 def columns(args: argparse.Namespace) -> dict[str, str]:
     """Return the columns of --map by the quantity."""
     return dict(_pairs(args.map, "--map"))
-
-
-def head(args: argparse.Namespace) -> list[str]:
-    """Return the names of --columns."""
-    return [name.strip() for name in args.columns.split(",")] if args.columns else []
 
 
 def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
