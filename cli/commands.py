@@ -90,6 +90,18 @@ def run(argv: list[str]) -> int:
         return _report(error)
 
 
+def add_columns(parser: argparse.ArgumentParser, example: str) -> None:
+    """Add --columns, names of the columns of a table."""
+    parser._negative_number_matcher = re.compile(r"-[.,\d]")  # "-,x,y" is no option
+    parser.add_argument(
+        "--columns",
+        type=lambda text: [name.strip() or "-" for name in text.split(",")],
+        default=[],
+        metavar="NAMES",
+        help=f"names of all columns in their order, instead of a header, - for one that is not used: {example}",
+    )
+
+
 def rendered(args: argparse.Namespace, text: Callable[[], str], values: Callable[[], Any]) -> str:
     """Return the result of a command: with --json its values as JSON, SI, None for what is not finite; else the text."""
     if not args.json:

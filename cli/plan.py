@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, write_whole
 from ..readers.quantities import Measured, quantity
-from .commands import show
+from .commands import add_columns, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -87,7 +87,16 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 
 def _add_points(way: argparse.ArgumentParser) -> None:
-    way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
+    about = "rows of x, y (m); with a header that names them also heading (rad) and columns that are not used"
+    way.add_argument("points", metavar="POINTS.csv", help=about)
+    add_columns(way, "x,y,heading or x,y,-")
+    way.add_argument(
+        "--origin",
+        nargs=2,
+        type=quantity("m"),
+        metavar=("X", "Y"),
+        help="subtract this place from the points: the path is relative to it, m",
+    )
     way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
 
 
@@ -119,7 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
     if getattr(arguments, "speed", None) is not None:
         raise BadInput("--speed requires --course: lines and arcs have no speed of their own")
     written = _written(segments, arguments)
-    about = _summary(segments, arguments.way)
+    about = _summary(segments, arguments.way) + _from_origin(arguments)
 
     def draw() -> "Figure":
         from ..planning.picture import draw  # slow to import
@@ -149,11 +158,10 @@ def _hand_out(
 
 
 def _run_course(arguments: argparse.Namespace) -> int:
-    from ..planning.points import read_waypoints
     from ..planning.smooth import fit_course  # slow to import
 
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], [arguments.points])
-    points, headings = read_waypoints(arguments.points, arguments.degrees)
+    points, headings = _waypoints(arguments)
     try:
         course = fit_course(points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings)
     except BadInput as error:
@@ -185,7 +193,7 @@ def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: 
     about = f"{way}: " if way == "course" else f"{way}, a course: "
     about += f"{_counted(count, 'part')}, {length:.6g} m, "
     about += f"{_counted(course.cusps, 'cusp')}, " if course.cusps else ""
-    about += f"largest curvature at their ends {largest:.4g} 1/m"
+    about += f"largest curvature at their ends {largest:.4g} 1/m{_from_origin(arguments)}"
 
     def draw() -> "Figure":
         from ..planning.picture import draw_course  # slow to import
@@ -214,11 +222,21 @@ def _pose(values: list[float], option: str, degrees: bool) -> tuple[float, ...]:
     return pose(values, option)
 
 
-def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
-    from ..planning import fit  # slow to import
+def _waypoints(arguments: argparse.Namespace) -> tuple[list[tuple[float, float]], list[float | None]]:
+    """Return the points, relative to --origin, and headings of a file; print what of it is not used."""
     from ..planning.points import read_waypoints
 
-    points, headings = read_waypoints(arguments.points, arguments.degrees)
+    read = read_waypoints(arguments.points, arguments.degrees, arguments.columns)
+    for remark in read.remarks:
+        print(f"note: {remark}", file=sys.stderr)
+    x, y = arguments.origin or (0.0, 0.0)
+    return [(point[0] - x, point[1] - y) for point in read.points], read.headings
+
+
+def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
+    from ..planning import fit  # slow to import
+
+    points, headings = _waypoints(arguments)
     try:
         return fit(points, arguments.tolerance, headings, arguments.closed, arguments.min_radius), points
     except BadInput as error:
@@ -230,9 +248,14 @@ def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:
     from ..planning import tables
 
     if arguments.c:
-        return tables.c_array(segments, SCALARS[arguments.scalar or "double"])
+        return tables.c_array(segments, SCALARS[arguments.scalar or "double"], getattr(arguments, "origin", None))
     write = tables.as_json if arguments.json else tables.toml
     return write(segments, arguments.closed)
+
+
+def _from_origin(arguments: argparse.Namespace) -> str:
+    origin = getattr(arguments, "origin", None)
+    return f", relative to ({origin[0]:.12g}, {origin[1]:.12g}) m" if origin else ""
 
 
 def _measures(segments: list["Segment"]) -> dict[str, float]:

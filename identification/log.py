@@ -2,22 +2,23 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..model.mechanism import Quantity
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.robots import suggestion
-from ..readers.tables import WITH_UNIT, read_table
+from ..readers.tables import Table, is_time, listed, picked, read_table
+from ..readers.times import PARTS, SLOWEST, distinct, joined, seconds
 from .dynamics import Dynamics
 from .smoothing import velocities
 
 GAP = 1.5  # times the usual interval: a longer one separates two stretches
 FEWEST = 20  # rows
-SLOWEST = 2.0  # s from row to row; of a longer time it is said that it may be in another unit
-PARTS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
+COUNTS = 100  # whole numbers of an angle with a larger range may be counts of an encoder
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +69,14 @@ class PoseLog:
     remarks: tuple[str, ...]
 
 
-def names_of(file: str | Path, columns: Mapping[str, str]) -> set[str]:
-    """Return the names of the columns of a log, and those that `columns` adds. Raises BadInput, OSError."""
-    return {*read_table(file), *columns}
+def quantities_in(table: Table, quantities: Sequence[Quantity], columns: Mapping[str, str]) -> set[str]:
+    """Return the names of those quantities for which a table has a column, or `columns` names one. Raises
+    BadInput.
+    """
+    return {*picked(table, {q.name: q.unit for q in quantities}, columns), *columns}
 
 
-def read_log(file: str | Path, dynamics: Dynamics, columns: Mapping[str, str]) -> Log:
+def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str, str]) -> Log:
     """Read a log with the columns of `noslip simulate`; `columns` maps names that are called otherwise: quantity -> column.
 
     Coordinates on which nothing depends may be missing, and outputs other than quasi-velocities be empty in most rows.
@@ -85,14 +88,20 @@ def read_log(file: str | Path, dynamics: Dynamics, columns: Mapping[str, str]) -
     rates = {q.name for q in system.quasi_velocities}
     units = {q.name: q.unit for q in (*system.state, *dynamics.inputs, *dynamics.outputs)}
     needed = {"t", *inputs, *outputs, *dynamics.coordinates_needed}
-    values = _columns(file, units, needed, columns)
+    table = file if isinstance(file, Table) else read_table(file)
+    alone = {name for name in outputs if name not in rates}
+    values, numbers, usual, notes = _columns(table, units, needed, columns, inputs, alone)
     dense = ["t", *inputs, *(name for name in state if name in needed and not (name in outputs and name not in rates))]
     sparse = [name for name in values if name not in dense]
-    rows, stretches, remarks = _cleaned(str(file), np.column_stack([values[n] for n in (*dense, *sparse)]), len(dense), FEWEST)
+    whole = np.column_stack([values[n] for n in (*dense, *sparse)])
+    rows, stretches, remarks = _cleaned(table.file, whole, len(dense), FEWEST, numbers, dense, usual)
+    if np.median(np.diff(rows[:, 0])) > SLOWEST:
+        raise BadInput(f"{table.file}: {remarks[0]}; rows so far apart do not show the motion between them")
+    remarks = (*notes, *remarks)
     clean = dict(zip((*dense, *sparse), rows.T, strict=True))
     for name in outputs:
         if not np.isfinite(clean[name]).any():
-            raise BadInput(f"{file}: {name} is empty in all rows; leave it out of --outputs")
+            raise BadInput(f"{table.file}: {name} is empty in all rows; leave it out of --outputs")
     units["t"] = "s"
     for name in sparse:
         if units[name] == "rad":
@@ -123,7 +132,7 @@ def continued(angles: np.ndarray, name: str) -> tuple[np.ndarray, tuple[str, ...
     return whole, (f"{name} jumps {jumps.sum()} times by about a turn; it is continued over the turns",)
 
 
-def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], columns: Mapping[str, str]) -> PoseLog:
+def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[str], columns: Mapping[str, str]) -> PoseLog:
     """Read the measured coordinates of a log: those of the `pose` (x, y, heading), whose entries may be empty in most rows, and
     all others that it has. Angles that were reported within one turn are continued over the turns.
 
@@ -131,14 +140,20 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
     """
     others = [q.name for q in system.mechanism.coordinates if q.name not in pose]
     units = {q.name: q.unit for q in system.mechanism.coordinates}
-    values = _columns(file, units, {"t", *pose[:2]}, columns)
-    names = [name for name in others if name in values]
-    if not names:
+    table = file if isinstance(file, Table) else read_table(file)
+    names = [name for name in others if name in quantities_in(table, system.mechanism.coordinates, columns)]
+    if not names and table.header:
         existing = f"those of {system.mechanism.name} are {', '.join(others)}" if others else f"{system.mechanism.name} has none"
-        raise BadInput(f"{file}: no column with an angle of a wheel or joint; {existing}")
+        raise BadInput(
+            f"{table.file}: no column with an angle of a wheel or joint, {existing}; there are {listed(table)}; name angles with "
+            "--map NAME=COLUMN, distances on the floor with --map 'NAME=COLUMN [rad/RADIUS]', counts with --map "
+            "'NAME=COLUMN [turn/COUNTS]'; rates, or speeds of the vehicle, do not tell its geometry"
+        )
+    values, numbers, usual, notes = _columns(table, units, {"t", *names, *pose[:2]}, columns, (), pose)
     nothing = np.full(len(values["t"]), math.nan)
     rows = np.column_stack([values.get(name, nothing) for name in ("t", *names, *pose)])
-    rows, stretches, remarks = _cleaned(str(file), rows, 1 + len(names), 2)
+    rows, stretches, remarks = _cleaned(table.file, rows, 1 + len(names), 2, numbers, ("t", *names), usual)
+    remarks = (*notes, *remarks)
     angles = rows[:, 1 : 1 + len(names)]
     for k, name in enumerate(names):
         angles[:, k], remark = continued(angles[:, k], name)
@@ -149,57 +164,98 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
 
 
 def _columns(
-    file: str | Path, units: Mapping[str, str], needed: Collection[str], columns: Mapping[str, str]
-) -> dict[str, np.ndarray]:
-    """Return t and the columns of these names, given with their units, as far as the file has them, in SI; those `needed` must be
-    there. `columns`: quantity -> column, as "COLUMN", "-COLUMN" for the negative of it, or "COLUMN [UNIT]".
+    table: Table,
+    units: Mapping[str, str],
+    needed: Collection[str],
+    columns: Mapping[str, str],
+    held: Collection[str],
+    alone: Collection[str],
+) -> tuple[dict[str, np.ndarray], Sequence[int], float | None, list[str]]:
+    """Return t and the columns of these names, given with their units, as far as the table has them, in SI;
+    the numbers of their rows in the file; for columns of several topics, which are joined as `times.joined`
+    says, the usual time between messages, s; and remarks. `columns` as for `tables.picked`. Raises BadInput
+    if one of those `needed` is missing.
     """
-    table, units = read_table(file), {"t": "s", **units}
+    units = {"t": "s", **units}
     for name in columns:
         check_known("--map", name, "quantity", units)
-    values = {}
-    for name, unit in units.items():
-        column, sign, stated = _mapped(columns.get(name, name), table)
-        if column in table:
-            values[name] = sign * replace(table[column], unit=stated or table[column].unit).numbers(unit)
-        elif name in needed or name in columns:
-            raise BadInput(f"{file}: column {column!r} is missing{suggestion(column, table)}")
-    return values
+    several = len({column.topic for column in table.values()}) > 1  # each has times of its own
+    wanted = {name: unit for name, unit in units.items() if name != "t" or name in columns or not several}
+    found = picked(table, wanted, columns)
+    used = {(column.where, column.topic) for column in found.values()}
+    topics = {column.topic for name, column in found.items() if name != "t"}
+    if several and topics:
+        if "t" in found:
+            table.clocks[found["t"].topic] = found["t"]
+        found["t"] = table.clocks[min(topics)]
+    for name in units:
+        if name in needed and name not in found:
+            raise table.missing(columns.get(name, name), name)
+    remarks = list(table.remarks)
+    idle = [name for name, column in table.items() if (column.where, column.topic) not in used and not is_time(name)]
+    if idle:
+        remarks.append(f"not used: column{'s' * (len(idle) > 1)} {listed(idle)}")
+    t = found.pop("t")
+    if len(topics) > 1:
+        values, usual, more = joined(table, found, units, held, alone)
+        return values, range(1, len(values["t"]) + 1), usual, [*remarks, *more]
+    remarks += [
+        f"{name} has whole numbers only; if they are counts, say --map '{name}={name} [turn/COUNTS]'"
+        for name, column in found.items()
+        if units[name] == "rad" and column.unit is None and _are_counts(column.numbers("rad"))
+    ]
+    times, more = seconds(t)
+    return {"t": times, **{n: found[n].numbers(units[n]) for n in found}}, t.rows, None, [*remarks, *more]
 
 
-def _mapped(text: str, table: Collection[str]) -> tuple[str, float, str | None]:
-    """Return column, sign and unit of an entry of --map."""
-    parts = WITH_UNIT.fullmatch(text)
-    name, unit = (parts[1], parts[2]) if parts else (text, None)
-    return (name[1:], -1.0, unit) if name.startswith("-") and name not in table else (name, 1.0, unit)
+def _are_counts(values: np.ndarray) -> bool:
+    values = values[np.isfinite(values)]
+    return bool(values.size and np.ptp(values) > COUNTS and not (values % 1).any())
 
 
-def _cleaned(file: str, rows: np.ndarray, dense: int, fewest: int) -> tuple[np.ndarray, tuple[range, ...], tuple[str, ...]]:
-    """Return rows, stretches and remarks of a log without repeated rows and without those whose first `dense` entries are
-    incomplete, divided where time has a gap.
+def _cleaned(
+    file: str,
+    rows: np.ndarray,
+    dense: int,
+    fewest: int,
+    numbers: Sequence[int] | None = None,
+    names: Sequence[str] = (),
+    interval: float | None = None,
+) -> tuple[np.ndarray, tuple[range, ...], tuple[str, ...]]:
+    """Return rows, stretches and remarks of a log without repeated rows and without those whose first `dense`
+    entries, of columns with these `names`, are incomplete, divided where time has a gap. `numbers` of the
+    rows in the file; `interval`: the usual time between rows, s; None: the median.
     """
     remarks = []
-    complete = np.isfinite(rows[:, :dense]).all(axis=1)
+    finite = np.isfinite(rows[:, :dense])
+    complete = finite.all(axis=1)
     if not complete.all():
         remarks.append(f"{(~complete).sum()} rows with an empty or non-finite entry are left out")
+    lines = (np.arange(len(rows)) + 1 if numbers is None else np.asarray(numbers))[complete]
     rows = rows[complete]
     step = np.diff(rows[:, 0])
     same = ((rows[1:] == rows[:-1]) | np.isnan(rows[1:]) & np.isnan(rows[:-1])).all(axis=1)
     again = np.concatenate([[False], (step == 0) & same]) if len(rows) else complete[:0]
     if again.any():
         remarks.append(f"{again.sum()} repeated rows are left out")
-    rows = rows[~again]
+    rows, lines = rows[~again], lines[~again]
     if len(rows) < fewest:
-        raise BadInput(f"{file}: {len(rows)} usable rows are too few; {fewest} or more are needed")
+        empty = [f"{name} in {n}" for name, n in zip(names, (~finite).sum(axis=0), strict=False) if n]
+        why = f"; of {len(complete)} there is no number for {', '.join(empty)}" if empty else ""
+        raise BadInput(f"{file}: {len(rows)} usable rows are too few; {fewest} or more are needed{why}")
     step = np.diff(rows[:, 0])
     if step.min() <= 0:
         k = int(np.argmax(step <= 0))
-        raise BadInput(f"{file}: t goes from {rows[k, 0]:g} s to {rows[k + 1, 0]:g} s; times must increase")
+        before, after = distinct(rows[k, 0], rows[k + 1, 0])
+        why = "the clock was set back; cut the log there"
+        if step[k] == 0:
+            why = "other numbers at the same time; write times with more digits, or delete a row"
+        raise BadInput(f"{file} row {lines[k + 1]}: t goes from {before} s to {after} s, but times must increase: {why}")
     if (usual := float(np.median(step))) > SLOWEST:
         likely = next((unit for unit, part in PARTS.items() if usual * part <= SLOWEST), "ns")
         there = f"call its column 't [{likely}]', or say --map 't=t [{likely}]'"
         remarks.append(f"t goes on by {usual:g} s from row to row; if it is in {likely}, {there}")
-    ends = [0, *(np.flatnonzero(step > GAP * np.median(step)) + 1), len(rows)]
+    ends = [0, *(np.flatnonzero(step > GAP * (interval or np.median(step))) + 1), len(rows)]
     if len(ends) > 2:
         remarks.append(f"{len(ends) - 2} gaps in t, the longest {step.max():.3g} s; the rows on both sides are not connected")
     stretches = tuple(range(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))

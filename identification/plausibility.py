@@ -10,13 +10,15 @@ import numpy as np
 
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from ..readers.quantities import in_base_units
+from ..readers.quantities import scaled_units
+from .result import Estimate
 from .smoothing import slopes
 
 Columns = Mapping[str, np.ndarray]
 WRONG = 0.5  # error of the equations, relative to the motion, from which on something else is tried
 RIGHT = 0.25  # error below which it is taken for the cause
 UNCERTAIN = 2.5  # factor by which lengths of the robot may be off
+FAR = 5.0  # factor by which a fitted length is so far off that the unit of the angles is doubted; a turn has 6.28 rad
 BLOCK = 25  # rows over which motions are compared
 OTHER_UNITS = {
     "rad": ("deg", "turn"),
@@ -58,13 +60,28 @@ def check_kinematics(
     groups = [*((name,) for name in columns), *((*angle, *rate) for angle, rate in wheels if angle and rate)]
     angles = tuple(name for angle, _ in wheels for name in angle)
     known = [name for name in (*columns, "t") if name not in scaled]
-    of_units = _units(known, tuple(name for name in angles if name not in scaled), {**units, "t": "s"})
+    unscaled = tuple(name for name in angles if name not in scaled)
+    of_units = _units(known, unscaled, {**units, "t": "s"}, motion.radius)
     _blame(
         {"t": t, **columns},
         lambda logged: motion.misfit(logged, stretches),
         [*_signs(groups), *_exchanges(groups, units), *of_units],
         "the motions of the log contradict each other",
     )
+
+
+def check_sizes(estimates: Mapping[str, Estimate], values: Mapping[str, float], names: Sequence[str]) -> None:
+    """Raise BadInput if a fitted length differs from its value so far by a factor that the unit of the angles, which
+    are called `names`, is likely to be another one: turns, or distances in m.
+    """
+    for name, each in estimates.items():
+        given = values.get(name, each.quantity.default)
+        if each.quantity.unit == "m" and each.quantity.sign == "positive" and not 1 / FAR < each.value / given < FAR:
+            units = " or ".join(" ".join(f"--map '{a}={a} [{unit}]'" for a in names) for unit in ("turn", f"rad/{given:g}"))
+            raise BadInput(
+                f"{name} = {each.value:.4g} m would fit the log, which is far from {given:g} m: are the angles in turns, or "
+                f"distances in m? Say {units}; or give a better value to begin with, --set {name}={each.value:.2g}"
+            )
 
 
 def check_dynamics(
@@ -127,14 +144,19 @@ def _exchange(pairs: Sequence[tuple[str, str]]) -> _Change:
     return _Change(f"{text} ({advice})", lambda c: {**c, **{name: c[other] for name, other in new.items()}})
 
 
-def _units(names: Sequence[str], angles: tuple[str, ...], units: Mapping[str, str]) -> Iterator[_Change]:
+def _units(names: Sequence[str], angles: tuple[str, ...], units: Mapping[str, str], radius: float) -> Iterator[_Change]:
+    """Yield other units of single columns, of all in the same unit, and of the angles, which may be distances
+    on the floor, m.
+    """
     alike = [tuple(name for name in names if units[name] == unit) for unit in dict.fromkeys(units[name] for name in names)]
     for group in dict.fromkeys([*((name,) for name in names), *alike, angles]):
-        for unit in OTHER_UNITS.get(units[group[0]], ()) if group else ():
-            factor = float(in_base_units(unit)[0])
+        others = OTHER_UNITS.get(units[group[0]], ()) if group else ()
+        for unit in (*others, *([f"rad/{radius:.6g}"] if group and group == angles and radius else [])):
+            factor = float(scaled_units(unit)[0])
             advice = " ".join(f"--map '{name}={name} [{unit}]'" for name in group)
+            called = unit if unit in others else f"m on the floor, of wheels with a radius of {radius:.6g} m"
             yield _Change(
-                f"{', '.join(group)} in {unit} ({advice})",
+                f"{', '.join(group)} in {called} ({advice})",
                 partial(_scaled, names=group, factor=factor),
             )
 
@@ -157,6 +179,9 @@ class _Motion:
         arguments = [system.mechanism.q, system.nu, system.mechanism.p]
         self._rates = ca.Function("rates", arguments, [ca.densify(system.qdot), ca.densify(system.S), ca.densify(system.carried)])
         self._values = np.array(values, float)
+        lengths = [k for k, q in enumerate(system.mechanism.coordinates) if q.unit == "m"]
+        rolling = self._rates(np.zeros(len(coordinates)), np.ones(system.dof), self._values)[0].full()[lengths]
+        self.radius = float(np.nan_to_num(np.linalg.norm(rolling)))  # m per rad, where all quasi-velocities are alike
 
     def misfit(self, columns: Columns, stretches: Sequence[range]) -> float:
         """Return the error of the changes over blocks of rows, relative to the changes: the RMS over the coordinates. Each

@@ -13,7 +13,7 @@ from ..model.algebra.trigonometry import cosine, phase, product, sine, size, uni
 from ..model.segments import Segment
 from ..readers.errors import BadInput
 from .chain import check_length, joined, prove
-from .curves import Points, Samples, bends, of_function, sampled, through
+from .curves import Points, Samples, bends, check_bends, of_function, sampled, through
 
 Arc = tuple[float, float]  # curvature (1/m, positive turns left) and length (m)
 
@@ -44,8 +44,13 @@ def fit(
     check_length("tolerance", tolerance)
     if min_radius is not None:
         check_length("min_radius", min_radius)
-    curve = of_function(points, domain) if callable(points) else through(points, headings, closed)
-    samples = sampled(curve, tolerance)
+    if callable(points):
+        samples = sampled(of_function(points, domain), tolerance)
+    else:
+        curve, remaining = through(points, headings, closed, tolerance)
+        samples = sampled(curve, remaining)
+        check_bends(samples, tolerance)
+        tolerance = remaining
     rounding = ROUNDING * float(np.abs(samples.places).max())
     arcs: list[Arc] = []
     k = 0

@@ -15,6 +15,8 @@ Points = np.ndarray  # complex: x + i y, m
 
 SAME = 1e-9  # m: points with a smaller distance are equal
 FAR = 1e100  # m: beyond this, cubes of lengths would overflow
+NEAR = 1 / 8  # of the tolerance: waypoints with a smaller distance count as one
+MANY_HEADINGS, CONTRARY = 5, 0.5  # rad: so many headings that mostly differ by more from the curve's are none
 BACK = 1e-6  # rad: a turn this close to half a turn has no defined side
 STEP = 1e-6  # of the domain: for the numerical derivative of a function
 
@@ -53,36 +55,41 @@ class Samples:
         return f"near ({place.real:.6g}, {place.imag:.6g}), {self.curve.called(self.times[k])}"
 
 
-def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool) -> PlaneCurve:
-    """Return the cubic Hermite curve through waypoints (x, y) in m, with the accumulated chord length as parameter.
+def through(
+    points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool, tolerance: float
+) -> tuple[PlaneCurve, float]:
+    """Return the cubic Hermite curve through waypoints (x, y) in m, with the accumulated chord length as parameter,
+    and the part of `tolerance` (m) that remains to stay within it.
 
-    The velocity at a waypoint is that of the parabola through the waypoint and its neighbours, at an end that of the
-    parabola's end: through collinear waypoints the curve is straight, and a waypoint affects it only up to two waypoints away.
-    If a heading (rad) is given, the velocity is the unit vector in its direction. A first point that is repeated at the
-    end of a closed curve counts once. Raises BadInput.
+    Waypoints closer together than a part of the tolerance count as one, as does a first point that is repeated at
+    the end of a closed curve. The velocity at a waypoint is that of the parabola through the waypoint and its
+    neighbours, at an end that of the parabola's end: through collinear waypoints the curve is straight, and a
+    waypoint affects it only up to two waypoints away. If a heading (rad) is given, the velocity is the unit vector
+    in its direction. Raises BadInput.
     """
-    places = _places(points)
-    if closed and len(places) > 1 and abs(places[-1] - places[0]) < SAME:
-        places = places[:-1]
-        headings = None if headings is None else headings[: len(places)]
-    least = 3 if closed else 2
-    if len(places) < least:
-        raise BadInput(f"waypoints: {len(places)} given, a {'closed path' if closed else 'path'} requires {least} or more")
-    prescribed = _headings(headings, len(places))
+    places, prescribed = _places(points), _headings(headings, len(points))
+    kept, off = _merged(places, prescribed, closed, max(SAME, NEAR * tolerance)) if len(places) else ([], 0.0)
+    if len(places) > 1 and (extent := float(np.abs(places - places[0]).max())) <= tolerance:
+        raise BadInput(
+            f"the waypoints are at most {extent:.3g} m from the first, less than the tolerance, {tolerance:g} m: make it "
+            "smaller, or give x and y in m; degrees of latitude and longitude have to be projected, for instance to UTM"
+        )
+    if len(kept) < (least := 3 if closed else 2):
+        kind = "closed path" if closed else "path"
+        raise BadInput(f"waypoints: {len(kept)} given in different places, a {kind} requires {least} or more")
+    places, prescribed = places[kept], [prescribed[k] for k in kept]
     ring = np.concatenate([places[-1:], places, places[:2]]) if closed else places
-    number = np.arange(len(ring)) - closed  # of the waypoint, from 0
+    number = np.arange(len(ring)) - closed  # of the waypoint that is kept, from 0
     chords = np.diff(ring)
     lengths = size(chords)
-    for k in np.flatnonzero(lengths < SAME):
-        a, b = number[k] % len(places) + 1, number[k + 1] % len(places) + 1
-        raise BadInput(f"waypoints {a} and {b} are the same point {_shown(ring[k])}; remove one")
     units = chords / lengths
     for k in np.flatnonzero(math.pi - np.abs(phase(units[1:] / units[:-1])) < BACK) + 1:
         if prescribed[number[k] % len(places)] is None:
-            where = f"waypoint {number[k] % len(places) + 1} {_shown(ring[k])}"
+            where = f"waypoint {kept[number[k] % len(places)] + 1} {_shown(ring[k])}"
             raise BadInput(f"the path turns back at {where}; give a heading there, move it, or split the path")
     velocities = np.concatenate([units[:1], units])
     velocities[1:-1] = (lengths[1:] * units[:-1] + lengths[:-1] * units[1:]) / (lengths[1:] + lengths[:-1])
+    _check_headings(prescribed, [velocities[closed + k] for k in range(len(places))])
     for at, m in enumerate(number):
         if (heading := prescribed[m % len(places)]) is not None:
             velocities[at] = unit(heading)
@@ -97,9 +104,60 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
 
     def called(time: float) -> str:
         k = min(int(np.searchsorted(knots, time, "right")), len(knots) - 1)
-        return f"between waypoints {k} and {k % len(places) + 1}"
+        return f"between waypoints {kept[k - 1] + 1} and {kept[k % len(places)] + 1}"
 
-    return PlaneCurve(spline, spline.derivative(), knots, called)
+    return PlaneCurve(spline, spline.derivative(), knots, called), tolerance - off
+
+
+def _merged(
+    places: Points, prescribed: list[float | None], closed: bool, near: float
+) -> tuple[list[int], float]:
+    """Return the waypoints that are farther than `near` (m) from the one before, the first and, unless the curve is
+    closed, the last among them; and how far at most another one is from them, m. A heading of one that is left out
+    is given to the one that stands for it. Raises BadInput if those have different headings.
+    """
+    kept, last, off = [0], len(places) - 1, [0.0, 0.0]
+
+    def stand_for(other: int, by: int, round: int) -> None:
+        off[round] = max(off[round], float(abs(places[other] - places[by])))
+        if prescribed[other] is not None and prescribed[by] not in (None, prescribed[other]):
+            apart = abs(places[other] - places[by])
+            message = f"waypoints {by + 1} and {other + 1} are {apart:.2g} m apart, and their headings differ"
+            raise BadInput(f"{message}; remove one, or make the tolerance smaller")
+        prescribed[by] = prescribed[other] if prescribed[by] is None else prescribed[by]
+
+    for k in range(1, len(places)):
+        if abs(places[k] - places[kept[-1]]) > near:
+            kept.append(k)
+        elif k < last or closed:
+            stand_for(k, kept[-1], 0)
+    end = 0 if closed else last  # which the ones before it must not be near to either
+    while len(kept) > 1 and kept[-1] != end and abs(places[kept[-1]] - places[end]) <= near:
+        stand_for(kept.pop(), end, 1)
+    return kept if closed or kept[-1] == last else [*kept, last], sum(off)
+
+
+def _check_headings(prescribed: Sequence[float | None], directions: Sequence[complex]) -> None:
+    """Raise BadInput if many headings are prescribed, and most are not those of a path through these waypoints."""
+    pairs = [(h, each) for h, each in zip(prescribed, directions, strict=True) if h is not None and abs(each) > BACK]
+    off = [abs(phase(unit(heading) / each)) for heading, each in pairs]
+    if len(off) >= MANY_HEADINGS and (usual := float(np.median(off))) > CONTRARY:
+        raise BadInput(
+            f"the headings differ by {math.degrees(usual):.0f} deg from the directions between the waypoints: are they "
+            "headings of travel, in rad? Leave the column out with --columns x,y,- or state its unit"
+        )
+
+
+def check_bends(samples: Samples, tolerance: float) -> None:
+    """Raise BadInput if the curve has a smaller radius than the tolerance (m), a bend that its waypoints cannot mean."""
+    turns = np.abs(phase(product(samples.directions[1:], samples.directions[:-1].conj())))
+    radii = size(np.diff(samples.places)) / np.maximum(turns, 1e-300)
+    k = int(np.argmin(radii))
+    if radii[k] < tolerance:
+        raise BadInput(
+            f"the curve has radius {radii[k]:.2g} m {samples.near(k)}, less than the tolerance, {tolerance:g} m; move or "
+            "remove a waypoint there, or make the tolerance smaller"
+        )
 
 
 def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> PlaneCurve:

@@ -1,17 +1,21 @@
 """Files of points, and of the courses that were fitted to them."""
 
-import csv
-import io
 import json
 import math
+import re
 import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ..readers.errors import BadInput
 from ..readers.files import read_input
+from ..readers.reading import MOST_ANGLE
+from ..readers.tables import Column, listed, picked, read_table
 from .course import SmoothCurve
 
+GLOBE = re.compile(r"lat(itude)?|lon(g|gitude)?|lng", re.IGNORECASE)
 TOLERANCE = 0.01  # m: of a course that is fitted to the points of a file
 
 
@@ -30,9 +34,9 @@ def read_reference(file: str | Path) -> dict[str, Any]:
     if kind == ".csv":
         from .smooth import fit_course  # slow to import
 
-        points, headings = read_waypoints(file)
+        read_points = read_waypoints(file)
         try:
-            return reference_of(fit_course(points, TOLERANCE, headings=headings))
+            return reference_of(fit_course(read_points.points, TOLERANCE, headings=read_points.headings))
         except BadInput as error:
             raise BadInput(f"{file}: {error}") from error
     read = {".json": json.loads, ".toml": tomllib.loads}.get(kind)
@@ -50,36 +54,60 @@ def read_reference(file: str | Path) -> dict[str, Any]:
     return found
 
 
-def read_waypoints(file: str | Path, degrees: bool = False) -> tuple[list[tuple[float, float]], list[float | None]]:
-    """Return waypoints (x, y) in m and headings in rad, None where the file has none. Raises BadInput naming the line."""
-    points: list[tuple[float, float]] = []
-    headings: list[float | None] = []
+@dataclass(frozen=True)
+class Waypoints:
+    """Points (x, y) in m and headings in rad, None where there is none; `remarks`: what of the file was not used."""
+
+    points: list[tuple[float, float]]
+    headings: list[float | None]
+    remarks: list[str]
+
+
+def read_waypoints(file: str | Path, degrees: bool = False, columns: Sequence[str] = ()) -> Waypoints:
+    """Return the waypoints of a table with columns x, y and, optionally, heading; without a header it has x and y only.
+
+    `degrees`: of headings without a unit; `columns`: names that replace the header. Raises BadInput naming the row.
+    """
     try:
-        text = read_input(file).decode("utf-8-sig")  # spreadsheet programs write a byte order mark
-        rows = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
-        for row in rows:
-            cells = [cell.strip() for cell in row]
-            if not any(cells) or cells[0].startswith("#"):
-                continue
-            if not points and cells in (["x", "y"], ["x", "y", "heading"]):
-                continue
-            numbers = _numbers(cells, f"{file} line {rows.line_num}")
-            points.append(numbers[:2])
-            headings.append(math.radians(numbers[2]) if degrees and numbers[2] is not None else numbers[2])
+        table = read_table(file, columns, incomplete=True)
     except OSError as error:
         raise BadInput(f"{file}: {error.strerror}; check the path") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{file}: not a table of numbers: {error}") from error
-    return points, headings
+    plain = {"x": "1", "y": "2"} if not table.header and len(table) == 2 else {}
+    found = picked(table, {"x": "m", "y": "m", "heading": "rad"}, plain)
+    if globe := [name for name in table if GLOBE.fullmatch(name)]:
+        project = "project them to x and y in m, for instance by UTM"
+        raise BadInput(f"{file}: {' and '.join(globe)} are angles on the globe; {project}")
+    if "x" not in found or "y" not in found:
+        what = f"the columns {listed(table)}" if table.header else f"{len(table)} columns and no header"
+        first = ", ".join(str(each.entries[0]) for each in table.values())
+        example = ",".join(["x", "y", "heading", *["-"] * len(table)][: max(2, len(table))])
+        raise BadInput(
+            f"{file} has {what}, in its first row {first}: say which are x and y (m) and, if there is one, heading (rad), "
+            f"with - for others, in the first line of the file or by --columns {example}"
+        )
+    x, y = (found[name].numbers("m").tolist() for name in ("x", "y"))
+    for row, *place in zip(found["x"].rows, x, y, strict=True):
+        if not all(map(math.isfinite, place)):
+            numbers = f"x and y are {place[0]:g} and {place[1]:g}"
+            raise BadInput(f"{file} row {row}: {numbers}; give two finite numbers, or delete the row")
+    used = {column.where for column in found.values()}
+    unused = [name for name, column in table.items() if column.where not in used]
+    remarks = [*table.remarks, *([f"not used: column{'s' * (len(unused) > 1)} {listed(unused)}"] if unused else [])]
+    none: list[float | None] = [None] * len(x)
+    return Waypoints(list(zip(x, y, strict=True)), _headings(found["heading"], degrees) if "heading" in found else none, remarks)
 
 
-def _numbers(cells: list[str], where: str) -> tuple[float, float, float | None]:
-    if len(cells) not in (2, 3):
-        raise BadInput(f"{where} has {len(cells)} entries; give x, y or x, y, heading")
-    if not cells[-1]:
-        cells = cells[:-1]
-    try:
-        x, y, *heading = map(float, cells)
-    except ValueError as error:
-        raise BadInput(f"{where}: {', '.join(cells)} is not x, y or x, y, heading in numbers") from error
-    return x, y, heading[0] if heading else None
+def _headings(column: Column, degrees: bool) -> list[float | None]:
+    """Return headings in rad, None where the entry is empty."""
+    if column.unit is None and degrees:
+        column = replace(column, unit="deg")
+    values = column.numbers("rad").tolist()
+    for row, entry, value in zip(column.rows, column.entries, values, strict=True):
+        if not math.isfinite(value) and entry not in (None, ""):
+            raise BadInput(f"{column.where} row {row}: {entry} is not finite; give a heading, or leave the entry empty")
+        if abs(value) > MOST_ANGLE and column.unit is None:
+            raise BadInput(
+                f"{column.where} row {row}: {value:g} rad is more than a turn; did you mean degrees? Say --degrees, or call the "
+                "column 'heading [deg]', or 'heading [rad]' if that is meant"
+            )
+    return [value if math.isfinite(value) else None for value in values]

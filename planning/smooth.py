@@ -9,7 +9,7 @@ from ..model.algebra.trigonometry import phase, product
 from ..readers.errors import BadInput
 from .chain import check_length
 from .course import SmoothCurve
-from .curves import Samples, of_function, sampled, through
+from .curves import Samples, check_bends, of_function, sampled, through
 
 MOST = 256  # parts of a course
 EACH, PLACES = 24, 240  # places of each part, and of the course, that are compared, at least
@@ -37,11 +37,13 @@ def fit_course(
     check_length("speed", speed, "m/s")
     if not 0 <= rounding < math.inf:
         raise BadInput(f"rounding = {rounding:g} m is negative or not finite; 0: no clothoids")
-    if not callable(curve):
-        shape = through(curve, headings, False)
+    if callable(curve):
+        samples = sampled(of_function(curve, domain), tolerance)
     else:
-        shape = of_function(curve, domain)
-    samples = sampled(shape, tolerance)
+        shape, remaining = through(curve, headings, False, tolerance)
+        samples = sampled(shape, remaining)
+        check_bends(samples, tolerance)
+        tolerance = remaining
     lengths = _lengths(samples)
     count = 1
     while count <= MOST:

@@ -3,7 +3,11 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from ..codegen.printing.scalar import Scalar
 from ..model.algebra.trigonometry import angle_of
@@ -23,6 +27,8 @@ READERS: dict[str, dict[str, Reader]] = {
     },
 }
 BACKWARD = flag.about("whether it is driven in reverse")
+DIGITS = {"double": np.float64, "float": np.float32}
+LARGEST_GAP = {"double": 1e-6, "float": 1e-4}  # m, between segments: defaults of noslip_path_init
 SURE = 1e-9  # rad: a line whose rounded end points determine its heading less accurately is written by its length
 
 
@@ -123,12 +129,32 @@ def as_json(segments: Sequence[Segment], closed: bool = False) -> str:
     return json.dumps(path, indent=2) + "\n"
 
 
-def c_array(segments: Sequence[Segment], scalar: Scalar) -> str:
-    """Return the path as a C array of noslip_segment, or of noslip_segment_f."""
+def _rounded(segment: Segment, scalar: Scalar) -> Segment:
+    """Return a segment with the numbers that are written."""
+    x, y, heading, curvature, length = np.array(astuple(segment)[:5], DIGITS[scalar.real]).tolist()
+    return Segment(x, y, heading, curvature, length, segment.backward)
+
+
+def c_array(segments: Sequence[Segment], scalar: Scalar, origin: Sequence[float] | None = None) -> str:
+    """Return the path as a C array of noslip_segment, or of noslip_segment_f; `origin` (x, y), m, is that to which it
+    is relative. Raises BadInput if the digits of the scalar leave gaps that noslip_path_init would refuse.
+    """
+    rounded = [_rounded(segment, scalar) for segment in segments]
+    for before, after in pairwise(rounded):
+        (x, y, _), digit = before.end, float(np.spacing(np.array([after.x, after.y], DIGITS[scalar.real])).max())
+        gap = math.hypot(x - after.x, y - after.y) + digit  # its own sums are rounded, too
+        if gap > LARGEST_GAP[scalar.real]:
+            raise BadInput(
+                f"in {scalar.real}, x = {after.x:.9g}, y = {after.y:.9g} m leave a gap of {gap:.2g} m between segments, more "
+                f"than noslip_path accepts: write the path relative to an origin near it, for instance --origin "
+                f"{segments[0].x:.0f} {segments[0].y:.0f}, or in double"
+            )
     rows = []
     for segment in segments:
         numbers = {name: getattr(segment, name) for name in ("x", "y", "heading", "curvature", "length")}
         fields = [f".{name} = {scalar.literal(value)}" for name, value in numbers.items()]
         rows.append(f"    {{{', '.join(fields)}, .backward = {int(segment.backward)}}},\n")
     about = "m; heading of travel in rad; curvature in 1/m, positive turns left"
+    if origin:
+        about += f";\n   x and y are relative to ({origin[0]:.12g}, {origin[1]:.12g}) m: subtract that from the pose, too"
     return f"/* {about} */\nstatic const {scalar.name('noslip_segment')} path[{len(rows)}] = {{\n{''.join(rows)}}};\n"

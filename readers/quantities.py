@@ -84,6 +84,36 @@ def _advice(unit: str | None) -> str:
     return f'; write a number in {unit}, or a number, a space and a unit, such as "1 {unit}"'
 
 
+ALIASES = {"°": "deg", "µ": "u", "μ": "u", "²": "^2", "Nm": "N m", "RPM": "rpm", "revs": "turn", "rev": "turn"}
+SCALED = rf"(?:({NUMBER}) ?)?({UNIT})(?: ?/ ?({NUMBER}))?"
+
+
+def scaled_units(text: str) -> tuple[Decimal, Dimension]:
+    """Return as `in_base_units` for a unit with a factor, "turn/4096" or "0.1 deg", in a spelling of tables, "µs" or "°/s".
+
+    Raises BadInput for what is not a unit, and for a factor of 0.
+    """
+    for spelling, name in ALIASES.items():
+        text = re.sub(rf"(?<![A-Za-z]){spelling}(?![A-Za-z])" if spelling.isascii() else spelling, name, text)
+    parts = re.fullmatch(SCALED, text)
+    if not parts:
+        return in_base_units(text)
+    factor, dimension = in_base_units(parts[2])
+    product, quotient = Decimal(parts[1] or 1), Decimal(parts[3] or 1)
+    if not product or not quotient:
+        raise BadInput(f"{text!r} has a factor of 0")
+    return factor * product / quotient, dimension
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit, perhaps with a factor."""
+    try:
+        scaled_units(text)
+    except BadInput:
+        return False
+    return True
+
+
 @cache
 def in_base_units(text: str) -> tuple[Decimal, Dimension]:
     """Return the factor from a unit to SI's base units, and their powers. Raises BadInput for what is not a unit."""

@@ -1,13 +1,14 @@
-"""Tables of logs: CSV, Parquet and MCAP, read as columns by name and written."""
+"""Tables of logs: text in any form, Parquet and MCAP, read as columns by name; CSV, Parquet and MCAP written.
+"""
 
-import csv
 import io
 import json
 import math
 import re
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -15,138 +16,373 @@ from typing import Any
 
 import numpy as np
 
-from .errors import BadInput, installing
+from .errors import BadInput, installing, suggestion
 from .files import read_input
-from .quantities import in_base_units
+from .quantities import in_base_units, is_unit, scaled_units
+from .text_tables import DECIMAL_COMMA, entries_of, text_table
 
 LARGEST = 256  # MB
 FORMATS = (".csv", ".parquet", ".mcap")
-WITH_UNIT = re.compile(r"(.*\S)\s*\[([^]]*)\]")
-DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
+OTHERS = {  # first bytes of files that are no tables, and what to do
+    b"PK\x03\x04": "a workbook or an archive; export the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "an old workbook; export the sheet as CSV",
+    b"MATLAB 5.0": "a file of MATLAB; write the table with writetable",
+    b"\x89HDF": "an HDF5 file; export the table as CSV or Parquet",
+    b"\x93NUMPY": "an array of NumPy; write it with numpy.savetxt",
+    b"#ROSBAG": "a bag of ROS 1; export its topics as CSV, `rostopic echo -b FILE -p TOPIC`",
+    b"SQLite format 3": "a database, perhaps a bag of ROS 2; export its topics as CSV",
+}
+WITH_UNIT = re.compile(r"(.*\S)(\s*)(?:\[([^]]*)\]|\(([^)]*)\))")
+SUFFIXES = (
+    "rad",
+    "deg",
+    "rpm",
+    "mm",
+    "cm",
+    "m",
+    "s",
+    "ms",
+    "us",
+    "ns",
+)  # units at the end of a name: phi_deg
+SECONDS = {
+    "sec": "s",
+    "secs": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "millis": "ms",
+    "usec": "us",
+    "micros": "us",
+    "nsec": "ns",
+}
+TIME = re.compile(
+    rf"(?:.*:)?(?:[%#]? ?(?:t|times?|time_?stamps?|stamp|elapsed)(?:[_ ](s|ms|us|ns|{'|'.join(SECONDS)}))?"
+    rf"|({'|'.join(SECONDS)}))",
+    re.IGNORECASE,
+)
+STAMP = re.compile(r"(.*?)(n|nano)?secs?", re.IGNORECASE)  # two columns of whole seconds and nanoseconds
+MISSING = {"", "-", "--", "na", "n/a", "#n/a", "null", "none", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"}
 NANOSECONDS = 1e9  # per second, of the times of MCAP
+SHOWN = 12  # names in a message
 
 
 @dataclass(frozen=True)
 class Column:
-    """Entries of a column, None or "" where there is none, with the unit that its header gives in brackets, if any; `where`
-    names file and column.
+    """Entries of a column, None or "" where there is none, with the unit that its header gives, if any;
+    `where` names file and column, `rows` are the numbers of its rows in the file. `topic`: that of its
+    messages; `sign`: a factor of all numbers; `problem`: why it cannot be used.
     """
 
     entries: Sequence[Any]
     unit: str | None
     where: str
+    rows: Sequence[int]
+    topic: str = ""
+    sign: float = 1.0
+    problem: str = ""
 
     def numbers(self, unit: str = "") -> np.ndarray:
-        """Return the column as floats in SI, NaN where an entry is empty. `unit`: the SI unit of the quantity.
+        """Return the column as floats in SI, NaN where an entry is empty. `unit`: the SI unit of the
+        quantity. Times may also be dates, which are counted from 1970.
 
         Raises BadInput for an entry that is not a number, and for a unit of another kind.
         """
+        if self.problem:
+            raise BadInput(self.problem)
         values = np.empty(len(self.entries))
         for k, entry in enumerate(self.entries):
             try:
-                values[k] = math.nan if entry is None or entry == "" else float(entry)
-            except (TypeError, ValueError) as error:
-                hint = ": write a point, not a comma, before decimals" if DECIMAL_COMMA.fullmatch(str(entry)) else ""
-                raise BadInput(f"{self.where} row {k + 2}: {str(entry)[:40]!r} is not a number{hint}") from error
+                values[k] = _number(entry, unit == "s")
+            except (TypeError, ValueError, OverflowError) as error:
+                hint = (
+                    ": write a point, not a comma, before decimals"
+                    if DECIMAL_COMMA.fullmatch(str(entry))
+                    else ""
+                )
+                raise BadInput(
+                    f"{self.where} row {self.rows[k]}: {str(entry)[:40]!r} is not a number{hint}"
+                ) from error
         if self.unit is None:
-            return values
+            return self.sign * values
         try:
-            factor, dimension = in_base_units(self.unit)
+            factor, dimension = scaled_units(self.unit)
         except BadInput as error:
-            raise BadInput(f"{self.where}: {error}") from error
+            raise BadInput(
+                f"{self.where}: {error}; write another unit, --map 'NAME=COLUMN [UNIT]'"
+            ) from error
         if dimension != in_base_units(unit or "1")[1]:
-            raise BadInput(f"{self.where}: [{self.unit}] is not a unit of a quantity in {unit or '1'}")
-        return values * float(factor)
+            hint = (
+                "; of a distance on the floor, with the wheel's radius in m: --map 'NAME=COLUMN [rad/0.15]'"
+            )
+            hint = hint if unit == "rad" and dimension == in_base_units("m")[1] else ""
+            raise BadInput(f"{self.where}: [{self.unit}] is not a unit of a quantity in {unit or '1'}{hint}")
+        return self.sign * values * float(factor)
 
 
-def read_table(file: str | Path) -> dict[str, Column]:
-    """Return the columns of a table by name; the format is that of the file's suffix, CSV for any other. What separates the names
-    of the columns of a CSV, commas, semicolons or tabs, separates its entries.
-
-    A unit in brackets at the end of a name, "phi [deg]", is not part of it. Raises BadInput if the file is not such a table,
-    or the library that reads it is missing; and OSError.
-    """
-    suffix = Path(file).suffix.lower()
-    table = _parquet(file) if suffix == ".parquet" else _mcap(file) if suffix == ".mcap" else _csv(file)
-    columns: dict[str, Column] = {}
-    for head, entries in table.items():
-        parts = WITH_UNIT.fullmatch(head)
-        name, unit = (parts[1], parts[2]) if parts else (head, None)
-        if name in columns:
-            raise BadInput(f"{file}: two columns are called {name!r}")
-        columns[name] = Column(entries, unit, f"{file} column {name!r}")
-    return columns
-
-
-def _csv(file: str | Path) -> dict[str, list[str]]:
+def _number(entry: Any, is_time: bool) -> float:
+    """Return an entry of a table as a number. Raises ValueError, TypeError, OverflowError."""
+    if entry is None or isinstance(entry, str) and entry.lower() in MISSING:
+        return math.nan
+    if (
+        isinstance(entry, bool) or isinstance(entry, str) and "_" in entry
+    ):  # which Python would take for numbers
+        raise ValueError(entry)
     try:
-        text = read_input(file, LARGEST).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{file}: not a text file (byte {error.start}); logs are CSV, .parquet or .mcap") from error
-    lines = list(csv.reader(io.StringIO(text), delimiter=_separator(text)))
-    lines = [line for line in lines if line and not line[0].startswith("#")]
-    if not lines:
-        raise BadInput(f"{file} is empty")
-    head = [name.strip() for name in lines[0]]
-    for name in head:
-        if head.count(name) > 1:
-            raise BadInput(f"{file}: two columns are called {name!r}")
-    for k, line in enumerate(lines[1:], 2):
-        if len(line) != len(head):
-            raise BadInput(f"{file} row {k}: {len(line)} entries, but the first row names {len(head)} columns")
-    return {name: [line[k] for line in lines[1:]] for k, name in enumerate(head)}
+        return float(entry)
+    except ValueError:
+        if not is_time:
+            raise
+        date = datetime.fromisoformat(entry if "-" in entry else f"1970-01-01T{entry}")
+        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
-def _separator(text: str) -> str:
-    """Return what separates the names of the columns: a comma; a semicolon or a tab where they have no comma."""
-    head = next((line for line in text.splitlines() if line and not line.startswith("#")), "")
-    return next((mark for mark in ",;\t" if mark in head), ",")
+class Table(dict[str, Column]):
+    """Columns by name, in the order of the file. `header`: whether the file names them; else they are called
+    "1", "2", ... `clocks`: the times of each topic's messages, of a file with several; `remarks`: what was
+    left out.
+    """
+
+    def __init__(self, file: str | Path, header: bool = True, remarks: Sequence[str] = ()):
+        super().__init__()
+        self.file, self.header, self.remarks = str(file), header, list(remarks)
+        self.clocks: dict[str, Column] = {}
+
+    def missing(self, column: str, quantity: str) -> BadInput:
+        """Return the error for a column that the table does not have, or a quantity for which it has none."""
+        if not self.header:
+            first = ", ".join(str(each.entries[0]) for each in [*self.values()][:SHOWN] if each.entries)
+            names = f"--columns t,{'...' if quantity == 't' else f'{quantity},...'}"
+            return BadInput(
+                f"{self.file} has no header: its first row is {first}; name its {len(self)} columns in order, {names}, "
+                f"with - for one that is not used, or give --map {quantity}=NUMBER"
+            )
+        near = suggestion(column, self).partition("; known are")[0]
+        return BadInput(
+            f"{self.file}: column {column!r} is missing{near}; there are {listed(self)}; say which it is: "
+            f"--map {quantity}=COLUMN, or --map '{quantity}=COLUMN [UNIT]' if it is not in SI units"
+        )
 
 
-def _parquet(file: str | Path) -> dict[str, Sequence[Any]]:
+def is_time(name: str) -> bool:
+    """Return whether a column of this name has times, or one of their two columns."""
+    return bool(TIME.fullmatch(name) or STAMP.fullmatch(name))
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names as text, the first ones of many."""
+    names = list(names)
+    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+
+
+def read_table(file: str | Path, columns: Sequence[str] = (), incomplete: bool = False) -> Table:
+    """Return the columns of a table by name; the format, Parquet, MCAP or a text as `text_table` reads it, is
+    seen in the content.
+
+    `columns` are names in the order of the file that replace its header, "-" for columns that are not used. A
+    unit in brackets or parentheses at the end of a name, "phi [deg]", is not part of it. `incomplete`: cells
+    at the end of a row may be missing. Raises BadInput if the file is not such a table, or the library that
+    reads it is missing; and OSError.
+    """
+    data, suffix = read_input(file, LARGEST), Path(file).suffix.lower()
+    for kind, mark, read in ((".mcap", b"\x89MCAP", _mcap), (".parquet", b"PAR1", _parquet)):
+        if suffix == kind or data.startswith(mark):
+            if columns:
+                raise BadInput(
+                    f"--columns: the columns of {file} have names; rename them with --map NAME=COLUMN"
+                )
+            return read(file, data)
+    for mark, kind in OTHERS.items():
+        if data.startswith(mark):
+            raise BadInput(f"{file} is {kind}")
+    text = text_table(data, str(file), LARGEST, columns, incomplete)
+    names = text.names or [str(k + 1) for k in range(max(map(len, text.rows), default=0))]
+    table = Table(file, text.names is not None, text.remarks)
+    units = [*text.units, *[None] * len(names)]
+    for k, head in enumerate(names):
+        _add(table, head or f"unnamed {k + 1}", [each[k] for each in text.rows], text.lines, stated=units[k])
+    table.pop("-", None)
+    return table
+
+
+def _add(
+    table: Table,
+    head: str,
+    entries: Sequence[Any],
+    rows: Sequence[int],
+    topic: str = "",
+    stated: str | None = None,
+) -> None:
+    """Add a column whose header may have a unit; one whose name occurs twice cannot be used."""
+    name, unit = _split(head)
+    where = f"{table.file} column {name!r}"
+    problem = (
+        f"{table.file}: two columns are called {name!r}; name all in order, --columns NAME,..."
+        if name in table
+        else ""
+    )
+    table[name] = Column(entries, unit if unit is not None else stated, where, rows, topic, problem=problem)
+
+
+def _split(head: str) -> tuple[str, str | None]:
+    """Return name and unit of a header such as "phi [deg]"; "position[0]" is a name."""
+    parts = WITH_UNIT.fullmatch(head)
+    if (
+        not parts
+        or (parts[3] or "").isdigit()
+        and not parts[2]
+        or parts[4] is not None
+        and not is_unit(parts[4])
+    ):
+        return head, None
+    unit = parts[3] if parts[4] is None else parts[4]
+    return parts[1], "" if unit == "-" else unit
+
+
+def picked(table: Table, units: Mapping[str, str], chosen: Mapping[str, str]) -> dict[str, Column]:
+    """Return the columns of quantities, which are given with their SI units, as far as the table has them:
+    the `chosen` one, as "COLUMN", "-COLUMN" for the negative of it, or "COLUMN [UNIT]"; or that of the same
+    name, whose case may differ and which may end with a unit, "phi_deg". The time t may be called time,
+    timestamp, stamp, ..., or be two columns of s and ns.
+
+    Raises BadInput for a chosen column that is missing, and for a quantity that may be one of several
+    columns.
+    """
+    found = {}
+    for quantity, unit in units.items():
+        if quantity in chosen:
+            found[quantity] = _chosen(chosen[quantity], quantity, table)
+            continue
+        alike = {quantity: table[quantity]} if quantity in table else _alike(quantity, unit, table)
+        if len(alike) > 1:
+            choice = f"choose one, --map {quantity}={next(iter(alike))}"
+            raise BadInput(f"{table.file}: {quantity} may be {' or '.join(alike)}; {choice}")
+        if alike:
+            (found[quantity],) = alike.values()
+    if problem := next(filter(None, (column.problem for column in found.values())), None):
+        raise BadInput(problem)
+    return found
+
+
+def _alike(quantity: str, unit: str, table: Table) -> dict[str, Column]:
+    """Return the columns whose names are the quantity's but for case, topic and a unit at the end."""
+    pattern = (
+        TIME
+        if quantity == "t"
+        else re.compile(rf"(?:.*:)?{re.escape(quantity)}(?:_({'|'.join(SUFFIXES)}))?", re.IGNORECASE)
+    )
+    found = {}
+    for name, column in table.items():
+        if parts := pattern.fullmatch(name):
+            stated = next(filter(None, parts.groups()), None)
+            stated = SECONDS.get(str(stated).lower(), stated)
+            if stated and scaled_units(stated)[1] != in_base_units(unit or "1")[1]:
+                continue
+            found[name] = column if column.unit is not None else replace(column, unit=stated)
+    return found or (_stamp(table) if quantity == "t" else {})
+
+
+def _stamp(table: Mapping[str, Column]) -> dict[str, Column]:
+    """Return the times that two columns of whole seconds and nanoseconds give, such as header.stamp.sec and
+    .nanosec.
+    """
+    parts = [(name, match) for name in table if (match := STAMP.fullmatch(name))]
+    pairs = [(a, b) for a, s in parts for b, ns in parts if ns[2] and not s[2] and s[1] == ns[1]]
+    found = {}
+    for sec, nanosec in pairs:
+        whole, part = table[sec], table[nanosec]
+        times = (whole.numbers() + part.numbers() / NANOSECONDS).tolist()
+        found[sec] = Column(times, "s", whole.where, whole.rows, whole.topic)
+    return found
+
+
+def _chosen(text: str, quantity: str, table: Table) -> Column:
+    """Return the column of an entry of --map. A topic may be written before its field with a colon or a
+    point.
+    """
+    (name, unit), topics = _split(text), {column.topic for column in table.values() if column.topic}
+    for tried, sign in ((text, 1.0), (name, 1.0), (text[1:], -1.0), (name[1:], -1.0)):
+        if sign < 0 and not text.startswith("-"):
+            break
+        fields = {
+            topic: tried.removeprefix(topic)[1:]
+            for topic in topics
+            if tried.startswith((f"{topic}:", f"{topic}."))
+        }
+        spellings = (
+            tried,
+            tried.lstrip("%# "),
+            *(f"{topic}:{field}" for topic, field in fields.items()),
+            *fields.values(),
+        )
+        for column in (table[each] for each in spellings if each in table):
+            stated = unit if tried in (name, name[1:]) and unit is not None else column.unit
+            return replace(column, sign=sign, unit=stated)
+    raise table.missing(name, quantity)
+
+
+def _parquet(file: str | Path, data: bytes) -> Table:
     pq = _library("pyarrow.parquet", "Parquet needs pyarrow", "sweep")
     import pyarrow
 
     try:
-        table = pq.read_table(io.BytesIO(read_input(file, LARGEST)))
-    except pyarrow.ArrowException as error:
+        arrow = pq.read_table(io.BytesIO(data)).flatten()
+    except (pyarrow.ArrowException, OSError) as error:
         raise BadInput(f"{file} is not a Parquet file, or is damaged") from error
-    return {name: table[name].to_pylist() for name in table.column_names}
+    table = Table(file)
+    for name, column in zip(arrow.column_names, arrow.columns, strict=True):
+        dated = pyarrow.types.is_timestamp(column.type)  # nanoseconds are no datetime of Python
+        plain = (
+            column.cast(pyarrow.timestamp("ns", column.type.tz)).cast(pyarrow.int64()) if dated else column
+        )
+        _add(table, name, plain.to_pylist(), range(1, len(column) + 1), stated="ns" if dated else None)
+    return table
 
 
-def _mcap(file: str | Path) -> dict[str, list[Any]]:
-    """Return the fields of JSON messages: a row for each message, in the order of time.
+def _mcap(file: str | Path, data: bytes) -> Table:
+    """Return the fields of JSON messages: a row for each message of a topic, in the order of time.
 
-    With several topics a column is TOPIC.FIELD. Without a field t it is the time of the log, from its start, in s.
+    With several topics a column is TOPIC:FIELD. The times of a topic are its field t, a time stamp in its
+    messages, or the times of the log, from its start, in s.
     """
     reader = _library("mcap.reader", "MCAP needs the library mcap", "logs")
     from mcap.exceptions import McapError
 
-    rows: list[tuple[int, str, dict[str, Any]]] = []
+    topics: dict[str, list[tuple[int, dict[str, Any]]]] = {}
+    encoded: dict[str, str] = {}
     try:
-        for _, channel, message in reader.make_reader(io.BytesIO(read_input(file, LARGEST))).iter_messages():
-            if channel.message_encoding != "json":
-                encoding = channel.message_encoding
-                raise BadInput(f"{file}: topic {channel.topic} is encoded as {encoding}; only JSON is read, convert it to CSV")
-            rows.append((message.log_time, channel.topic, dict(_fields(json.loads(message.data)))))
-    except (McapError, struct.error, ValueError, TypeError, AttributeError) as error:
+        for _, channel, message in reader.make_reader(io.BytesIO(data)).iter_messages():
+            if channel.message_encoding == "json":
+                fields = dict(entries_of(json.loads(message.data)))
+                topics.setdefault(channel.topic, []).append((message.log_time, fields))
+            else:
+                encoded[channel.topic] = (
+                    f"topic {channel.topic} is encoded as {channel.message_encoding}; only JSON is read, convert it to CSV"
+                )
+    except (McapError, struct.error, ValueError, TypeError, AttributeError, RecursionError, EOFError) as error:
         raise BadInput(f"{file} is not an MCAP file, or is damaged") from error
-    if not rows:
-        raise BadInput(f"{file} has no messages")
-    several = len({topic for _, topic, _ in rows}) > 1
-    named = [(time, {f"{topic}.{name}" if several else name: v for name, v in each.items()}) for time, topic, each in rows]
-    names = list(dict.fromkeys(name for _, each in named for name in each))
-    table = {name: [each.get(name) for _, each in named] for name in names}
-    return table if "t" in table else {"t": [(time - named[0][0]) / NANOSECONDS for time, _ in named], **table}
-
-
-def _fields(message: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the entries of a message by their path: pose.x, rates.0."""
-    if isinstance(message, dict | list):
-        for key, value in message.items() if isinstance(message, dict) else enumerate(message):
-            yield from _fields(value, f"{path}.{key}" if path else str(key))
-    else:
-        yield path, message
+    if not topics:
+        raise BadInput(f"{file}{''.join(f': {each}' for each in encoded.values()) or ' has no messages'}")
+    several = len(topics) > 1
+    table = Table(file, remarks=[*encoded.values()])
+    stamps = {}
+    for topic, messages in topics.items():
+        own, rows = Table(file), range(1, len(messages) + 1)
+        for name in dict.fromkeys(name for _, fields in messages for name in fields):
+            entries = [fields.get(name) for _, fields in messages]
+            _add(own, f"{topic}:{name}" if several else name, entries, rows, topic)
+        table |= own
+        name = f"{topic}:t" if several else "t"
+        stamped = [own[name]] if name in own else [*_alike("t", "s", own).values()]
+        if len(stamped) == 1:
+            stamps[topic] = stamped[0]
+    start = 0 if stamps else min(messages[0][0] for messages in topics.values())
+    for topic, messages in topics.items():
+        times = [(time - start) / NANOSECONDS for time, _ in messages]
+        logged = Column(times, "s", f"{file} {topic} time of the log", range(1, len(messages) + 1), topic)
+        table.clocks[topic] = stamps.get(topic, logged)
+    if not several and "t" not in table:
+        table["t"] = table.clocks[topic]
+    return table
 
 
 def _library(name: str, what: str, extra: str) -> ModuleType:

@@ -423,7 +423,7 @@ def test_bad_files(tmp_path, bad_input):
 
 @pytest.mark.parametrize(("name", "mark"), [("a.csv", ";"), ("b.csv", "\t"), ("c.csv", ",")])
 def test_what_separates_names_separates_entries(name, mark, tmp_path, bad_input):
-    """Commas, semicolons and tabs; a decimal comma, which a program for tables may write, is named."""
+    """Commas, semicolons and tabs; decimal commas, which a program for tables may write, are read."""
     lines = ["# a log", "t;tau_r;x", "0.0;1.5;-2e-3", "0.1;1.6;"]
     (tmp_path / name).write_text("\n".join(lines).replace(";", mark))
     columns = read_table(tmp_path / name)
@@ -432,8 +432,11 @@ def test_what_separates_names_separates_entries(name, mark, tmp_path, bad_input)
     if mark == ",":
         return
     (tmp_path / name).write_text("\n".join(lines).replace(".", ",").replace(";", mark))
-    with pytest.raises(BadInput, match="'0,0' is not a number: write a point, not a comma, before decimals"):
-        read_table(tmp_path / name)["t"].numbers()
+    assert {key: column.numbers().tolist()[:1] for key, column in read_table(tmp_path / name).items()} == {
+        "t": [0.0],
+        "tau_r": [1.5],
+        "x": [-0.002],
+    }
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns"), (1.0, "")])

@@ -25,7 +25,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    parser.add_argument("logs", metavar="LOG", nargs="+", help="CSV, .parquet or .mcap with t, angles and pose, SI units")
+    form = "CSV or another text, .parquet or .mcap with t, angles and pose, SI units"
+    parser.add_argument("logs", metavar="LOG", nargs="+", help=form)
     parser.add_argument("--fit", nargs="+", metavar="NAME", help="parameters to fit, such as r b")
     add_options(parser)
     parser.set_defaults(run=run)
@@ -35,16 +36,20 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip calibrate`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
     from ...identification.geometry import calibrate, pose_names, sensor_parameters
     from ...identification.log import read_poses
+    from ...identification.plausibility import check_sizes
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
+    from ...readers.tables import read_table
 
     check_targets([], [args.plot] if args.plot else [], inputs=args.logs)
     robot = find_robot(args.robot)
     system = reduced(robot)
     pose = pose_names(system)
-    logs = [read_poses(file, system, pose, columns(args)) for file in args.logs]
+    logs = [read_poses(read_table(file, args.columns), system, pose, columns(args)) for file in args.logs]
+    own = {p.name for p in robot.parameters}
     values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
+    check_sizes({name: each for name, each in result.estimates.items() if name in own}, values, logs[0].names)
     head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
     return show_result(args, robot, result, head, "the pose, m, m and rad")

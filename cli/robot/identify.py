@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...readers.errors import BadInput
 from ...readers.files import check_targets, write_whole
-from ..commands import show
+from ..commands import add_columns, show
 
 if TYPE_CHECKING:
     from ...identification.result import Identification
@@ -32,7 +32,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    parser.add_argument("log", metavar="LOG", help="CSV, .parquet or .mcap with the columns of `noslip simulate`, SI units")
+    form = "CSV or another text, .parquet or .mcap with the columns of `noslip simulate`, SI units"
+    parser.add_argument("log", metavar="LOG", help=form)
     parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c friction")
     add_options(parser)
     parser.add_argument(
@@ -58,22 +59,25 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
     from ...identification.dynamics import GYRO, Dynamics, described, usual_outputs
     from ...identification.fit import identify
-    from ...identification.log import check_known, names_of, read_log
-    from ...identification.motors import kind_of_inputs
+    from ...identification.log import check_known, quantities_in, read_log
+    from ...identification.motors import KINDS, kind_of_inputs, logged_inputs
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
+    from ...readers.tables import read_table
 
     check_targets([], [args.plot] if args.plot else [], inputs=[args.log])
     robot = find_robot(args.robot)
     system = reduced(robot)
     values = fitted_and_set(args, described(system), robot)
-    there = names_of(args.log, columns(args))
+    table = read_table(args.log, args.columns)
+    inputs = [each for kind in KINDS for each in logged_inputs(system, kind)]
+    there = quantities_in(table, [*system.state, *inputs], columns(args))
     for name in args.outputs or ():
         check_known("--outputs", name, "quantity", [*(q.name for q in system.state), GYRO])
     kind = args.drive or kind_of_inputs(system, there)
     dynamics = Dynamics.of(system, kind, args.outputs or usual_outputs(system, there), {*args.fit, *values})
     dynamics.check(args.fit, values)
-    log = read_log(args.log, dynamics, columns(args))
+    log = read_log(table, dynamics, columns(args))
     with Progress() as progress:
         result = identify(log, dynamics, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
     held = "constant" if result.inputs == "held" else "smooth"
@@ -92,8 +96,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="NAME=VALUE", help="value of another parameter, SI; may be repeated"
     )
     parser.add_argument(
-        "--map", action="append", default=[], metavar="NAME=COLUMN", help="the column of a quantity, if it has another name"
+        "--map",
+        action="append",
+        default=[],
+        metavar="NAME=COLUMN",
+        help="the column of a quantity that has another name, sign or unit: NAME=-COLUMN, 'NAME=COLUMN [UNIT]', "
+        "where the unit may have a factor, [turn/4096]; a field of a topic: NAME=TOPIC:FIELD",
     )
+    add_columns(parser, "t,theta_r,theta_l,-")
 
 
 def reduced(robot: "Mechanism") -> "ReducedSystem":

@@ -172,7 +172,7 @@ CONTINUOUS, HELD = "continuous", "every 10 ms"
 
 def from_curve() -> np.ndarray:
     """Places on the smooth curve through the waypoints, (N, 2), close to one another."""
-    places = sampled(through(POINTS.tolist(), None, False), 1e-3).places
+    places = sampled(through(POINTS.tolist(), None, False, TOLERANCE)[0], 1e-3).places
     return np.column_stack([places.real, places.imag])
 
 
