@@ -113,7 +113,7 @@ def _title(run: Run) -> str:
     assumed = [p for p in run.law.parameters if "assumed" in p.about or p.name in run.spec.parameters]
     for parameter in assumed:
         value = run.spec.parameters.get(parameter.name, parameter.default)
-        mark = " (assumed)" if "assumed" in parameter.about else ""
+        mark = "" if parameter.name in run.spec.parameters else " (assumed)"
         shown.append(f"{parameter.name} = {_measured(value, parameter.unit)}{mark}")
     truth = [f"{name} = {_measured(value, run.law.parameters[names.index(name)].unit)}" for name, value in run.spec.plant.items()]
     if truth:

@@ -228,6 +228,18 @@ def test_outputs_before_the_first_step(opened, run):
     assert np.array_equal(loop.get(["tau.tau_r", "tau.tau_l"]), truth.tau[0]) and loop.status == 0
 
 
+@pytest.mark.parametrize(
+    "law", [LAW, *(pytest.param(law, marks=pytest.mark.nightly) for law in ("type_i", "type_iii", "type_iv_ellipse"))]
+)
+def test_a_loop_with_its_own_starting_values_stays_at_rest(opened, law):
+    """Also where the law is singular at 0, as Type III with the heading along x, and where the path is far away."""
+    loop = opened("loop", "labmate", law)
+    assert loop.start({})
+    for k in range(200):
+        assert loop.step(k * PERIOD, PERIOD) and loop.status == 0
+    assert np.abs(loop.get(["tau.tau_r", "tau.tau_l", "state.thetadot_r", "state.thetadot_l"])).max() < 1e-9
+
+
 def test_refusals(opened, run):
     """What may not be set, values that init refuses, and steps that are none."""
     _, start = run

@@ -428,3 +428,12 @@ def test_a_tolerance_that_cannot_be_met_is_said():
     loop.guidance.leg = dataclasses.replace(leg, controller=Rough())
     with pytest.raises(BadInput, match="tolerance"):
         list(continuous(loop, LINE.simulation))
+
+
+def test_a_picture_calls_assumed_what_the_user_did_not_set():
+    """The radius of the LABMATE is illegible in the scan: its default is assumed, that of a SPEC is the user's."""
+    from noslip.simulation.plot import draw  # slow to import
+
+    for changes, said in (({"parameters": {}}, "r = 0.15 m (assumed)"), ({"parameters": {"r": 0.2}}, "r = 0.2 m,")):
+        title = draw(simulate(read_varied("line", {"simulation.duration": 0.1} | changes))).get_suptitle()
+        assert said in title + "," and title.count("(assumed)") == said.count("(assumed)")

@@ -4,6 +4,9 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
 
 from ...model.law import ControlLaw
 from ...model.mechanism import Quantity
@@ -21,6 +24,7 @@ from ..versions import TOOLS
 KINDS = ("controller", "plant", "loop")
 PERIOD, INTEGRATION_STEP = 0.01, 0.001  # s
 HEADER = "noslip_fmi3.h"
+REGULAR = 1e4  # condition number of Phi at a start
 BASE = {  # pint's base units as in a description
     **{"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd"},
     "radian": "rad",
@@ -154,15 +158,43 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: M
     if kind != "controller":
         step = Variable("integration_step", *parameter, INTEGRATION_STEP, "s", "longest step of the integration")
         groups.append(VariableGroup("double integration_step", (step,)))
-    groups.append(_struct(f"{robot}_state state", "state", entry if kind == "controller" else shown, system.state))
+    starts = _at_rest(law) if law else {}
+    groups.append(_struct(f"{robot}_state state", "state", entry if kind == "controller" else shown, system.state, starts))
     if law:
-        groups.append(_struct(f"{robot}_{law.name}_reference reference", "reference", entry, law.reference))
+        groups.append(_struct(f"{robot}_{law.name}_reference reference", "reference", entry, law.reference, starts))
     groups.append(_struct(f"double tau[{len(inputs)}]", "tau", computed if law else entry, inputs))
     return [group for group in groups if group.variables]
 
 
-def _struct(declaration: str, name: str, role: tuple[str, str, str], quantities: Sequence[Quantity]) -> VariableGroup:
-    starts = [starting_value(q) if name == "config" else q.default for q in quantities]
+def _at_rest(law: ControlLaw) -> dict[str, float]:
+    """Return starting values by name, of states and of desired outputs, with which a robot stays at rest: the desired outputs are
+    those there. All coordinates are 0, or where Phi is singular so, one angle is 1 rad. Empty for a law with an extension,
+    which is singular at rest, and where none of these is regular.
+    """
+    if law.extension:
+        return {}
+    system, found = law.system, law.linearization
+    function = law.at_state(found.h, found.Phi)
+    numbers = [q.default for q in system.mechanism.parameters], [starting_value(q) for q in law.config]
+    angles = [k for k, q in enumerate(system.mechanism.coordinates) if q.unit == "rad"]
+    for angle in (None, *angles):
+        state = np.zeros(len(system.state))
+        state[[] if angle is None else angle] = 1.0
+        h, Phi = (value.full() for value in function(state, *numbers))
+        if np.isfinite(h).all() and np.isfinite(Phi).all() and np.linalg.cond(Phi) < REGULAR:
+            outputs = {row.name: float(value) for row, value in zip(law.output.rows, h.ravel(), strict=True)}
+            return dict(zip((q.name for q in system.state), state.tolist(), strict=True)) | outputs
+    return {}
+
+
+def _struct(
+    declaration: str,
+    name: str,
+    role: tuple[str, str, str],
+    quantities: Sequence[Quantity],
+    known: Mapping[str, float] = MappingProxyType({}),
+) -> VariableGroup:
+    starts = [starting_value(q) if name == "config" else known.get(q.name, q.default) for q in quantities]
     return VariableGroup(
         declaration,
         tuple(Variable(f"{name}.{q.name}", *role, s, q.unit, q.about) for q, s in zip(quantities, starts, strict=True)),
