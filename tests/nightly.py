@@ -198,7 +198,7 @@ NIGHTLY = {
         r"no_library\[-O2-gcc\]",
         r"no_double\[-O2-gcc\]",
         r"same_bits_on_every_compiler\[walk-double\]",
-        r"no_double\[-O0-",
+        r"no_double\[(-O0-gcc|-O2-clang)\]",
         r"no_library\[-O0-gcc\]",
     ),
     "test_identify_motors": (
