@@ -135,7 +135,6 @@ NIGHTLY = {
         r"follows_a_clothoid\[3\.0-cf",
         r"integral_action_adds_a_pole\[c-",
     ),
-    "test_faults": (r"may_not_be_is_found\[supplies",),
     "test_figures": (
         r"^test_every_claim_is_as_expected\[7\]$",
         r"^test_every_claim_is_as_expected\[reversing\]$",
