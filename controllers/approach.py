@@ -51,7 +51,7 @@ class ReferenceApproach:
         if self._jerk:
             return self._jerked(dt, speed)
         y, rate, acceleration, v, v_rate = self._desired
-        y, rate, v = y + dt * rate + acceleration * dt**2 / 2, rate + dt * acceleration, v + dt * v_rate
+        y, rate, v = y + dt * rate + acceleration * dt * dt / 2, rate + dt * acceleration, v + dt * v_rate
         end = np.clip((speed - v) / self._settling, -self._most, self._most)
         self._desired = np.array([y, rate, self._acceleration(y, rate, self._most), v, end])
         return self._desired.copy()
@@ -74,9 +74,9 @@ class ReferenceApproach:
 
     def _acceleration(self, y: float, rate: float, most: float) -> float:
         """Brake where the rate exceeds that of the parabola through 0, drawn one settling time ahead."""
-        zone = most * self._settling**2
+        zone = most * self._settling * self._settling
         place = y + self._settling * rate
-        aim = place if abs(place) <= zone else math.copysign((math.sqrt(zone**2 + 8 * zone * abs(place)) - zone) / 2, place)
+        aim = place if abs(place) <= zone else math.copysign((math.sqrt(zone * zone + 8 * zone * abs(place)) - zone) / 2, place)
         return -most * float(np.clip((self._settling * rate + aim) / zone, -1.0, 1.0))
 
     def _planned(self, distance: float, rate: float) -> np.ndarray:

@@ -71,8 +71,8 @@ class Cones:
         """
         force, by = self.at(tau)[k], (way[:, None] * self.force_by[:, k]).sum(axis=0)
         most, most_by = self._most(tau)[k], (way * self.most_by[:, k]).sum()
-        square = (by * by).sum() - most_by**2
-        slope, constant = 2 * ((force * by).sum() - most * most_by), (force * force).sum() - most**2
+        square = (by * by).sum() - most_by * most_by
+        slope, constant = 2 * ((force * by).sum() - most * most_by), (force * force).sum() - most * most
         inside = [s for s in _roots(square, slope, constant) if most + s * most_by >= 0]
         if square > 0:
             middle = -slope / (2 * square)
@@ -97,7 +97,7 @@ def _roots(square: float, slope: float, constant: float) -> list[float]:
     """Return the real zeros of square s^2 + slope s + constant, a double one twice."""
     if square == 0:
         return [] if slope == 0 else [-constant / slope]
-    discriminant = slope**2 - 4 * square * constant
+    discriminant = slope * slope - 4 * square * constant
     if discriminant < 0:
         return []
     half = -(slope + math.copysign(math.sqrt(discriminant), slope)) / 2

@@ -151,6 +151,7 @@ def faults() -> list[Fault]:
         Fault("both counters show random numbers", _noisy),
         Fault("one tick in 150 is missed", missed=lambda tick: int(tick >= BEGIN and tick % 150 == 0)),
         Fault("3 ticks are missed, once", missed=lambda tick: 3 * (tick == BEGIN)),
+        Fault("4 ticks are missed, once", missed=lambda tick: 4 * (tick == BEGIN)),
         Fault("20 ticks are missed, once", missed=lambda tick: 20 * (tick == BEGIN)),
         Fault("every tick takes ten times too long, and the clock shows it", missed=later(9)),
         Fault("every tick takes ten times too long, and the clock does not show it", missed=later(9), reported=False),

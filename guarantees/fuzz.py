@@ -26,7 +26,7 @@ RUNTIME = (
     "disturbance",
 )
 SCALARS = {"double": "", "float": "_f"}
-CORPUS = HERE / "corpus.txt"  # one input per line, base64
+CORPUS = HERE / "corpus.txt"  # one input per line: the function that it is for, and its bytes in base64
 RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; README.md describes longer campaigns
 SEEDED = {True: 10_000, False: 200_000}  # calls of each function
 LONGEST = 512  # maximum bytes of an input
@@ -66,12 +66,13 @@ def fuzz(task: Task) -> str:
     if attempt([clang, flags[1], folder / "probe.c", "-o", folder / "probe"])[0]:
         raise Missing("install libclang-rt-14-dev (of the version of the installed clang)")
     program = _program(task, folder, clang, flags, folder / "fuzz.c")
-    corpus, new_inputs = _unpacked(folder), _empty(folder / "found")
+    names = _functions(task)
+    corpus, new_inputs = _unpacked(folder, names), _empty(folder / "found")
     summary = _fuzz(program, [f"-runs={RUNS[task.short]}", "-seed=1992"], new_inputs, corpus)
     if task.update:
         merged = _empty(folder / "merged")
         run([program, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", merged, corpus, new_inputs])
-        inputs = [base64.b64encode(path.read_bytes()).decode() for path in merged.iterdir()]
+        inputs = [_packed(path.read_bytes(), names) for path in merged.iterdir()]
         CORPUS.write_text("".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))), encoding="utf-8")
         summary += f"; corpus of {len(inputs)} inputs"
     return summary
@@ -89,12 +90,22 @@ def _fuzz(program: Path, options: list[str], new_inputs: Path, corpus: Path) -> 
     return f"{runs} runs, {edges} edges, {features} features, 0 findings"
 
 
-def _unpacked(folder: Path) -> Path:
-    """Unpack the committed corpus into a folder."""
+def _unpacked(folder: Path, names: list[str]) -> Path:
+    """Unpack the committed corpus into a folder: the inputs for the functions of these names.
+
+    The first byte of an input is the position of its function in the table, which another function may move: so the name is kept.
+    """
     corpus = _empty(folder / "corpus")
-    for number, line in enumerate(CORPUS.read_text(encoding="utf-8").split() if CORPUS.exists() else []):
-        (corpus / str(number)).write_bytes(base64.b64decode(line))
+    for number, line in enumerate(CORPUS.read_text(encoding="utf-8").splitlines()):
+        name, encoded = line.split()
+        if name in names:
+            (corpus / str(number)).write_bytes(bytes([names.index(name)]) + base64.b64decode(encoded))
     return corpus
+
+
+def _packed(content: bytes, names: list[str]) -> str:
+    """Return the line of the corpus for an input of libFuzzer."""
+    return f"{names[content[0] % len(names)]} {base64.b64encode(content[1:]).decode()}"
 
 
 def _empty(folder: Path) -> Path:

@@ -162,11 +162,12 @@ def _feet(points: Points, place: complex, direction: complex, curvature: float) 
 def _append(arcs: list[Arc], arc: Arc, rounding: float) -> None:
     """Append an arc, as a line if it is one up to rounding; an arc that continues the last one is merged with it."""
     curvature, length = arc
-    if abs(curvature) * length**2 <= rounding:
+    if abs(curvature) * length * length <= rounding:
         curvature = 0.0
     if arcs:
         before, gone = arcs[-1]
-        if abs(curvature - before) * max(length, gone) ** 2 <= rounding:
+        longer = max(length, gone)
+        if abs(curvature - before) * longer * longer <= rounding:
             curvature, length = (curvature * length + before * gone) / (length + gone), length + gone
             arcs.pop()
     arcs.append((curvature, length))

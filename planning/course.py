@@ -75,7 +75,7 @@ class Stretch:
 
     def curvature(self, at: float, order: int = 0) -> float:
         """Return the derivative of an order of the curvature, 1/m^(1 + order), `at` m after its beginning."""
-        return value(self._polynomial(at), at / self.length, order) / self.length**order
+        return value(self._polynomial(at), at / self.length, order) / math.prod([self.length] * order)
 
     def largest(self, at: float) -> float:
         """Return a bound of the magnitude of the curvature up to `at` m after its beginning, 1/m: those at both ends, and in
@@ -204,7 +204,7 @@ class SmoothCurve:
         stretch = self.stretches[self._part(length)]
         at = length - stretch.begin
         s, c = sine_cosine(stretch.direction(at))
-        rates = [self.speed ** (k + 1) * stretch.curvature(at, k) for k in range(order - 1)]
+        rates = [math.prod([self.speed] * (k + 1)) * stretch.curvature(at, k) for k in range(order - 1)]
         forward = [complex(c, s)]  # e^(i direction) and its derivatives
         for n in range(order - 1):
             forward.append(1j * sum(math.comb(n, k) * rates[k] * forward[n - k] for k in range(n + 1)))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..model.algebra.trigonometry import unit
 from ..model.segments import Segment
 from ..readers.errors import BadInput
 from .chain import CLOSE, check_length
@@ -102,7 +103,7 @@ def _off(
     for part, at in zip(parts, ends, strict=True):
         if (k := part[3]) >= 0:
             place, along = curve.position(float(at)), _heading(curve, float(at))
-            moved = ways[k] * (complex(math.cos(along), math.sin(along)) + 1j * bends[k] * (end - place))
+            moved = ways[k] * (unit(along) + 1j * bends[k] * (end - place))
             slope[:, k] = moved.real, moved.imag, ways[k] * bends[k]
     return np.array([end.real, end.imag, heading]) - goal, slope
 

@@ -95,8 +95,8 @@ def _straight(first: int, last: int, apart: float, before: list[Piece], after: l
     """Yield middle parts with a line between given pieces: the two lengths of the line for which the centres are `apart`."""
     fixed = _centres(first, last, *_end([*before, *after]))
     along = (fixed * unit(-sum(steer * length for steer, length in before))).real
-    square = along**2 + apart**2 - abs(fixed) ** 2
-    if square >= -1e-14 * (1 + apart**2):  # including a line whose length is zero up to rounding
+    square = along * along + apart * apart - (fixed.real * fixed.real + fixed.imag * fixed.imag)
+    if square >= -1e-14 * (1 + apart * apart):  # including a line whose length is zero up to rounding
         for root in SIDES:
             yield [*before, (0, root * math.sqrt(max(0.0, square)) - along), *after]
 
@@ -119,7 +119,7 @@ def _reeds_shepp_middles(first: int, last: int, apart: float) -> Iterator[list[P
                 yield from _straight(first, last, apart, before, after)
     if first != last:
         for side in SIDES:
-            for cosine, second in (((2 + apart) / 4, -1), ((2 - apart) / 4, -1), ((20 - apart**2) / 16, 1)):
+            for cosine, second in (((2 + apart) / 4, -1), ((2 - apart) / 4, -1), ((20 - apart * apart) / 16, 1)):
                 if abs(cosine) <= 1:
                     arc = side * (math.pi / 2 - arcsine(cosine))
                     yield [(-first, arc), (first, second * arc)]

@@ -214,7 +214,8 @@ static inline int noslip_course_add(noslip_stretch *stretches, int room, int *co
             noslip_course_place(last, last->length, &own->x, &own->y);
         } else {
             own->begin = last->begin;
-            own->heading = last->heading + (double)(own->backward ? NOSLIP_COURSE_BACK : -NOSLIP_COURSE_BACK);
+            own->heading =
+                last->heading + (own->backward ? (double)NOSLIP_COURSE_BACK : -(double)NOSLIP_COURSE_BACK);
             own->x = last->x;
             own->y = last->y;
         }
@@ -628,30 +629,6 @@ static inline int noslip_course_advance(const noslip_course_tracker *self, const
     return status;
 }
 
-/* Copies a guide, by members: an assignment may call memcpy. */
-static inline void noslip_course_copy(const noslip_course_guide *from,
-                         noslip_course_guide *to)
-{
-    int k;
-    to->piece = from->piece;
-    to->backward = from->backward;
-    to->changed = from->changed;
-    to->waiting = from->waiting;
-    to->arrived = from->arrived;
-    to->L = from->L;
-    to->length = from->length;
-    to->distance = from->distance;
-    to->left = from->left;
-    to->x = from->x;
-    to->y = from->y;
-    to->direction = from->direction;
-    for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
-        to->curvature[k] = from->curvature[k];
-    }
-    to->speed = from->speed;
-    to->speed_rate = from->speed_rate;
-}
-
 /* Computes the guide at a place, which it writes unless there is an error. Returns NOSLIP_ARRIVED at the end. */
 static inline int noslip_course_guided(const noslip_course_tracker *self, const double pose[4],
                      double forward_speed,
@@ -662,45 +639,53 @@ static inline int noslip_course_guided(const noslip_course_tracker *self, const 
     const noslip_stretch *stretch =
         noslip_course_stretch(self->course, now->first, now->last, now->length);
     const double along = now->length - stretch->begin, top = noslip_abs(options->speed);
-    noslip_course_guide own;
-    double sine, cosine, size;
+    const double direction = noslip_course_direction(stretch, along);
+    const int backward = noslip_course_backward(self, now);
+    const int waiting = now->stopped && now->last + 1 < self->course->count;
+    double left = noslip_course_left(self, now), speed = backward ? -top : top, speed_rate = 0, size = 0;
+    double curvature[NOSLIP_COURSE_BENDS], sine, cosine, x, y, distance;
     int k;
-    own.piece = now->piece;
-    own.backward = noslip_course_backward(self, now);
-    own.changed = self->started != NOSLIP_READY || now->piece != self->now.piece;
-    own.waiting = now->stopped && now->last + 1 < self->course->count;
-    own.arrived = now->stopped && !own.waiting;
-    own.L = options->L[own.backward];
-    own.length = now->length;
-    own.direction = noslip_course_direction(stretch, along);
-    if (!noslip_angle_ok(own.direction)) {
+    if (!noslip_angle_ok(direction)) {
         return NOSLIP_RANGE;
     }
-    noslip_sincos(own.direction, &sine, &cosine);
-    noslip_course_place(stretch, along, &own.x, &own.y);
-    noslip_course_bends(stretch, along, 1, own.curvature);
-    own.distance = cosine * (pose[1] - own.y) - sine * (pose[0] - own.x) + own.L * (cosine * pose[3] - sine * pose[2]) +
-                   options->W * (cosine * pose[2] + sine * pose[3]);
-    own.left = noslip_course_left(self, now);
-    own.speed = own.backward ? -top : top;
-    own.speed_rate = 0;
     if (now->stopped) {
-        own.speed = 0;
-        own.left = own.waiting ? noslip_abs(forward_speed) - options->creep : DBL_MAX;
-    } else if (options->deceleration > 0 && 2 * options->deceleration * own.left < top * top) {
-        noslip_slow_down(own.left, 2 * options->deceleration, options->creep, top, own.backward,
-                                      own.backward ? options->deceleration : -options->deceleration, forward_speed, &own.speed,
-                                      &own.speed_rate);
+        speed = 0;
+        left = waiting ? noslip_abs(forward_speed) - options->creep : DBL_MAX;
+    } else if (options->deceleration > 0 && 2 * options->deceleration * left < top * top) {
+        noslip_slow_down(left, 2 * options->deceleration, options->creep, top, backward,
+                                      backward ? options->deceleration : -options->deceleration, forward_speed, &speed,
+                                      &speed_rate);
     }
-    size = noslip_abs(own.x) + noslip_abs(own.y) + noslip_abs(own.distance);
+    noslip_course_bends(stretch, along, 1, curvature);
     for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
-        size += noslip_abs(own.curvature[k]);
+        size += noslip_abs(curvature[k]);
     }
-    if (!noslip_sum_finite(size, own.speed, own.speed_rate) || !noslip_is_finite(own.left)) {
+    noslip_sincos(direction, &sine, &cosine);
+    noslip_course_place(stretch, along, &x, &y);
+    distance = cosine * (pose[1] - y) - sine * (pose[0] - x) + options->L[backward] * (cosine * pose[3] - sine * pose[2]) +
+               options->W * (cosine * pose[2] + sine * pose[3]);
+    size += noslip_abs(x) + noslip_abs(y) + noslip_abs(distance);
+    if (!noslip_sum_finite(size, speed, speed_rate) || !noslip_is_finite(left)) {
         return NOSLIP_NONFINITE;
     }
-    noslip_course_copy(&own, guide);
-    return own.arrived ? NOSLIP_ARRIVED : NOSLIP_OK;
+    guide->piece = now->piece;
+    guide->backward = backward;
+    guide->changed = self->started != NOSLIP_READY || now->piece != self->now.piece;
+    guide->waiting = waiting;
+    guide->arrived = now->stopped && !waiting;
+    guide->L = options->L[backward];
+    guide->length = now->length;
+    guide->distance = distance;
+    guide->left = left;
+    guide->x = x;
+    guide->y = y;
+    guide->direction = direction;
+    for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
+        guide->curvature[k] = curvature[k];
+    }
+    guide->speed = speed;
+    guide->speed_rate = speed_rate;
+    return guide->arrived ? NOSLIP_ARRIVED : NOSLIP_OK;
 }
 
 /* Returns NOSLIP_OK, or why a pose cannot be used; writes x, y, cosine and sine of the heading. */
@@ -1024,7 +1009,8 @@ static inline int noslip_course_add_f(noslip_stretch_f *stretches, int room, int
             noslip_course_place_f(last, last->length, &own->x, &own->y);
         } else {
             own->begin = last->begin;
-            own->heading = last->heading + (float)(own->backward ? NOSLIP_COURSE_BACK : -NOSLIP_COURSE_BACK);
+            own->heading =
+                last->heading + (own->backward ? (float)NOSLIP_COURSE_BACK : -(float)NOSLIP_COURSE_BACK);
             own->x = last->x;
             own->y = last->y;
         }
@@ -1438,30 +1424,6 @@ static inline int noslip_course_advance_f(const noslip_course_tracker_f *self, c
     return status;
 }
 
-/* Copies a guide, by members: an assignment may call memcpy. */
-static inline void noslip_course_copy_f(const noslip_course_guide_f *from,
-                             noslip_course_guide_f *to)
-{
-    int k;
-    to->piece = from->piece;
-    to->backward = from->backward;
-    to->changed = from->changed;
-    to->waiting = from->waiting;
-    to->arrived = from->arrived;
-    to->L = from->L;
-    to->length = from->length;
-    to->distance = from->distance;
-    to->left = from->left;
-    to->x = from->x;
-    to->y = from->y;
-    to->direction = from->direction;
-    for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
-        to->curvature[k] = from->curvature[k];
-    }
-    to->speed = from->speed;
-    to->speed_rate = from->speed_rate;
-}
-
 /* Computes the guide at a place, which it writes unless there is an error. Returns NOSLIP_ARRIVED at the end. */
 static inline int noslip_course_guided_f(const noslip_course_tracker_f *self, const float pose[4],
                         float forward_speed,
@@ -1472,45 +1434,53 @@ static inline int noslip_course_guided_f(const noslip_course_tracker_f *self, co
     const noslip_stretch_f *stretch =
         noslip_course_stretch_f(self->course, now->first, now->last, now->length);
     const float along = now->length - stretch->begin, top = noslip_abs_f(options->speed);
-    noslip_course_guide_f own;
-    float sine, cosine, size;
+    const float direction = noslip_course_direction_f(stretch, along);
+    const int backward = noslip_course_backward_f(self, now);
+    const int waiting = now->stopped && now->last + 1 < self->course->count;
+    float left = noslip_course_left_f(self, now), speed = backward ? -top : top, speed_rate = 0, size = 0;
+    float curvature[NOSLIP_COURSE_BENDS], sine, cosine, x, y, distance;
     int k;
-    own.piece = now->piece;
-    own.backward = noslip_course_backward_f(self, now);
-    own.changed = self->started != NOSLIP_READY || now->piece != self->now.piece;
-    own.waiting = now->stopped && now->last + 1 < self->course->count;
-    own.arrived = now->stopped && !own.waiting;
-    own.L = options->L[own.backward];
-    own.length = now->length;
-    own.direction = noslip_course_direction_f(stretch, along);
-    if (!noslip_angle_ok_f(own.direction)) {
+    if (!noslip_angle_ok_f(direction)) {
         return NOSLIP_RANGE;
     }
-    noslip_sincos_f(own.direction, &sine, &cosine);
-    noslip_course_place_f(stretch, along, &own.x, &own.y);
-    noslip_course_bends_f(stretch, along, 1, own.curvature);
-    own.distance = cosine * (pose[1] - own.y) - sine * (pose[0] - own.x) + own.L * (cosine * pose[3] - sine * pose[2]) +
-                   options->W * (cosine * pose[2] + sine * pose[3]);
-    own.left = noslip_course_left_f(self, now);
-    own.speed = own.backward ? -top : top;
-    own.speed_rate = 0;
     if (now->stopped) {
-        own.speed = 0;
-        own.left = own.waiting ? noslip_abs_f(forward_speed) - options->creep : FLT_MAX;
-    } else if (options->deceleration > 0 && 2 * options->deceleration * own.left < top * top) {
-        noslip_slow_down_f(own.left, 2 * options->deceleration, options->creep, top, own.backward,
-                                      own.backward ? options->deceleration : -options->deceleration, forward_speed, &own.speed,
-                                      &own.speed_rate);
+        speed = 0;
+        left = waiting ? noslip_abs_f(forward_speed) - options->creep : FLT_MAX;
+    } else if (options->deceleration > 0 && 2 * options->deceleration * left < top * top) {
+        noslip_slow_down_f(left, 2 * options->deceleration, options->creep, top, backward,
+                                      backward ? options->deceleration : -options->deceleration, forward_speed, &speed,
+                                      &speed_rate);
     }
-    size = noslip_abs_f(own.x) + noslip_abs_f(own.y) + noslip_abs_f(own.distance);
+    noslip_course_bends_f(stretch, along, 1, curvature);
     for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
-        size += noslip_abs_f(own.curvature[k]);
+        size += noslip_abs_f(curvature[k]);
     }
-    if (!noslip_sum_finite_f(size, own.speed, own.speed_rate) || !noslip_is_finite_f(own.left)) {
+    noslip_sincos_f(direction, &sine, &cosine);
+    noslip_course_place_f(stretch, along, &x, &y);
+    distance = cosine * (pose[1] - y) - sine * (pose[0] - x) + options->L[backward] * (cosine * pose[3] - sine * pose[2]) +
+               options->W * (cosine * pose[2] + sine * pose[3]);
+    size += noslip_abs_f(x) + noslip_abs_f(y) + noslip_abs_f(distance);
+    if (!noslip_sum_finite_f(size, speed, speed_rate) || !noslip_is_finite_f(left)) {
         return NOSLIP_NONFINITE;
     }
-    noslip_course_copy_f(&own, guide);
-    return own.arrived ? NOSLIP_ARRIVED : NOSLIP_OK;
+    guide->piece = now->piece;
+    guide->backward = backward;
+    guide->changed = self->started != NOSLIP_READY || now->piece != self->now.piece;
+    guide->waiting = waiting;
+    guide->arrived = now->stopped && !waiting;
+    guide->L = options->L[backward];
+    guide->length = now->length;
+    guide->distance = distance;
+    guide->left = left;
+    guide->x = x;
+    guide->y = y;
+    guide->direction = direction;
+    for (k = 0; k < NOSLIP_COURSE_BENDS; k++) {
+        guide->curvature[k] = curvature[k];
+    }
+    guide->speed = speed;
+    guide->speed_rate = speed_rate;
+    return guide->arrived ? NOSLIP_ARRIVED : NOSLIP_OK;
 }
 
 /* Returns NOSLIP_OK, or why a pose cannot be used; writes x, y, cosine and sine of the heading. */

@@ -127,7 +127,7 @@ int noslip_image_save(const noslip_layout *layout, const void *config, const voi
     write_word(&image[12], layout->hash);
     write_word(&image[16], layout->model);
     write_word(&image[20], (uint32_t)count);
-    place = write_fields(layout->fields, layout->field_count, config, &image[NOSLIP_IMAGE_HEAD]);
+    place = write_fields(layout->fields, layout->field_count, (const uint8_t *)config, &image[NOSLIP_IMAGE_HEAD]);
     for (i = 0; i < (uint32_t)count; i++) {
         place = write_fields(layout->row, layout->row_count, (const uint8_t *)rows + i * layout->row_size, place);
     }
@@ -173,7 +173,7 @@ int noslip_image_load(const noslip_layout *layout, void *config, void *rows, int
     if (status < 0) {
         return status;
     }
-    place = read_fields(layout->fields, layout->field_count, &image[NOSLIP_IMAGE_HEAD], config);
+    place = read_fields(layout->fields, layout->field_count, &image[NOSLIP_IMAGE_HEAD], (uint8_t *)config);
     for (i = 0; i < number; i++) {
         place = read_fields(layout->row, layout->row_count, place, (uint8_t *)rows + i * layout->row_size);
     }

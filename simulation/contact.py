@@ -20,6 +20,7 @@ import numpy as np
 
 from ..controllers.odometry import vehicle_wheels
 from ..model.algebra.linear_numbers import least_norm
+from ..model.algebra.trigonometry import sine_cosine
 from ..model.contacts import GRAVITY, axles, narrow, unknown_loads
 from ..model.mechanism import Mechanism
 from ..planning.profile import Accelerations
@@ -334,7 +335,8 @@ def _draw_circle(axes: Axes, coloured: Coloured, beyond: str) -> None:
 
 def _draw_limit(axes: Axes, radius: float, colour: str, label: str) -> None:
     angle = np.linspace(0.0, 2 * np.pi, 361)
-    axes.plot(radius * np.cos(angle), radius * np.sin(angle), "--", color=colour, linewidth=1.5, label=label)
+    s, c = sine_cosine(angle)
+    axes.plot(radius * c, radius * s, "--", color=colour, linewidth=1.5, label=label)
 
 
 def _reach(worst: float) -> float:

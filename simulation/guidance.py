@@ -17,7 +17,7 @@ from ..controllers.angles import nearest_angle
 from ..controllers.controller import Controller
 from ..controllers.direct import Direct
 from ..model.algebra.portable import portable
-from ..model.algebra.trigonometry import cosine
+from ..model.algebra.trigonometry import cosine, sine_cosine
 from ..model.law import ControlLaw, symbols
 from ..model.outputs import forward_speed
 from ..model.paths import course
@@ -531,7 +531,8 @@ def distances(law: ControlLaw, x: np.ndarray, parameters: np.ndarray, config: np
     names = [c.name for c in law.config]
     x_s, y_s, direction = (config[:, names.index(name)] for name in ("x_s", "y_s", "direction"))
     P_l = point_followed(law)(x.T, parameters, config.T).full()
-    return np.cos(direction) * (P_l[1] - y_s) - np.sin(direction) * (P_l[0] - x_s)
+    s, c = sine_cosine(direction)
+    return c * (P_l[1] - y_s) - s * (P_l[0] - x_s)
 
 
 @lru_cache(maxsize=16)

@@ -650,7 +650,7 @@ def _moved_point(spec: Spec, order: int) -> Callable[[float], np.ndarray]:
         return lambda t: curve.derivatives(t, order)
     circle = spec.reference.circle
     assert circle is not None, "the caller has a circle or a course"
-    sizes, quarters = circle.radius * circle.rate ** np.arange(order + 1), np.arange(order + 1) % 4
+    sizes, quarters = np.cumprod([circle.radius, *[circle.rate] * order]), np.arange(order + 1) % 4
 
     def at(t: float) -> np.ndarray:
         s, c = sine_cosine(circle.angle + circle.rate * t)

@@ -500,7 +500,7 @@ def test_report():
     text, values = found.text(), found.as_json()
     assert f"poles up to {found.fastest:.4g} times as fast" in text and "velocity drives of 5 Hz, delay 0.02 s" in text
     assert values["whole"]["fastest"] == found.fastest and set(values["whole"]["margins"]) == {"u_thetadot_r", "u_thetadot_l"}
-    assert values["drive"] == {"omega": 10 * math.pi, "delay": 0.02, "feeds": False}
+    assert values["drive"] == {"omega": 10 * math.pi, "delay": 0.02, "feeds": False, "kinematic": False}
     none = {harm.name: harm for harm in found.ranking}
     for name in ("m_c", "m_w", "I_c", "I_w", "I_m"):
         assert none[name].loss == pytest.approx(0.0, abs=1e-6) and abs(none[name].offset) < 1e-9

@@ -51,13 +51,15 @@ def planted(folder: Path, file: str, was: str, now: str) -> Path:
 
 FOLLOWER = "labmate_follower_f.c"
 INIT = "init_drives(self, config);"
+# in both motors: the law scales all torques down to what the weaker motor has, so one wrong supply gives no wrong command
+SUPPLIED = f"{INIT} self->motors[0].supply = self->motors[1].supply = 24;"
 
 
 @pytest.mark.parametrize(
     ("words", "defect", "told"),
     [
         ("random numbers", (FOLLOWER, "state == NOSLIP_WATCHDOG_HOLD", "state != NOSLIP_WATCHDOG_RUN"), "after the watchdog has"),
-        ("supplies of", (FOLLOWER, INIT, f"{INIT} self->motors[0].supply = 24;"), "the supply"),
+        ("supplies of", (FOLLOWER, INIT, SUPPLIED), "the supply"),
     ],
 )
 def test_a_command_that_may_not_be_is_found(words, defect, told, tmp_path):

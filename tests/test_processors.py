@@ -2,10 +2,13 @@
 
 import math
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import casadi as ca
+import noslip
 import numpy as np
 import pytest
 from mpmath import mp
@@ -16,6 +19,7 @@ from noslip.simulation.dop853 import E3, E5, A, B, C
 from noslip.tests.processors import SPECS, choices, digest_with
 from scipy.integrate import DOP853
 
+ROOT = Path(noslip.__file__).parent
 OLDEST = "all of the oldest"
 FEW = [spec for spec in SPECS if spec.stem in ("cusp", "fastest")]  # a wait; a profile and a limiter
 
@@ -90,6 +94,26 @@ def test_least_squares(rows, columns, rank):
         A = left[:, :rank] * random.uniform(0.1, 2.0, rank) @ right[:, :rank].T
         b = random.normal(size=rows)
         assert np.abs(least_squares(A, b) - np.linalg.pinv(A, rcond=1e-12) @ b).max() < 1e-11
+
+
+LIBM = re.compile(
+    r"\b(?:np|math|cmath)\.(?:a?(?:sin|cos|tan)h?|arc\w+|atan2|exp\w*|log\w*|pow\w*|float_power|angle|phase|rect|polar)\("
+)
+NOT_IN_RUNS = (  # what draws; the physics engine; numbers that are rounded or drawn, of which docs/sweep.md says so
+    "simulation/(plot|drawing|film/.*|engine/.*|specification/(distributions|floor)).py|planning/(picture|smooth).py"
+    "|controllers/balance/(steady|zero_dynamics).py"
+)
+
+
+def test_runs_need_no_libm():
+    """No call of a function whose last bits depend on the processor in what runs go through; hypot is the same on all."""
+    calls = []
+    for path in (path for room in ("simulation", "controllers", "planning") for path in (ROOT / room).rglob("*.py")):
+        if not re.fullmatch(NOT_IN_RUNS, name := str(path.relative_to(ROOT))):
+            lines = path.read_text().splitlines()
+            calls += [f"{name}:{number}: {line}" for number, line in enumerate(lines, 1) if LIBM.search(line)]
+    assert calls == []
+    assert LIBM.search("np.cos(direction)") and LIBM.search("a * math.exp(b)") and not LIBM.search("math.sqrt(x)")
 
 
 def test_one_digest():

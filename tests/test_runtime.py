@@ -30,7 +30,7 @@ LEVELS = ("-O0", "-O2")
 # as in the strict set for firmware
 STRICT = (
     "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow "
-    "-Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
+    "-Wundef -Wcast-qual -Wc++-compat -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
 ).split()
 SCALARS = {"double": "", "float": "_f"}
 

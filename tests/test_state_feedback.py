@@ -81,7 +81,7 @@ CASES = {
     "balancer": ({"speed": 0.5, "yaw_rate": 0.8}, WEIGHTS | {"y": 40.0}, WHEELS),
     "sleigh": ({"speed": -1.0}, {"y": 1.0, "phi": 1.0, "yaw_rate": 1.0}, ()),
     "roller_racer": ({"speed": -1.0}, {"y": 1.0, "phi": 1.0, "swing": 1.0}, ()),
-    "snakeboard": ({"speed": 1.0, "phi": 0.3}, {"x": 1.0, "y": 1.0, "theta": 1.0, "speed": 1.0}, ()),
+    "snakeboard": ({"speed": 1.0, "phi": 0.3}, {"x": 1.0, "y": 1.0, "theta": 1.0, "speed": 1.0}, ("psi",)),  # none sees the rotor
 }
 
 

@@ -99,8 +99,8 @@ class ReferenceSlip:
         self._moved = keeps * (self._moved + [turned, rate - before])
         self._measured = keeps * (self._measured + dt * np.array([yaw_rate, acceleration or 0.0]))
         wheel = (o.wheel_noise * dt * self._wheels[0]) ** 2
-        noise = np.array([(o.gyro_noise * dt) ** 2 + wheel.sum(), (o.acceleration_noise * dt) ** 2])
-        self._square = keeps**2 * (self._square + noise)
+        noise = (np.array([o.gyro_noise, o.acceleration_noise]) * dt) ** 2 + [wheel.sum(), 0.0]
+        self._square = keeps * keeps * (self._square + noise)
         self._rate, self._frequency = rate, keeps * frequency + (1 - keeps) / dt
         square = self._square + [0.0, np.sum((o.wheel_noise * self._wheels[1]) ** 2)]
         coarse = np.array([1.0, keeps * (1 / dt + frequency)])[:, None] * np.array(o.count)
