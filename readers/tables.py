@@ -1,12 +1,11 @@
-"""Tables of logs: text in any form, Parquet and MCAP, read as columns by name; CSV, Parquet and MCAP written.
-"""
+"""Tables of logs: any text, Parquet and MCAP are read as columns by name; CSV, Parquet and MCAP are written."""
 
 import io
 import json
 import math
 import re
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import import_module
@@ -33,30 +32,10 @@ OTHERS = {  # first bytes of files that are no tables, and what to do
     b"SQLite format 3": "a database, perhaps a bag of ROS 2; export its topics as CSV",
 }
 WITH_UNIT = re.compile(r"(.*\S)(\s*)(?:\[([^]]*)\]|\(([^)]*)\))")
-SUFFIXES = (
-    "rad",
-    "deg",
-    "rpm",
-    "mm",
-    "cm",
-    "m",
-    "s",
-    "ms",
-    "us",
-    "ns",
-)  # units at the end of a name: phi_deg
-SECONDS = {
-    "sec": "s",
-    "secs": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "millis": "ms",
-    "usec": "us",
-    "micros": "us",
-    "nsec": "ns",
-}
+SUFFIXES = ("rad", "deg", "rpm", "mm", "cm", "m", "s", "ms", "us", "ns")  # units that may end a name: phi_deg
+SECONDS = {"sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "millis": "ms", "usec": "us", "micros": "us", "nsec": "ns"}
 TIME = re.compile(
-    rf"(?:.*:)?(?:[%#]? ?(?:t|times?|time_?stamps?|stamp|elapsed)(?:[_ ](s|ms|us|ns|{'|'.join(SECONDS)}))?"
+    rf"(?:.*:)?(?:[%#_]*(?:t|times?|time_?stamps?|stamp|elapsed)(?:[_ ](s|ms|us|ns|{'|'.join(SECONDS)}))?"
     rf"|({'|'.join(SECONDS)}))",
     re.IGNORECASE,
 )
@@ -94,26 +73,17 @@ class Column:
             try:
                 values[k] = _number(entry, unit == "s")
             except (TypeError, ValueError, OverflowError) as error:
-                hint = (
-                    ": write a point, not a comma, before decimals"
-                    if DECIMAL_COMMA.fullmatch(str(entry))
-                    else ""
-                )
-                raise BadInput(
-                    f"{self.where} row {self.rows[k]}: {str(entry)[:40]!r} is not a number{hint}"
-                ) from error
+                text = repr(str(entry)[:40])
+                hint = "; write a point, not a comma, before decimals" if DECIMAL_COMMA.fullmatch(str(entry)) else ""
+                raise BadInput(f"{self.where} row {self.rows[k]}: {text} is not a number{hint}") from error
         if self.unit is None:
             return self.sign * values
         try:
             factor, dimension = scaled_units(self.unit)
         except BadInput as error:
-            raise BadInput(
-                f"{self.where}: {error}; write another unit, --map 'NAME=COLUMN [UNIT]'"
-            ) from error
+            raise BadInput(f"{self.where}: {error}; write another unit, --map 'NAME=COLUMN [UNIT]'") from error
         if dimension != in_base_units(unit or "1")[1]:
-            hint = (
-                "; of a distance on the floor, with the wheel's radius in m: --map 'NAME=COLUMN [rad/0.15]'"
-            )
+            hint = "; of a distance on the floor, with the wheel's radius in m: --map 'NAME=COLUMN [rad/0.15]'"
             hint = hint if unit == "rad" and dimension == in_base_units("m")[1] else ""
             raise BadInput(f"{self.where}: [{self.unit}] is not a unit of a quantity in {unit or '1'}{hint}")
         return self.sign * values * float(factor)
@@ -123,9 +93,7 @@ def _number(entry: Any, is_time: bool) -> float:
     """Return an entry of a table as a number. Raises ValueError, TypeError, OverflowError."""
     if entry is None or isinstance(entry, str) and entry.lower() in MISSING:
         return math.nan
-    if (
-        isinstance(entry, bool) or isinstance(entry, str) and "_" in entry
-    ):  # which Python would take for numbers
+    if isinstance(entry, bool) or isinstance(entry, str) and "_" in entry:  # Python would take them for numbers
         raise ValueError(entry)
     try:
         return float(entry)
@@ -187,9 +155,7 @@ def read_table(file: str | Path, columns: Sequence[str] = (), incomplete: bool =
     for kind, mark, read in ((".mcap", b"\x89MCAP", _mcap), (".parquet", b"PAR1", _parquet)):
         if suffix == kind or data.startswith(mark):
             if columns:
-                raise BadInput(
-                    f"--columns: the columns of {file} have names; rename them with --map NAME=COLUMN"
-                )
+                raise BadInput(f"--columns: the columns of {file} have names; rename them with --map NAME=COLUMN")
             return read(file, data)
     for mark, kind in OTHERS.items():
         if data.startswith(mark):
@@ -205,37 +171,24 @@ def read_table(file: str | Path, columns: Sequence[str] = (), incomplete: bool =
 
 
 def _add(
-    table: Table,
-    head: str,
-    entries: Sequence[Any],
-    rows: Sequence[int],
-    topic: str = "",
-    stated: str | None = None,
+    table: Table, head: str, entries: Sequence[Any], rows: Sequence[int], topic: str = "", stated: str | None = None
 ) -> None:
     """Add a column whose header may have a unit; one whose name occurs twice cannot be used."""
     name, unit = _split(head)
-    where = f"{table.file} column {name!r}"
-    problem = (
-        f"{table.file}: two columns are called {name!r}; name all in order, --columns NAME,..."
-        if name in table
-        else ""
-    )
-    table[name] = Column(entries, unit if unit is not None else stated, where, rows, topic, problem=problem)
+    where, unit = f"{table.file} column {name!r}", stated if unit is None else unit
+    twice = f"{table.file}: two columns are called {name!r}; name all in order, --columns NAME,..."
+    table[name] = Column(entries, unit, where, rows, topic, problem=twice if name in table else "")
 
 
 def _split(head: str) -> tuple[str, str | None]:
     """Return name and unit of a header such as "phi [deg]"; "position[0]" is a name."""
     parts = WITH_UNIT.fullmatch(head)
-    if (
-        not parts
-        or (parts[3] or "").isdigit()
-        and not parts[2]
-        or parts[4] is not None
-        and not is_unit(parts[4])
-    ):
-        return head, None
-    unit = parts[3] if parts[4] is None else parts[4]
-    return parts[1], "" if unit == "-" else unit
+    name, space, in_brackets, in_parentheses = parts.groups() if parts else (head, "", None, None)
+    if in_brackets is not None and (space or not in_brackets.isdigit()):
+        return name, "" if in_brackets == "-" else in_brackets
+    if in_parentheses is not None and is_unit(in_parentheses):
+        return name, in_parentheses
+    return head, None
 
 
 def picked(table: Table, units: Mapping[str, str], chosen: Mapping[str, str]) -> dict[str, Column]:
@@ -265,59 +218,53 @@ def picked(table: Table, units: Mapping[str, str], chosen: Mapping[str, str]) ->
 
 def _alike(quantity: str, unit: str, table: Table) -> dict[str, Column]:
     """Return the columns whose names are the quantity's but for case, topic and a unit at the end."""
-    pattern = (
-        TIME
-        if quantity == "t"
-        else re.compile(rf"(?:.*:)?{re.escape(quantity)}(?:_({'|'.join(SUFFIXES)}))?", re.IGNORECASE)
-    )
-    found = {}
+    form = rf"(?:.*:)?{re.escape(quantity)}(?:_({'|'.join(SUFFIXES)}))?"
+    pattern = TIME if quantity == "t" else re.compile(form, re.IGNORECASE)
+    pairs = _pairs_of_times(table) if quantity == "t" else {}
+    found = {sec: column for (sec, _), column in pairs.items()}
     for name, column in table.items():
-        if parts := pattern.fullmatch(name):
-            stated = next(filter(None, parts.groups()), None)
-            stated = SECONDS.get(str(stated).lower(), stated)
-            if stated and scaled_units(stated)[1] != in_base_units(unit or "1")[1]:
-                continue
+        parts = pattern.fullmatch(name)
+        if not parts or any(name in pair for pair in pairs):
+            continue
+        stated = next((part.lower() for part in parts.groups() if part), None)
+        stated = SECONDS.get(stated or "", stated)
+        if stated is None or scaled_units(stated)[1] == in_base_units(unit or "1")[1]:
             found[name] = column if column.unit is not None else replace(column, unit=stated)
-    return found or (_stamp(table) if quantity == "t" else {})
+    return found
 
 
-def _stamp(table: Mapping[str, Column]) -> dict[str, Column]:
-    """Return the times that two columns of whole seconds and nanoseconds give, such as header.stamp.sec and
-    .nanosec.
-    """
+def _pairs_of_times(table: Mapping[str, Column]) -> dict[tuple[str, str], Column]:
+    """Return the times in s that two columns give, whole seconds and nanoseconds: header.stamp.sec and .nanosec."""
     parts = [(name, match) for name in table if (match := STAMP.fullmatch(name))]
-    pairs = [(a, b) for a, s in parts for b, ns in parts if ns[2] and not s[2] and s[1] == ns[1]]
     found = {}
-    for sec, nanosec in pairs:
+    for sec, nanosec in [(a, b) for a, s in parts for b, ns in parts if ns[2] and not s[2] and s[1] == ns[1]]:
         whole, part = table[sec], table[nanosec]
-        times = (whole.numbers() + part.numbers() / NANOSECONDS).tolist()
-        found[sec] = Column(times, "s", whole.where, whole.rows, whole.topic)
+        times = (replace(whole, unit=None).numbers() + replace(part, unit=None).numbers() / NANOSECONDS).tolist()
+        found[sec, nanosec] = Column(times, "s", whole.where, whole.rows, whole.topic)
     return found
 
 
 def _chosen(text: str, quantity: str, table: Table) -> Column:
-    """Return the column of an entry of --map. A topic may be written before its field with a colon or a
-    point.
-    """
-    (name, unit), topics = _split(text), {column.topic for column in table.values() if column.topic}
-    for tried, sign in ((text, 1.0), (name, 1.0), (text[1:], -1.0), (name[1:], -1.0)):
-        if sign < 0 and not text.startswith("-"):
-            break
-        fields = {
-            topic: tried.removeprefix(topic)[1:]
-            for topic in topics
-            if tried.startswith((f"{topic}:", f"{topic}."))
-        }
-        spellings = (
-            tried,
-            tried.lstrip("%# "),
-            *(f"{topic}:{field}" for topic, field in fields.items()),
-            *fields.values(),
-        )
-        for column in (table[each] for each in spellings if each in table):
-            stated = unit if tried in (name, name[1:]) and unit is not None else column.unit
-            return replace(column, sign=sign, unit=stated)
+    """Return the column of an entry of --map. Raises BadInput if the table has none."""
+    pairs = _pairs_of_times(table) if quantity == "t" else {}
+    known = {**table, **{sec: column for (sec, _), column in pairs.items()}}
+    name, unit = _split(text)
+    for sign, whole, bare in ((1.0, text, name), (-1.0, text.removeprefix("-"), name.removeprefix("-"))):
+        for tried, stated in ((whole, None), (bare, unit)):
+            for column in (known[each] for each in _spellings(tried, table) if each in known):
+                return replace(column, sign=sign, unit=column.unit if stated is None else stated)
     raise table.missing(name, quantity)
+
+
+def _spellings(name: str, table: Table) -> Iterator[str]:
+    """Yield what a column may be called in a table: without the mark of a comment, with or without its topic, before
+    which a field may have a colon or a point.
+    """
+    yield from (name, name.lstrip("%# "))
+    for topic in dict.fromkeys(column.topic for column in table.values() if column.topic):
+        if name.startswith((f"{topic}:", f"{topic}.")):
+            field = name.removeprefix(topic)[1:]
+            yield from (f"{topic}:{field}", field)
 
 
 def _parquet(file: str | Path, data: bytes) -> Table:

@@ -119,7 +119,7 @@ def _decoded(data: bytes, file: str, most: int) -> str:
         text = data.decode(
             "latin-1"
         )  # headers by older programs, such as "phi [°]"; numbers are the same in any encoding
-    text = text.rstrip("\0\x1a").replace("\r\n", "\n").replace("\r", "\n")
+    text = text.lstrip("\ufeff").rstrip("\0\x1a").replace("\r\n", "\n").replace("\r", "\n")
     if strange := re.search(r"[\0-\x08\x0e-\x1f\x7f]", text):
         line = text.count("\n", 0, strange.start()) + 1
         raise BadInput(
@@ -153,7 +153,7 @@ def _separated(lines: Sequence[str], file: str) -> TextTable:
     table = TextTable(rows[first:], [k for k, _ in numbered[first:]])
     before = numbered[:first]
     if len(before) > 1 and _are_units(before[-1][1], before[-2][1]):
-        table.units = [cell.strip("[]()- ") or None for cell in before.pop()[1]]
+        table.units = _units(before.pop()[1])
     if before:
         line = lines[before[-1][0] - 1]
         names = _names(line, separator, widths, file)
@@ -161,12 +161,13 @@ def _separated(lines: Sequence[str], file: str) -> TextTable:
             table.names = names
             before.pop()
     start = table.lines[0] if table.lines else len(lines) + 1
-    for line in reversed(lines[: start - 1]):
-        mark = next((mark for mark in COMMENT if line.lstrip().startswith(mark)), None)
-        if mark and table.names is None:
-            names = _names(line.lstrip().lstrip("#%/ \t"), separator, widths, file)
-            if len(names) in widths and not any(map(is_number, names)):
-                table.names = names
+    comments = [line.strip() for line in lines[: start - 1] if line.lstrip().startswith(COMMENT)]
+    heads = [_names(comment.lstrip("#%/ \t"), separator, widths, file) for comment in comments]
+    heads = [names for names in heads if len(names) in widths and not any(map(is_number, names))]
+    if table.names is None and len(heads) > 1 and _are_units(heads[-1], heads[-2]):
+        table.units = _units(heads.pop())
+    if table.names is None and heads:
+        table.names = heads[-1]
     if before:
         last = " ".join(before[-1][1])[:40]
         table.remarks.append(f"left out before the header: {len(before)} line{'s' * (len(before) > 1)}, the last {last!r}")
@@ -198,7 +199,7 @@ def _cells(lines: Sequence[str], separator: str, file: str) -> Iterator[tuple[in
 
 def _share_of_numbers(sample: Sequence[str], separator: str) -> float:
     """Return which share of the cells are numbers if this separates them, less where rows have different
-    numbers of cells; 0 if nothing is separated.
+    numbers of cells, and a little more; 0 if nothing is separated.
     """
     try:
         rows = [row for _, row in _cells(sample, separator, "")]
@@ -206,7 +207,7 @@ def _share_of_numbers(sample: Sequence[str], separator: str) -> float:
         return 0.0
     width, alike = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
     cells = [cell for row in rows for cell in row if cell]
-    return sum(map(is_number, cells)) / len(cells) * alike / len(rows) if width > 1 and cells else 0.0
+    return (sum(map(is_number, cells)) / len(cells) + 0.01) * alike / len(rows) if width > 1 and cells else 0.0
 
 
 def _first_of_numbers(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
@@ -237,11 +238,13 @@ def _names(line: str, separator: str, widths: range, file: str) -> list[str]:
     return next((names for names in fitting if not any(n[-1:] in tuple(SEPARATORS) for n in names)), ways[0])
 
 
+def _units(cells: Sequence[str]) -> list[str | None]:
+    return [cell.strip("[]()- ") or None for cell in cells]
+
+
 def _are_units(cells: Sequence[str], names: Sequence[str]) -> bool:
-    units = [cell.strip("[]() ") for cell in cells]
-    return (
-        len(cells) <= len(names) and any(units) and all(unit in ("", "-") or is_unit(unit) for unit in units)
-    )
+    units = list(filter(None, _units(cells)))
+    return len(cells) <= len(names) and bool(units) and all(map(is_unit, units))
 
 
 def _point_decimals(table: TextTable) -> None:

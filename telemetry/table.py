@@ -8,6 +8,7 @@ import numpy as np
 from ..model.mechanism import Quantity, quantity
 from ..readers.errors import BadInput
 from ..readers.tables import Column
+from ..readers.times import distinct
 from ..simulation.contact import contact_forces
 from ..simulation.guidance import outputs, vehicle_motion
 from ..simulation.loop import Loop, make_loop
@@ -29,8 +30,10 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
     law, plant = loop.law, loop.plant
     system, rows = law.system, law.output.rows
     t = _required(columns, "t", "s", where)
-    if not (np.diff(t) > 0).all():
-        raise BadInput(f"{where} column 't': times must increase")
+    if (late := np.flatnonzero(np.diff(t) <= 0)).size:
+        before, after = distinct(*t[late[0] : late[0] + 2])
+        row = columns["t"].rows[late[0] + 1]
+        raise BadInput(f"{where} row {row}: t goes from {before} s to {after} s; times must increase: cut the table there")
     measured = _columns(columns, system.state, len(t))
     x = np.nan_to_num(measured, nan=UNUSED)
     followed = _followed(loop, t, x)

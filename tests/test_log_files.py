@@ -303,7 +303,7 @@ REFUSED = {  # content, what is said
     "kind": (lines("t,theta_r [kg],theta_l,x_c,y_c,phi"), "[kg] is not a unit of a quantity in rad"),
     "clock set back": (late(0.6), "row 32: t goes from 1764230001.700 s to 1764230001.150 s, but times must"),
     "few digits": (lines(HEAD, rows=blunt(plain())), "row 3: t goes from 0.000000000 s to 0.000000000 s, but times"),
-    "thousands": (b"t;theta_r;theta_l;x_c;y_c;phi\n" + b"1,000;2,000;3,000;1,500;1,500;2,500\n" * 9, "00' is not a number: "),
+    "thousands": (b"t;theta_r;theta_l;x_c;y_c;phi\n" + b"1,000;2,000;3,000;1,500;1,500;2,500\n" * 9, "00' is not a number; "),
     "broken JSON": (b'{"t": 0.0}\n{"t": 0.1\n', "not JSON, row 2: "),
     "words in JSON": (b'["a", ["b"]]', "JSON, but not a table"),
     "true in JSON": (json.dumps({**dict.fromkeys(NAMES, [True] * 9), "t": [*range(9)]}).encode(), "'True' is not a number"),
@@ -398,6 +398,26 @@ def test_names_that_only_look_like_units_or_numbers(tmp_path):
     (tmp_path / "b.csv").write_bytes(lines(",0,1,2,3,4,5", rows=rows))
     mapped = {name: str(k) for k, name in enumerate(NAMES)}
     assert read_columns(read(tmp_path / "b.csv", (), mapped)) == pytest.approx(plain())
+
+
+@pytest.mark.parametrize(
+    ("names", "mapped"),
+    [
+        (("sec", "nanosec"), {}),
+        (("header.stamp.secs", "header.stamp.nsecs"), {}),
+        (("timestamp", "stamp.sec", "stamp.nanosec"), {"t": "stamp.sec"}),
+        (("__time",), {}),
+        (("%time",), {"t": "%time"}),
+        (("# t",), {}),
+    ],
+)
+def test_times_by_other_names(names, mapped, tmp_path):
+    times = {"sec": [math.floor(t) for t in plain()[:, 0] + START], "nano": [round((t + START) % 1 * 1e9) for t in plain()[:, 0]]}
+    columns = [times["nano" if "n" in n[-7:-3] else "sec"] if n.endswith(("sec", "secs")) else plain()[:, 0] for n in names]
+    rows = [[*map(str, cells), *map(str, row[1:])] for cells, row in zip(zip(*columns, strict=True), plain(), strict=True)]
+    text = "\n".join([",".join(names) + HEAD[1:], *(",".join(row) for row in rows)])
+    (tmp_path / "log.csv").write_text(text)
+    assert read_columns(read(tmp_path / "log.csv", (), mapped)) == pytest.approx(plain(), abs=1e-6)
 
 
 def test_a_log_every_ten_seconds_is_none_of_the_dynamics(bad_input, tmp_path):
