@@ -207,11 +207,9 @@ def arm_function(system: ReducedSystem) -> ca.Function:
     import casadi as ca
 
     from ..model.algebra.portable import portable
-    from ..model.vehicle import point_on_body  # slow to import
+    from ..model.vehicle import required_point  # slow to import
 
-    point = point_on_body(system)
-    assert point, "its pose is three coordinates"
-    return portable(ca.Function("arm", [system.mechanism.p], [ca.densify(point.arm)]))
+    return portable(ca.Function("arm", [system.mechanism.p], [ca.densify(required_point(system).arm)]))
 
 
 def _mode(name: str) -> int:

@@ -90,6 +90,15 @@ def point_on_body(system: ReducedSystem) -> PointOnBody | None:
     return None
 
 
+def required_point(system: ReducedSystem) -> PointOnBody:
+    """As `point_on_body`. Raises ModelError if there is none."""
+    point = point_on_body(system)
+    if point is None:
+        names = ", ".join(c.name for c in system.mechanism.coordinates)
+        raise ModelError(f"{system.mechanism.name}: it needs a pose of three coordinates, on whose body its point is; {names}")
+    return point
+
+
 def estimated_pose(system: ReducedSystem) -> Vehicle | None:
     """Return the pose that a filter estimates: the vehicle's if its heading is a coordinate, else `body_pose`; None if there is
     neither.

@@ -14,6 +14,7 @@ from ..model.algebra.samples import smallest_eigenvalue
 from ..model.law import ControlLaw, symbols
 from ..model.mechanism import Quantity
 from ..model.reduction import ReducedSystem
+from ..model.vehicle import point_on_body
 from ..readers.errors import BadInput
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
@@ -205,10 +206,9 @@ def _headings(system: ReducedSystem) -> frozenset[str]:
 
 
 def _vehicle_place(law: ControlLaw) -> list[int]:
-    """Return the indices of the vehicle's x and y in the state; empty unless they are coordinates."""
-    vehicle, names = law.system.mechanism.vehicle, [quantity.name for quantity in law.state]
-    point = [str(vehicle.x), str(vehicle.y)] if vehicle else []
-    return [names.index(name) for name in point] if point and set(point) <= set(names) else []
+    """Return the indices of the coordinates x and y of the vehicle in the state; empty if there are none."""
+    point = point_on_body(law.system)
+    return list(point.pose[:2]) if point else []
 
 
 @cache

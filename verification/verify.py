@@ -37,7 +37,7 @@ from ..model.law import ControlLaw, symbols
 from ..model.linearization import SINGULAR
 from ..model.outputs import body_offsets
 from ..model.reduction import ReducedSystem
-from ..model.vehicle import estimated_pose
+from ..model.vehicle import estimated_pose, required_point
 from ..readers.errors import BadInput
 from ..readers.kept import keep, kept
 from ..readers.progress import Reported, silent
@@ -318,12 +318,10 @@ class _LawInC(_InC):
             return
         distance, heading, curvature = self.held(random.uniform(-1, 1, 3) * (1, np.pi, 0.5))
         foot = (distance, np.cos(heading), np.sin(heading), curvature)
-        place = self._place(inputs["config"], distance, heading, curvature)
+        place = _place_function(self.law)(inputs["config"], inputs["params"], distance, heading, curvature).full().ravel()
         moved = dict(inputs) | {"state": np.array(inputs["state"]), "config": np.array(inputs["config"])}
-        names, config = ([q.name for q in self.law.groups[group]] for group in ("state", "config"))
-        vehicle = self.law.system.mechanism.required_vehicle
-        for symbol, value in zip((vehicle.x, vehicle.y, vehicle.heading), (*place[:2], heading), strict=True):
-            moved["state"][names.index(str(symbol))] = value
+        config = [q.name for q in self.law.groups["config"]]
+        moved["state"][list(required_point(self.law.system).pose)] = *place[:2], heading
         for quantity, value in zip(self.law.output.required_path.parameters, place[2:], strict=True):
             moved["config"][config.index(quantity.name)] = value
         right = self.right(moved)
@@ -334,10 +332,6 @@ class _LawInC(_InC):
         yield Sample(f"{self.answer} by follow", outcome.status, value, right[self.answer], self.answer, moved)
         moved["made of"] = [inputs[group] for group in ("params", "config", "gains")]
         yield from self._slowed(library, moved, right, "follow", foot)
-
-    def _place(self, config: Sequence[float], distance: float, heading: float, curvature: float) -> np.ndarray:
-        """Return the vehicle's x and y (m) and the path's parameters, in the frame of P_l's foot."""
-        return _place_function(self.law)(config, distance, heading, curvature).full().ravel()
 
     def _singular_states(self, plant: RandomPlant, numbers: Mapping) -> Iterator[np.ndarray]:
         """Yield states between two random ones at which det Phi changes its sign."""
@@ -439,15 +433,16 @@ def _Phi_function(law: ControlLaw) -> Direct:
 
 @cache
 def _place_function(law: ControlLaw) -> ca.Function:
-    """Return the function (config, distance, heading, curvature) to the vehicle's x and y, and the path's parameters, in the
-    frame of P_l's foot.
+    """Return the function (config, params, distance, heading, curvature) to the coordinates x and y of the vehicle, and the
+    path's parameters, in the frame of P_l's foot.
     """
     distance, heading, curvature = ca.SX.sym("distance"), ca.SX.sym("heading"), ca.SX.sym("curvature")
-    ahead, left = body_offsets(law.config)
+    arm = ca.vertsplit(required_point(law.system).arm)
+    ahead, left = (offset + own for offset, own in zip(body_offsets(law.config), arm, strict=True))
     x = -ahead * ca.cos(heading) + left * ca.sin(heading)
     y = distance - ahead * ca.sin(heading) - left * ca.cos(heading)
     there = ca.vertcat(x, y, *law.output.required_path.from_foot(distance, curvature))
-    return ca.Function("place", [symbols(law.config), distance, heading, curvature], [there])
+    return ca.Function("place", [symbols(law.config), law.system.mechanism.p, distance, heading, curvature], [there])
 
 
 class _DynamicsInC(_InC):

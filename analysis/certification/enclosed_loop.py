@@ -24,7 +24,7 @@ from ...model.law import symbols
 from ...model.outputs import body_point, forward_speed, reference_point
 from ...model.reduction import ReducedSystem
 from ...model.segments import Segment
-from ...model.vehicle import point_on_body
+from ...model.vehicle import point_on_body, required_point
 from ...readers.errors import BadInput
 from ...simulation.guidance import Route
 from ...simulation.loop import Loop, make_loop
@@ -417,9 +417,7 @@ class EnclosedLoop:
         if self._kind == "ellipse" or self.loop.composite:
             lengthwise = along
         point = body_point(offset=True)
-        on_body = point_on_body(system)
-        assert on_body, "the path has a foot"
-        offsets = ca.vertcat(*[q.symbol for q in point]), ca.vertcat(ahead, left) - on_body.arm
+        offsets = ca.vertcat(*[q.symbol for q in point]), ca.vertcat(ahead, left) - required_point(system).arm
         velocity = system.along_motion(ca.substitute(ca.vertcat(*reference_point(system, point)), *offsets))
         cosine, sine = ca.cos(direction), ca.sin(direction)
         behind, across = left * ca.sin(psi) - ahead * ca.cos(psi), h - ahead * ca.sin(psi) - left * ca.cos(psi)

@@ -12,7 +12,7 @@ from ...model.algebra.exact import canonical
 from ...model.algebra.expression import fold, operate
 from ...model.law import ControlLaw
 from ...model.outputs import FOOT, body_offsets
-from ...model.vehicle import point_on_body
+from ...model.vehicle import point_on_body, required_point
 from .stages import Result, Stages, inner_velocities, staged
 
 DISTANCE, COSINE, SINE, CURVATURE = (q.symbol for q in FOOT)
@@ -62,8 +62,7 @@ def staged_at_foot(law: ControlLaw) -> Stages:
 
 def plain_at_foot(law: ControlLaw, quantity: ca.SX) -> ca.SX:
     """Return a quantity of the reference law as a function of FOOT: the path is placed at the foot, along x."""
-    point, config = point_on_body(law.system), {q.name: q.symbol for q in law.config}
-    assert point, "the law has a form at the foot"
+    point, config = required_point(law.system), {q.name: q.symbol for q in law.config}
     x, y, heading = ca.vertsplit(law.system.mechanism.q[list(point.pose)])
     ahead, left = (offset + arm for offset, arm in zip(body_offsets(law.config), ca.vertsplit(point.arm), strict=True))
     place = -ahead * COSINE + left * SINE, DISTANCE - ahead * SINE - left * COSINE
