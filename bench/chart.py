@@ -1,5 +1,6 @@
 """Charts of instructions per call, ours compared with others."""
 
+import json
 from pathlib import Path
 
 import matplotlib
@@ -20,14 +21,15 @@ TOP = 1000  # higher bars are cut off and labelled with their number
 
 
 def draw(panels: dict[str, dict], laws: list[str], path: Path) -> None:
-    """Write a PNG with a panel for each title -> {law: results}."""
+    """Write a PNG with a panel for each title -> {law: results}; its "Description" has the numbers of these laws, as JSON."""
     figure, axes = plt.subplots(len(panels), 1, figsize=(13, 4.4 * len(panels)), squeeze=False, layout="constrained")
     for axis, (title, results) in zip(axes[:, 0], panels.items(), strict=True):
         _panel(axis, {law: results[law] for law in laws})
         axis.set_title(f"{title}: instructions per call of the feedback law", loc="left", fontsize=11)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, ncols=len(labels), loc="outside upper left")
-    figure.savefig(path, dpi=120, metadata={"Software": None})
+    drawn = {title: {law: results[law] for law in laws} for title, results in panels.items()}
+    figure.savefig(path, dpi=120, metadata={"Software": None, "Description": json.dumps(drawn)})
     plt.close(figure)
 
 

@@ -1,9 +1,11 @@
 """The bench's estimate of cycles on a Cortex-M4F, compared with counts by hand."""
 
+import json
 import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from .tools import need
 
@@ -85,3 +87,21 @@ int main(void) {{ float x[2] = {{2, 3}}; return drive(x); }}
     refills = 2 * (1 + (LOOP - 1) + 1)
     cycles = LOOP * sum((FUNCTION | AROUND).values()) + 1 + refills
     assert done.returncode == 0 and found["measured"] == (1, instructions, instructions, instructions, cycles)
+
+
+def test_the_table_of_the_readme_is_of_the_run_of_its_picture():
+    """docs/bench.png carries the numbers that it shows; `make bench` makes it, and the table is written from the same numbers."""
+    described = json.loads(Image.open(ROOT / "docs" / "bench.png").text["Description"])
+    laws = described["Cortex-M4F, float"].values()
+    rows = {
+        "noslip, + guards": [f"{law['instructions']:.0f} + {law['guards']:.0f}" for law in laws],
+        "written by hand": [f"{law['hand']:.0f}" for law in laws],
+        "CasADi, sin replaced by sinf": [f"{law['casadi_single']:.0f}" for law in laws],
+        "*cycles:* noslip with its singular test, all guards": [
+            f"{law['cycles']:.0f}, {law['cycles_guarded']:.0f}" for law in laws
+        ],
+        "written by hand, no test": [f"{law['cycles_hand']:.0f}" for law in laws],
+    }
+    expected = [f"| {' | '.join([name, *cells])} |" for name, cells in rows.items()]
+    lines = (ROOT / "README.md").read_text().splitlines()
+    assert [line for line in expected if line not in lines] == []
