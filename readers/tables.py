@@ -40,6 +40,7 @@ TIME = re.compile(
     re.IGNORECASE,
 )
 STAMP = re.compile(r"(.*?)(n|nano)?secs?", re.IGNORECASE)  # two columns of whole seconds and nanoseconds
+SPEED = re.compile(r"(?:.*[.:/])?(?:v|v_?x|omega|w|w_?z|linear.*|angular.*)", re.IGNORECASE)  # of the vehicle
 MISSING = {"", "-", "--", "na", "n/a", "#n/a", "null", "none", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"}
 NANOSECONDS = 1e9  # per second, of the times of MCAP
 SHOWN = 12  # names in a message
@@ -125,9 +126,11 @@ class Table(dict[str, Column]):
                 f"with - for one that is not used, or give --map {quantity}=NUMBER"
             )
         near = suggestion(column, self).partition("; known are")[0]
+        speeds = ", ".join(name for name in self if SPEED.fullmatch(name))
         return BadInput(
             f"{self.file}: column {column!r} is missing{near}; there are {listed(self)}; say which it is: "
             f"--map {quantity}=COLUMN, or --map '{quantity}=COLUMN [UNIT]' if it is not in SI units"
+            + (f" (speeds of the vehicle, {speeds}, are not those of its wheels)" if speeds else "")
         )
 
 

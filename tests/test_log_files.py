@@ -6,6 +6,7 @@ import io
 import json
 import math
 import random
+import re
 from datetime import UTC, datetime
 from functools import cache
 
@@ -13,7 +14,9 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.identification.log import PoseLog, read_log, read_poses
+from noslip.readers import tables, text_tables, times
 from noslip.readers.errors import BadInput
+from noslip.readers.quantities import in_base_units
 from noslip.readers.tables import read_table
 from noslip.tests import test_calibration as geometry
 from noslip.tests import test_identification as dynamics
@@ -235,6 +238,22 @@ def test_a_log_is_the_same_in_any_dialect(tmp_path):
     assert not refused, refused[0]
 
 
+@pytest.mark.parametrize(
+    ("module", "name", "planted"),
+    [
+        (tables, "scaled_units", lambda text: (1.0, in_base_units(text.split("/")[0])[1])),
+        (times, "EPOCH", (0.0, 1.0)),
+        (text_tables, "DECIMAL_COMMA", re.compile(r"[-+]?\d*,\d*")),
+    ],
+)
+def test_a_planted_defect_is_found(module, name, planted, monkeypatch, tmp_path):
+    """Units that are not converted, times since 1970 that are not seen, decimals in exponents that are not read."""
+    monkeypatch.setattr(module, name, planted)
+    with pytest.raises(AssertionError):
+        refused = [said for seed in range(60) if (said := compared(seed, tmp_path))]
+        assert not refused
+
+
 @pytest.mark.nightly
 def test_a_log_is_the_same_in_many_dialects(tmp_path):
     refused = [said for seed in range(1000, 21000) if (said := compared(seed, tmp_path))]
@@ -286,6 +305,7 @@ REFUSED = {  # content, what is said
     "two times": (lines("time,timestamp,theta_l,x_c,y_c,theta_r"), "t may be time or timestamp; choose one, --map t=time"),
     "two headings": (lines("t,theta_r,theta_l,x_c,phi,phi"), "two columns are called 'phi'"),
     "another name": (lines("t,theta_r,theta_l,x,y,phi"), "column 'x_c' is missing; there are t, theta_r, theta_l, x, y, phi"),
+    "twist": (lines("t,theta_r,theta_l,linear.x,angular.z,phi"), "speeds of the vehicle, linear.x, angular.z, are not those of"),
     "cut off": (lines(HEAD)[:-70], "row 61: "),
     "long row": (lines(HEAD) + b",1,2", "row 61: 8 entries, but the header names 6 columns; complete or delete this row"),
     "text": (lines(HEAD, rows=plain()[:5]) + b"\n1,2,3,4,five,6", "column 'y_c' row 7: 'five' is not a number"),
