@@ -255,10 +255,11 @@ def slow_in_c(scalar: str):
     library = ffi.dlopen(str(shared_library({"slow.c": text})))
     largest = float(np.finfo(np.float32 if suffix else np.float64).max)
 
-    def call(inputs, slope, limits) -> tuple[int, list[float], int, list[float]]:
+    def call(inputs, slope, limits, after=()) -> tuple[int, list[float], int, list[float]]:
+        """`after`: what comes after the inputs in memory."""
         count = len(inputs)
         bound = ffi.new(f"{scalar}[]", [limit if 0 < limit < math.inf else largest for limit in limits])
-        values, held = ffi.new(f"{scalar}[]", list(inputs)), ffi.new(f"{scalar}[]", count)
+        values, held = ffi.new(f"{scalar}[]", [*inputs, *after]), ffi.new(f"{scalar}[]", count)
         first = library.slow(values, ffi.new(f"{scalar}[]", list(slope)), bound, count)
         between = list(values)
         return first, between, library.answer(first, bound, held, values, count), list(values)
@@ -317,6 +318,16 @@ def test_slow_with_numbers_of_any_size(scalar):
         assert (status < 0) or np.all(np.isfinite(tau))
         good += status >= 0
     assert good > 1000
+
+
+@each_scalar
+def test_finite_inputs_of_any_size_pass(scalar):
+    """Also where their sum overflows; what comes after them in memory is none of them."""
+    largest = float(np.finfo(np.float32 if scalar == "float" else np.float64).max)
+    inputs = [largest, largest]
+    for after in (math.inf, math.nan, 1.0):
+        assert slow_in_c(scalar)(inputs, (0, 0), (0, 0), (after,))[2:] == (0, [*inputs, pytest.approx(after, nan_ok=True)])
+    assert slow_in_c(scalar)((largest, math.inf), (0, 0), (0, 0))[2:] == (-2, [0, 0])
 
 
 # -- what is refused ----------------------------------------------------------------------------------------------------

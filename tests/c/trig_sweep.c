@@ -260,16 +260,27 @@ static int sweep_edges(void)
         const double a = k % 3 == 0 ? huge - huge : k % 3 - 1.5, b = k / 3 == 0 ? huge - huge : k / 3 - 1.5;
         const int none = isnan(a) || isnan(b);
         const double found[] = {noslip_min(a, b), noslip_max(a, b), noslip_less(a, b)};
+        const float a_f = (float)a, b_f = (float)b;
+        const float found_f[] = {noslip_min_f(a_f, b_f), noslip_max_f(a_f, b_f), noslip_less_f(a_f, b_f)};
         const double right[] = {fmin(a, b), fmax(a, b), a < b};
         int i;
         for (i = 0; i < 3; i++) {
-            wrong += none ? !isnan(found[i]) : !same(found[i], right[i]);
+            wrong += none ? !isnan(found[i]) || !isnan(found_f[i])
+                          : !same(found[i], right[i]) || !same_f(found_f[i], (float)right[i]);
         }
         wrong += isnan(a) ? !isnan(noslip_sign(a)) : !same(noslip_sign(a), a < 0 ? -1 : 1);
-        wrong += isnan(a) ? !isnan(noslip_not(a)) || !isnan(noslip_if(a, 1)) : !same(noslip_not(a), 0);
+        wrong += isnan(a) ? !isnan(noslip_sign_f(a_f)) : !same_f(noslip_sign_f(a_f), a < 0 ? -1 : 1);
+        wrong += isnan(a) ? !isnan(noslip_not(a)) || !isnan(noslip_if(a, 3))
+                          : !same(noslip_not(a), 0) || !same(noslip_if(a, 3), 3);
+        wrong += isnan(a) ? !isnan(noslip_not_f(a_f)) || !isnan(noslip_if_f(a_f, 3))
+                          : !same_f(noslip_not_f(a_f), 0) || !same_f(noslip_if_f(a_f, 3), 3);
     }
-    wrong += !same(noslip_not(0), 1) || !same(noslip_if(0, huge - huge), 0) || !same(noslip_if(1, 3), 3);
-    wrong += !same(noslip_sign(0), 0) || !same(noslip_less(1, 1), 0) || !isnan(noslip_pow(-1, 0.3)) || !same(noslip_pow(0, 0.3), 0);
+    wrong += !same(noslip_not(0), 1) || !same(noslip_if(0, huge - huge), 0);
+    wrong += !same_f(noslip_not_f(0), 1) || !same_f(noslip_if_f(0, huge_f - huge_f), 0);
+    wrong += !same(noslip_sign(0), 0) || !same(noslip_less(1, 1), 0) || !isnan(noslip_pow(-1, 0.3)) ||
+             !same(noslip_pow(0, 0.3), 0);
+    wrong += !same_f(noslip_sign_f(0), 0) || !same_f(noslip_less_f(1, 1), 0) || !isnan(noslip_pow_f(-1, 0.3f)) ||
+             !same_f(noslip_pow_f(0, 0.3f), 0);
     printf("%d wrong beyond domains and of what is not finite\n", wrong);
     return wrong > 0;
 }
