@@ -167,6 +167,8 @@ def _report(error: Exception) -> int:
             _fail(DIFFERS, line)
         return DIFFERS
     if isinstance(error, OSError) and error.errno is not None:
+        if error.errno == errno.ENOENT and _is_nowhere():
+            return _fail(BAD_INPUT, "the current folder no longer exists; change to one that does")
         if error.filename is None:  # as when standard output is on a full disk
             _close_stdout()
         place = "cannot read or write" if error.filename is None else os.fsdecode(error.filename)
@@ -185,6 +187,14 @@ def _fail(code: int, message: str) -> int:
         name = "\033[1;31mnoslip:\033[0m" if coloured else "noslip:"
         print(f"{name} {_one_line(message)}", file=sys.stderr)
     return code
+
+
+def _is_nowhere() -> bool:
+    """Return whether the current folder has been removed."""
+    try:
+        return not os.getcwd()
+    except FileNotFoundError:
+        return True
 
 
 def _one_line(message: str) -> str:

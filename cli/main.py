@@ -18,9 +18,9 @@ def main(argv: list[str] | None = None) -> int:
 
             signal.signal(signal.SIGINT, lambda *_: _stop(INTERRUPTED, "interrupted"))
             signal.signal(signal.SIGTERM, lambda *_: _stop(TERMINATED, "terminated"))
+            _open_streams()
             argv = sys.argv[1:]
-            for stream in (sys.stdout, sys.stderr):  # a terminal that has no φ gets \u03c6
-                getattr(stream, "reconfigure", dict)(errors="backslashreplace")
+            os.environ["MPLBACKEND"] = "agg"  # pictures are files: a backend for a screen need not exist
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: the matrices are too small for threads
         from .commands import run
 
@@ -28,6 +28,25 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("noslip: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def _open_streams() -> None:
+    """Make what is printed into a file or a pipe UTF-8 whatever the locale, with the bytes of file names as they are. A terminal
+    that has no φ gets \\u03c6.
+
+    A stream that is closed becomes the null device: the first file that is opened would take its number, and what is printed.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) < 3:
+        pass
+    os.close(number)
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w", closefd=False))
+        stream = getattr(sys, name)
+        if stream.isatty() or "PYTHONIOENCODING" in os.environ:
+            stream.reconfigure(errors="backslashreplace")
+        else:
+            stream.reconfigure(encoding="utf-8", errors="surrogateescape")
 
 
 def _stop(code: int, message: str) -> None:

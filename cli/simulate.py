@@ -81,9 +81,9 @@ def run(arguments: argparse.Namespace) -> int:
     from ..simulation.closed_loop import as_json, simulate, summary  # slow to import, as are models
     from ..simulation.specification.vary import change, read_varied
 
-    outputs = filter(None, (arguments.output, arguments.record, arguments.animate, arguments.write_scene))
-    pictures = filter(None, (arguments.plot, arguments.contact))
-    check_targets(list(outputs), list(pictures), inputs=[arguments.spec])
+    outputs = (arguments.output, arguments.record, arguments.animate, arguments.write_scene)
+    pictures = (arguments.plot, arguments.contact)
+    check_targets(*([name for name in names if name is not None] for names in (outputs, pictures)), inputs=[arguments.spec])
     if arguments.engine and arguments.contact:
         raise BadInput(
             "--contact shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"

@@ -18,7 +18,7 @@ from .algebra.exact import canonical
 from .algebra.expression import as_text, degree, free_symbols, time_derivative
 from .algebra.operations import kinks, refuse_jumps, refuse_unsupported
 from .errors import ModelError
-from .names import in_c, is_reserved, refuse_output, refuse_robot
+from .names import in_c, is_reserved, refuse_column, refuse_output, refuse_robot, similar
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -69,7 +69,7 @@ def quantity(name: str, unit: str, about: str = "", default: float = 0.0, sign: 
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or is_reserved(name):
         raise ModelError(
             f"name {name!r} cannot be used in C: use letters, digits and _ only, no keyword of C, C++ or Python, no macro of the "
-            "standard headers, no name that begins with noslip_"
+            f"standard headers, no name that begins with noslip_; call it {similar(str(name))}, for instance"
         )
     for text, label in ((unit, "unit"), (about, "about")):
         if not isinstance(text, str) or not text.isprintable() or "*/" in text:
@@ -221,7 +221,7 @@ class Mechanism:
     @_before_reduction
     def coordinate(self, name: str, unit: str, about: str = "") -> ca.SX:
         """Add a generalized coordinate and return its symbol."""
-        q = self._new(name, unit, about)
+        q = self._column(name, unit, about)
         self.velocities.append(self._new(f"{name}_dot", per_second(unit), f"rate of {name}"))
         self.coordinates.append(q)
         self._forget()
@@ -378,7 +378,7 @@ class Mechanism:
         `wanted` is the former name of `preferred` and is deprecated. Raises ModelError for an invalid weight, and if both names
         are given.
         """
-        new, where = self._new(name, unit, about), f"input {name!r}"
+        new, where = self._column(name, unit, about), f"input {name!r}"
         if wanted is not None:
             if not (isinstance(preferred, int | float) and preferred == 0):
                 raise ModelError(f"{self.name}: {where}: give `preferred` or, as in older versions, `wanted`, not both")
@@ -397,7 +397,7 @@ class Mechanism:
     @_before_reduction
     def quasi_velocity(self, name: str, unit: str, expression: ca.SX, about: str = "") -> None:
         """Choose a quasi-velocity nu_i as an expression linear in the rates; all of them together determine S(q) (9)."""
-        new = self._new(name, unit, about)
+        new = self._column(name, unit, about)
         if self._null_space is not None:
             raise ModelError(
                 f"{self.name}: quasi-velocity {name!r} after null_space, which defines them all; use one or the other"
@@ -413,7 +413,7 @@ class Mechanism:
             raise ModelError(
                 f"{self.name}: null_space requires the names of the quasi-velocities with their units, not {names!r}"
             )
-        velocities = [self._new(name, unit) for name, unit in names.items()]
+        velocities = [self._column(name, unit) for name, unit in names.items()]
         if self.quasi_velocities:
             raise ModelError(
                 f"{self.name}: null_space after quasi-velocity {self.quasi_velocities[0].name!r}; use one or the other, once"
@@ -802,6 +802,11 @@ class Mechanism:
         if name in self.names:
             raise ModelError(f"{self.name}: the name {name!r} is used twice")
         return new
+
+    def _column(self, name: str, unit: str, about: str = "") -> Quantity:
+        """Return a new quantity that is a column of the tables of runs."""
+        refuse_column(name)
+        return self._new(name, unit, about)
 
     def _forget(self) -> None:
         """Discard the cached matrices, after an addition that changes them."""

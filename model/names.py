@@ -3,6 +3,7 @@
 import errno
 import keyword
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -38,8 +39,8 @@ MACROS = frozenset(name for name in vars(errno) if name.isupper()) | frozenset(
     "sa_handler sa_sigaction sigev_notify_function sigev_notify_attributes "
     "si_addr si_addr_lsb si_arch si_band si_call_addr si_fd si_int si_lower si_overrun si_pid si_pkey si_ptr si_status "
     "si_stime si_syscall si_timerid si_uid si_upper si_utime si_value "
-    "basename d_fileno h_addr h_errno s6_addr sched_priority st_atime st_ctime st_mtime "  # POSIX
-    "cdecl far hyper interface near pascal pshHelp small".split()  # Windows.h
+    "basename d_fileno environ h_addr h_errno sched_priority st_atime st_ctime st_mtime ut_addr ut_name ut_time "  # POSIX
+    "cdecl far hyper interface near pascal pshHelp small s_addr s_host s_imp s_impno s_lh s_net".split()  # Windows.h
 )
 FAMILIES = re.compile(
     r"u?int(_fast|_least)?(8|16|32|64|max|ptr)_t"
@@ -57,6 +58,11 @@ FAMILIES = re.compile(
     r"|(HUGE_VAL_|SNAN)F\d+X?"
     r"|atomic_\w+_explicit"
     r"|(chx|cmb|ctl|edt|frm|grp|ico|lst|psh|rad|rct|scr|stc)[0-9]+"  # dialogs of Windows.h
+    r"|(if[acr]|s6)_[a-z]+\d*|SYS_[a-z]\w*"  # network interfaces and system calls of POSIX
+    r"|(config|event|pd|port)[A-Z][A-Z0-9_]+|INCLUDE_\w+"  # FreeRTOS
+    r"|pxContainer|[vx](List|Queue|Semaphore|Task|Time[Or])[A-Za-z]*"
+    r"|[A-Z][A-Z0-9]+(_\w+)?_(Block_[AB]|Msk|Pos|Stream\d|TypeDef|bm|bp|gc|gm|gp|struct|vect|vect_num)"  # STM32, AVR
+    r"|Serial(\d|USB)?"  # Arduino
     r"|(?i:noslip)(_\w*)?"
 )
 # Names in upper case are those of macros, which boards and systems have by the thousand: PI, B0, A0, F_CPU. So a parameter PI is
@@ -65,8 +71,9 @@ UPPER_CASE = re.compile(r"I|[A-Z][A-Z0-9_]*[A-Z0-9]")
 HEADERS = frozenset(
     "assert complex ctype errno fenv inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool stddef "
     "stdint stdio stdlib stdnoreturn string strings tgmath threads time uchar unistd wchar wctype console stopwatch "
-    "selftest".split()
+    "selftest arduino board main pthread sched termios windows".split()
 )
+COLUMNS = re.compile(r"t|status|y\d+")  # time, status and outputs in the table of a run, beside the robot's own names
 # suffixes of a robot's name, and of a law's name, in names of types, functions and files
 OF_FOLLOWER = (
     *("", "_config", "_interval", "_steering"),
@@ -97,7 +104,14 @@ OF_LAW = (
 def is_reserved(name: str) -> bool:
     """Return whether the name is reserved in C, C++, their standard headers, the C runtime or Python."""
     taken = keyword.iskeyword(name) or name in KEYWORDS or name in MACROS or UPPER_CASE.fullmatch(name[:-1] * (name[-1] == "_"))
-    return bool(taken) or FAMILIES.fullmatch(name) is not None
+    return "__" in name or bool(taken or FAMILIES.fullmatch(name))
+
+
+def similar(name: str) -> str:
+    """Return a name that is not reserved and that a reader takes for this one."""
+    letters = unicodedata.normalize("NFKD", name.replace("ß", "ss")).encode("ascii", "ignore").decode()
+    plain = re.sub(r"\W|_+", "_", letters).strip("_")
+    return plain if plain[:1].isalpha() and not is_reserved(plain) else f"my_{plain or 'name'}"
 
 
 @dataclass(frozen=True)
@@ -166,9 +180,18 @@ def in_c(name: str) -> str:
 
 
 def refuse_robot(name: str) -> None:
-    """Raise ModelError for a robot whose header would have the name of a header of the standard library or a project."""
-    if name.removesuffix(FLOAT) in HEADERS:
-        raise ModelError(f"{name}: the name cannot be that of a robot: {name}.h is the name of another header; choose another")
+    """Raise ModelError for a robot whose header would have the name of a header of the standard library, a board or a project,
+    which differ by more than upper and lower case where file names do.
+    """
+    if name.removesuffix(FLOAT).lower() in HEADERS:
+        another = f"choose another, such as my_{name}"
+        raise ModelError(f"{name}: the name cannot be that of a robot: {name}.h is the name of another header; {another}")
+
+
+def refuse_column(name: str) -> None:
+    """Raise ModelError for a coordinate, quasi-velocity or input with the name of another column in the tables of runs."""
+    if COLUMNS.fullmatch(name):
+        raise ModelError(f"the name {name!r} has a meaning already in the tables of runs; choose another, such as my_{name}")
 
 
 def refuse_output(name: str, others: Iterable[str], where: str) -> None:

@@ -183,10 +183,14 @@ def check_targets(outputs: Sequence[str], pictures: Sequence[str] = (), inputs: 
     """
     files = [Path(file) for file in (*outputs, *pictures) if file != "-"]
     read = {os.path.realpath(file) for file in inputs}
+    if "" in (*outputs, *pictures):
+        raise BadInput("the name of an output is empty; give a file")
     for file in files:
         if file.is_dir():
             raise BadInput(f"{file} is a folder; give a file in it")
         if not file.parent.is_dir():
+            if file.parent.exists():
+                raise BadInput(f"{file}: {file.parent} is not a folder; choose another")
             raise BadInput(f"{file}: the folder {file.parent} does not exist; create it first")
         if os.path.islink(os.path.realpath(file)):
             raise BadInput(f"{file} is a link to itself; choose another name")
@@ -201,7 +205,7 @@ def check_targets(outputs: Sequence[str], pictures: Sequence[str] = (), inputs: 
 
 
 def _bytes(content: str | bytes) -> bytes:
-    return content.encode() if isinstance(content, str) else content
+    return content.encode(errors="surrogateescape") if isinstance(content, str) else content
 
 
 def _holds(path: Path, data: bytes) -> bool:

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from glob import escape as glob_escape
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -87,7 +86,7 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
     if "\0" in text:
         raise BadInput(f"robot {text!r} is not a valid file name")
     file, colon, name = text.rpartition(":")
-    if not colon and (text.endswith(".toml") or any(SPECS.rglob(f"{glob_escape(text)}.toml"))):
+    if not colon and (text.endswith(".toml") or text in {file.stem for file in SPECS.rglob("*.toml")}):
         raise BadInput(f"{text} is a SPEC, where a robot is expected: give the robot that it names, or `noslip simulate {text}`")
     if not colon and not text.endswith(".py"):
         raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, SHIPPED)}")
@@ -256,19 +255,34 @@ def _run(path: Path, source: bytes) -> types.ModuleType:
     """Execute the user's file as a module; it can import modules in the same folder that no library is named like."""
     module = types.ModuleType(path.stem)
     module.__file__ = str(path)
-    folder = str(path.resolve().parent)
-    sys.path.append(folder)  # behind the libraries: a control.py beside the file must not replace python-control
+    _guarded(path, lambda: exec(compile(source, str(path), "exec"), vars(module)))
+    return module
+
+
+@contextmanager
+def _modules_beside(path: Path) -> Iterator[None]:
+    """Let code import the modules beside a file, after all libraries: a control.py there does not replace python-control.
+
+    They are forgotten at the end, so that the modules beside another file may have the same names.
+    """
+    folder, known = str(path.resolve().parent), set(sys.modules)
+    sys.path.append(folder)
     try:
-        _guarded(path, lambda: exec(compile(source, str(path), "exec"), vars(module)))
+        yield
     finally:
         sys.path.remove(folder)
-    return module
+        new = {name: getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - known}
+        beside = {name for name, file in new.items() if file in (f"{folder}/{name}.py", f"{folder}/{name}/__init__.py")}
+        for name in new:
+            if name.partition(".")[0] in beside:
+                del sys.modules[name]
 
 
 def _guarded(path: Path, call):
     """Return call(). An exception of the user's code becomes BadInput with the last line of the user's file in its traceback."""
     try:
-        return call()
+        with _modules_beside(path):
+            return call()
     except (Exception, SystemExit) as error:
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         if isinstance(error, SyntaxError) and error.filename == str(path):

@@ -11,7 +11,7 @@ from noslip.controllers.build import compiler, runtime_files
 from noslip.model import Mechanism, config, control_law
 from noslip.model.errors import ModelError
 from noslip.model.mechanism import quantity
-from noslip.model.names import OF_LAW, OF_ROBOT, LawName, in_c, is_reserved, without_offset
+from noslip.model.names import OF_LAW, OF_ROBOT, LawName, in_c, is_reserved, similar, without_offset
 from noslip.model.outputs import OUTPUTS, output_map
 from noslip.model.paths import PATHS
 from noslip.model.reduction import reduce
@@ -92,7 +92,25 @@ def refused(line: str, tmp_path) -> str:
     ],
 )
 def test_reserved_names_are_refused(name, line, tmp_path):
-    assert f"name {name!r} cannot be used in C" in refused(line.format(name), tmp_path)
+    said = refused(line.format(name), tmp_path)
+    assert f"name {name!r} cannot be used in C" in said and f"call it {similar(name)}, for instance" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("Rad_größe", "Rad_grosse"), ("_x", "x"), ("a__b", "a_b"), ("2wd", "my_2wd"), ("φ", "my_name"), ("near", "my_near")],
+)
+def test_the_name_proposed_instead_is_free(name, other, tmp_path):
+    assert f"call it {other}, for instance" in refused(f"r.parameter({name!r}, 1.0, 'kg')", tmp_path)
+    assert quantity(other, "").name == other
+
+
+@pytest.mark.parametrize("name", ["t", "status", "y1", "y12"])
+def test_no_two_columns_of_a_run_have_one_name(name, tmp_path):
+    for line in ("r.coordinate({!r}, 'm')", "r.input({!r}, 'N', on=r.rate(x))", "r.quasi_velocity({!r}, 'm/s', r.rate(x))"):
+        said = refused(line.format(name), tmp_path)
+        assert f"'{name}' has a meaning already in the tables of runs; choose another, such as my_{name}" in said
+    assert quantity(name, "").name == name  # a parameter is no column
 
 
 @pytest.mark.parametrize(
@@ -115,7 +133,7 @@ def test_either_order_is_refused():
     robot(outputs=(("tip", "ab"), ("tip_speed", "ab"), ("tip2", "ab")))
 
 
-@pytest.mark.parametrize("name", ["math", "stdio", "string", "errno", "time_f"])
+@pytest.mark.parametrize("name", ["math", "Math", "stdio", "string", "errno", "time_f", "Arduino", "main", "windows"])
 def test_a_robot_is_no_header(name):
     with pytest.raises(ModelError, match="cannot be"):
         Mechanism(name)
@@ -150,7 +168,8 @@ def test_macros_are_refused(which_one, tmp_path):
 
 
 def test_what_people_call_things_is_free():
-    for name in ("I", "J", "M_1", "M_w", "TAU_MAX", "V_MAX", "E", "E_k", "sin", "x", "SS", "R", "EI", "SI_1", "mass_f", "step"):
+    free = "I J M_1 M_w TAU_MAX V_MAX E E_k sin x SS R EI SI_1 mass_f step X_Pos Wheel_Pos vTip xTarget port event"
+    for name in free.split():
         assert quantity(name, "").name == name
     with pytest.raises(ModelError):
         quantity("I_", "")
@@ -186,6 +205,14 @@ BOARDS = (
     "B9600 ECHO VMIN CR0 TAB0 CS8 ISIG MAXPATHLEN PAGE_SIZE "  # POSIX
     "IN OUT TRUE ERROR RELATIVE IGNORE DELETE STRICT X1 P1"  # Windows
 ).split()
+# Those with small letters are refused.
+REFUSED = (
+    "USART_TXEN_bm USART_PMODE_gp RTC_CNT_vect RTC_CNT_vect_num SPCR_struct Serial SerialUSB h_addr "  # Arduino: AVR
+    "DMA1_Stream0 SAI1_Block_A PWR_CSR_EWUP_Pos PWR_CSR_EWUP_Msk SD_TypeDef Serial1 "  # STM32
+    "pdTRUE portMAX_DELAY configTICK_RATE_HZ xTaskHandle vTaskDelay pxContainer INCLUDE_vTaskDelay "  # ESP-IDF: FreeRTOS
+    "ifr_name s6_addr s6_addr16 st_atime environ sa_handler si_value SYS_open ut_time "  # POSIX
+    "near far small hyper interface cdecl pascal s_addr rad1 edt12 pshHelp"  # Windows
+).split()
 WITH_ARGUMENT = ("F", "min", "max", "abs", "round", "bit", "sq", "BIT", "MIN", "K_MSEC")
 
 
@@ -193,14 +220,15 @@ WITH_ARGUMENT = ("F", "min", "max", "abs", "round", "bit", "sq", "BIT", "MIN", "
 def test_c_compiles_after_the_macros_of_boards(language, tmp_path):
     """Parameters and outputs of these names; the headers of the runtime do not use them either."""
     free = [name for name in (*BOARDS, *WITH_ARGUMENT) if not is_reserved(name)]
-    assert len(free) > 50 and is_reserved("near") and is_reserved("rad1") and is_reserved("PI_") and in_c("PI") == "PI_"
+    assert len(free) > 50 and is_reserved("PI_") and in_c("PI") == "PI_"
+    assert [name for name in REFUSED if not is_reserved(name)] == []
     mechanism = robot(parameters=free[8:], outputs=(("own", (free[0], free[1])),), settings=free[2:8])
     system = reduce(mechanism)
     files = robot_files(system, [control_law(system, output_map(system, "own"))])
     for name, text in {**runtime_files(), **files}.items():
         (tmp_path / name).write_text(text)
     macros = "".join(f"#define {name} ?\n" for name in BOARDS) + "".join(f"#define {name}(x) ?\n" for name in WITH_ARGUMENT)
-    macros += "".join(f"#define {name} ?\n" for name in ("near", "far", "small", "hyper", "interface", "rad1"))
+    macros += "".join(f"#define {name} ?\n" for name in REFUSED)
     headers = "".join(f'#include "{name}"\n' for name in sorted(path.name for path in tmp_path.glob("*.h")))
     (tmp_path / "use.c").write_text(f"{macros}{headers}")
     run = [*compiler(), "-x", language, "-Wall", "-Werror", "-ffp-contract=off", "-fsyntax-only", "use.c"]
