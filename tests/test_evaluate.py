@@ -364,6 +364,10 @@ MALFORMED = {
     "missing L": (change("output", "L", delete=True), "L missing"),
     "missing radius": (change("output", "path", "R", delete=True), "R missing"),
     "missing ydd": (change("reference", "ydd", delete=True), "ydd missing"),
+    "a rate in yd": (
+        lambda case: case["reference"].update(yd=["0", "0.3"], ydd=["0", "0"]),
+        "yd[1] = 0.3: speed has relative degree 1, and its desired rate is ydd[1]",
+    ),
     "short q": (change("q", value=["0", "0"]), "list of 5 numbers"),
     "long nu": (change("nu", value=[1, 2, 3]), "list of 2 numbers"),
     "short y": (change("reference", "y", value=[1]), "list of 2 numbers"),
@@ -386,6 +390,25 @@ MALFORMED = {
     "ragged expectation": (change("expect", "Phi", value=[[1, 2], [3]]), "list of 2 numbers"),
     "params no table": (change("params", value=[1]), "must be an object"),
 }
+
+
+def test_the_rate_of_an_output_of_degree_1_is_ydd(tmp_path, monkeypatch, bad_input):
+    """v = ydot_d + kv (y_d - y), computed here; the same number in yd is refused, as the law would not use it."""
+    robot = Path(__file__).parent / "robots_of_users.py"
+    reference = {"y": [0.5, 0.2], "yd": [0, 0], "ydd": [0.3, -0.4]}
+    one = {"params": {}, "output": {"type": "speeds"}, "q": [0.1, 0.2, 0.3], "nu": [0.7, 0.1], "gains": {"kv": 2.0}}
+    cases = tmp_path / "cases.json"
+
+    def write_with(reference):
+        cases.write_text(json.dumps({"robot": f"{robot}:sled", "cases": [one | {"reference": reference}]}))
+
+    write_with(reference)
+    for backend in ("casadi", "c"):
+        assert main(["evaluate", str(cases), "--backend", backend, "-o", str(tmp_path / "out.json")]) == 0
+        (found,) = json.loads((tmp_path / "out.json").read_text())["cases"]
+        np.testing.assert_allclose(found["u"], [0.3 + 2 * (0.5 - 0.7), -0.4 + 2 * (0.2 - 0.1)], atol=1e-13)
+    write_with(reference | {"yd": [0.3, 0], "ydd": [0, -0.4]})
+    assert "yd[0] = 0.3: forward has relative degree 1" in bad_input(["evaluate", str(cases), "-o", "-"])
 
 
 @pytest.mark.parametrize("name", MALFORMED)

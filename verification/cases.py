@@ -42,8 +42,8 @@ MEANING = {  # of the keys, for the schema
     "nu": "every quasi-velocity, in m/s or rad/s",
     "reference": "desired outputs and their rates",
     "y": "desired outputs, in m, rad or m/s",
-    "yd": "their first derivatives, in m/s, rad/s or m/s^2",
-    "ydd": "their second derivatives, in m/s^2 or rad/s^2",
+    "yd": "their first derivatives, in m/s or rad/s; of outputs of relative degree 1 or 0 not used, 0",
+    "ydd": "of outputs of relative degree 2 the second derivatives, of degree 1 the first, in m/s^2, rad/s^2, m/s or rad/s",
     **{name: f"their derivatives of order {order}, in SI units" for order, name in enumerate(DERIVATIVES) if order > 2},
     "extension": "every state of the law's dynamic extension, in SI units",
     "gains": "by name, or kp, kd, kv for all of a kind, in SI units",
@@ -244,15 +244,23 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
 
 def _reference(law: ControlLaw, table: Any, where: str) -> np.ndarray:
     """Return y, yd, ... by row of the output, up to the derivative of its relative degree; for degree 1 y and ydd, the desired
-    rate.
+    rate. Raises BadInput for a rate in yd, which the law would not use.
     """
     rows, degrees = len(law.output.rows), law.linearization.relative_degree
     names = DERIVATIVES[: max(2, *degrees) + 1]
     _check_keys(table, names, names, where)
     given = np.array([_numbers(table[name], rows, f"{where}.{name}") for name in names])
     values = [given[[0, 2] if degree == 1 else range(degree + 1), row] for row, degree in enumerate(degrees)]
-    finite = np.all(np.isfinite(given))  # also entries that the law does not use
-    return np.concatenate(values) if finite else np.full(sum(map(len, values)), np.nan)
+    if not np.all(np.isfinite(given)):  # also entries that the law does not use
+        return np.full(sum(map(len, values)), np.nan)
+    for k in (k for k, degree in enumerate(degrees) if degree == 1):
+        rate, used = given[1:3, k]
+        if rate != used and rate and not (used and law.output.path):  # files of Type IV have had other numbers in yd
+            raise BadInput(
+                f"{where}: yd[{k}] = {rate:g}: {law.output.rows[k].name} has relative degree 1, and its desired rate is "
+                f"ydd[{k}]: write it there, and 0 in yd[{k}]"
+            )
+    return np.concatenate(values)
 
 
 def _expect(table: Any, where: str) -> dict[str, np.ndarray]:
