@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, Mismatch
 from ..readers.files import check_folder, check_targets, work_folder, write_folder, write_whole
 from .commands import show
 from .generate import DYNAMICS, add_selection, robot_name, select_follower, selected_files, selected_laws
@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
         return _export_fmu(args)
     from ..codegen.project.example import example
     from ..readers.robots import refuse_course
+    from ..verification.generate import rejected
 
     if args.firmware or args.package:
         refuse_course(args.output, f"--firmware {args.firmware}" if args.firmware else f"--package {args.package}")
@@ -83,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
         files, board = project.project_files(args.firmware, library, laws, args.scalar)
     else:
         files = {**library, **example(generated, laws[0])}
+        if why := rejected(files):
+            raise Mismatch(f"{robot_name(generated)}: {why}")
     target.parent.mkdir(parents=True, exist_ok=True)
     with work_folder(target.parent) as work:
         folder = work / "export"

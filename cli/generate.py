@@ -203,7 +203,8 @@ def select_follower(args: argparse.Namespace) -> None:
     """Replace the follower in the selection by what it consists of. Raises BadInput if the robot has none."""
     if FOLLOWER not in args.output:
         return
-    from ..codegen.follower.follower import LAW, has_follower, why_no_follower
+    from ..codegen.files import has_follower
+    from ..codegen.follower.follower import LAW, why_no_follower
     from ..readers.robots import find_laws, find_robot, law_of, system_of
 
     system = system_of(find_robot(args.robot))

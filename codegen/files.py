@@ -16,13 +16,13 @@ from .adaptation.adaptation import adaptation_files
 from .dynamics import DynamicsProgram, compile_dynamics
 from .ekf.ekf import FilterC, FilterText
 from .ekf.filter import FilterProgram, compile_filter
-from .follower.follower import follower_files, has_follower
+from .follower.follower import follower_files, is_followers
 from .printing.dynamics_c import DynamicsC
 from .printing.lanes_c import LanesC
 from .printing.law_c import LawC
 from .printing.robot_c import robot_header, robot_source
 from .printing.scalar import SCALARS, Scalar
-from .program import Program, compile_law
+from .program import FOLLOW, Program, compile_law
 from .telemetry.telemetry import telemetry_files
 from .versions import TOOLS
 
@@ -32,6 +32,11 @@ def law_program(law: ControlLaw, target: str = "") -> Program:
     """The law as a program, the same for both scalars, for a target of COSTS; derived once, and cached between runs."""
     key = ("law", TOOLS, fingerprint(law.system, law), details(law), target)
     return remembered(key, lambda: compile_law(law, target=target), law, law.system)
+
+
+def has_follower(law: ControlLaw, target: str = "") -> bool:
+    """Return whether a follower is written for a law: its step reads position and heading relative to the path only."""
+    return is_followers(law) and FOLLOW in law_program(law, target).entries
 
 
 @lru_cache(maxsize=16)
@@ -91,7 +96,7 @@ def robot_files(
         if plant:
             of_plant = dynamics_text(plant, scalar)
             files.update(text_files(of_plant))
-            for program in (program for program in programs if has_follower(program.law)):
+            for program in (program for program in programs if has_follower(program.law, target)):
                 model = fingerprint(system, program.law)
                 files.update(follower_files(program.law, scalar, banner(model)))
                 files.update(telemetry_files(program.law, scalar, banner(model), model, files))

@@ -78,6 +78,39 @@ def built(command: Sequence[str], files: Mapping[str, str], product: str, advice
         return keep(key, suffix, (folder / product).read_bytes())
 
 
+def check_links(files: Mapping[str, str]) -> None:
+    """Compile each .c file among `files` (path -> text) that was not compiled before, and link them all with what they use of
+    the runtime.
+
+    Raises DoesNotCompile for C that the compiler or the linker rejects, BadInput if there is no compiler.
+    """
+    flat = with_runtime({Path(name).name: text for name, text in files.items() if name.endswith((".c", ".h"))})
+    if not any(re.search(r"^int main\(", text, re.M) for text in flat.values()):
+        flat["main.c"] = "int main(void)\n{\n    return 0;\n}\n"
+    command = [*compiler(), *STANDARD, "-Werror=implicit-function-declaration", *QUICK]
+    objects = [built([*command, "-c", name], _with_headers(flat, name), f"{name}.o") for name in flat if name.endswith(".c")]
+    key = "links", identity(command), sorted(path.name for path in objects)
+    if kept(key, ".links"):
+        return
+    with work_folder(folder_of_results()) as folder:
+        linked = subprocess.run([*command, *map(str, objects), "-o", str(folder / "all")], capture_output=True, text=True)
+    if linked.returncode:
+        lines = [line for line in linked.stderr.splitlines() if "undefined" in line or "multiple" in line]
+        raise DoesNotCompile(f"the generated C does not link: {lines[0] if lines else linked.stderr.strip()}")
+    keep(key, ".links", b"")
+
+
+def _with_headers(files: Mapping[str, str], name: str) -> dict[str, str]:
+    """Return a file with those that it includes, directly or not."""
+    found = {name: files[name]}
+    waiting = [files[name]]
+    while waiting:
+        new = [header for header in re.findall(r'#include "(\S+)"', waiting.pop()) if header in files and header not in found]
+        found |= {header: files[header] for header in new}
+        waiting += [files[header] for header in new]
+    return found
+
+
 def with_runtime(files: Mapping[str, str]) -> dict[str, str]:
     """Return C files (name -> text) with the files of the runtime that they include, directly or not, and their sources; with the
     status in any case.

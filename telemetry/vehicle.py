@@ -11,8 +11,8 @@ from typing import Any
 import cffi
 import numpy as np
 
-from ..codegen.files import robot_files
-from ..codegen.follower.follower import LAW, NAME, has_follower, why_no_follower
+from ..codegen.files import has_follower, robot_files
+from ..codegen.follower.follower import LAW, NAME, why_no_follower
 from ..codegen.printing.scalar import SCALARS
 from ..controllers.runtime import InC, declarations, load
 from ..model.law import ControlLaw

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from noslip.codegen.files import robot_files
-from noslip.codegen.follower.follower import LAW, _has_wheels, has_follower, why_no_follower
+from noslip.codegen.files import has_follower, robot_files
+from noslip.codegen.follower.follower import LAW, _has_wheels, why_no_follower
 from noslip.controllers.build import runtime_files
 from noslip.guarantees.vehicle import HOLD, PERIOD, ROOT, RUN, STOP, Firmware, FirmwareLoop, SettingsRefused
 from noslip.readers.files import write_folder

@@ -1,12 +1,13 @@
 """The C of a robot's control laws, returned only if it agrees with the model."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..codegen.files import robot_files
 from ..codegen.printing.scalar import SCALARS
+from ..controllers.build import DoesNotCompile, check_links
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
-from ..readers.errors import Mismatch
+from ..readers.errors import BadInput, Mismatch
 from ..readers.progress import Reported, silent
 from .shares import in_shares
 from .verify import differences
@@ -29,9 +30,9 @@ def generate(
     batch laws, which have the bits of the laws; `scaled` adds the filter, `adapted` what learns parameters, and
     `target` is what the laws are optimized for (see `robot_files`).
     Returns the text of each file by its name, `manifest.json` included; the files
-    also need those of runtime_c/ to compile. Units are SI. Every entry point is compared with the model at 200 random states;
-    without a C compiler a warning on standard error says that nothing was compared. Raises Mismatch where the C differs from the
-    model.
+    also need those of runtime_c/ to compile. Units are SI. Every entry point is compared with the model at 200 random states, and
+    all files are compiled and linked; without a C compiler a warning on standard error says that nothing was compared. Raises
+    Mismatch where the C differs from the model, or is rejected.
     """
 
     def share(k: int) -> None:
@@ -42,6 +43,22 @@ def generate(
 
     in_shares(share, len(laws) + (dynamics or scaled is not None), progress)
     files = robot_files(system, laws, scalars, dynamics, lanes, scaled, adapted, target)
-    if wrong := differences(system, laws, files, progress, scaled, target):
+    wrong = differences(system, laws, files, progress, scaled, target)
+    if not wrong and (why := rejected({name: text for name, text in files.items() if "/" not in name})):
+        wrong = [f"{system.mechanism.name}: {why}"]
+    if wrong:
         raise Mismatch("\n".join(wrong))
     return files
+
+
+def rejected(files: Mapping[str, str]) -> str:
+    """Return why the compiler or the linker rejects the C among `files`; empty if it does not, or if there is no compiler, of
+    which `differences` warns.
+    """
+    try:
+        check_links(files)
+    except DoesNotCompile as error:
+        return str(error)
+    except (BadInput, OSError):
+        pass
+    return ""

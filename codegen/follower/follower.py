@@ -27,8 +27,8 @@ LAW = "type_iv_segment"
 ANGLE = "angle"  # the steering angle in the functions of the follower
 
 
-def has_follower(law: ControlLaw) -> bool:
-    """Return whether a follower can be written for a law: that of lines and arcs.
+def is_followers(law: ControlLaw) -> bool:
+    """Return whether a law is that of a follower, of lines and arcs, and its vehicle has the wheels of one.
 
     The vehicle has two driven wheels, or a driven and a steered one (SteeredAxle): the quasi-velocities are their rates, on which
     the two inputs act. Forward speed and yaw rate of two driven wheels must be fixed combinations of the rates.
@@ -41,6 +41,8 @@ def why_no_follower(system: ReducedSystem) -> str:
     why = system.mechanism.why_carried or "it is not a vehicle with two driven wheels or a steered one"
     if _has_wheels(system) and (unknown := _unknown(system)):
         why = f"its motion depends on {', '.join(c.name for c in unknown)}, which no wheel shows"
+    elif not system.mechanism.carried and _has_wheels(system):
+        why = "its law, or the load on its wheels, depends on position or heading, of which a follower knows those to a path"
     return f"{system.mechanism.name}: {why}"
 
 
@@ -68,7 +70,7 @@ def _unknown(system: ReducedSystem) -> list[Quantity]:
 
 
 def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> dict[str, str]:
-    """Return file name -> text of header and source of the follower for a law that has one (`has_follower`)."""
+    """Return file name -> text of header and source of the follower for a law that has one."""
     system = law.system
     robot = system.mechanism.name
     own = scalar.name(f"{robot}_{NAME}")

@@ -138,6 +138,9 @@ static fmi3Status advance(model *self, double seconds)
 static fmi3Status initialize(model *self)
 {
     int status = NOSLIP_OK;
+{% for name in empty %}
+    const @{ robot if name == "params" else law }_@{ name } @{ name } = {0};
+{% endfor %}
 {% if law %}
     const @{ robot }_options options = {
         .limit = {@{ limits | join(", ") }},
@@ -147,9 +150,6 @@ static fmi3Status initialize(model *self)
         .friction = self->real.of.friction,
 {% endif %}
     };
-{% for name in empty %}
-    const @{ law }_@{ name } @{ name } = {0};
-{% endfor %}
     @{ law } copy;
     status = @{ law }_init(&self->law, @{ arguments | join(", ") }, &options);
 {% endif %}

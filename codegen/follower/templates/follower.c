@@ -245,9 +245,11 @@ static NOSLIP_COLD int init_approach(@{ self } *self, const @{ f("config") } *co
 /* Copies and checks parameters; the default ones if all are zero. */
 static NOSLIP_COLD int set_params(@{ r("params") } *params, const @{ r("params") } *from)
 {
+{% if params %}
     if ({% for name in params %}{% if not loop.first %} && {% endif %}@{ n("abs") }(from->@{ name }) <= 0{% endfor %}) {
         return @{ r("default_params") }(params);
     }
+{% endif %}
     noslip_copy(params, from, sizeof *params);
     return @{ r("check_params") }(params);
 }
