@@ -137,10 +137,12 @@ ENTRIES = (
 
 @dataclass(frozen=True, eq=False)
 class EntryBody:
-    """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`.
+    """What one entry point computes: its quantities as nodes; singular where not first > second of a pair of `singular`: that of
+    Phi, then that of S'E if it changes.
 
     `singular` is empty where nothing is inverted, or where the inversion itself tells. Where `margin`, which init computes, is
-    positive, the first exceeds the second at all angles. A damped law is outside its band where first > second of `band`.
+    positive, the first exceeds the second of the first pair at all angles. A damped law is outside its band where
+    first > second of `band`.
     """
 
     quantities: dict[Result, Matrix]
@@ -302,7 +304,7 @@ def plain(law: ControlLaw) -> Stages:
         given: law.outside.tau,
         Result.EXTENSION_RATE: law.extension_rate,
         of_v: law.outside.tau_of_v,
-        Result.SINGULAR: _singular(found),
+        Result.SINGULAR: ca.vertcat(_singular(found), *_inputs_singular(found)),
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: law.slope_of(law.outside.tau_of_v),
@@ -316,7 +318,7 @@ def plain(law: ControlLaw) -> Stages:
             Result.ACCELERATION: law.within.u,
             given: law.within.tau,
             of_v: law.within.tau_of_v,
-            Result.SINGULAR: ca.vertcat(regular, SINGULAR * bound),
+            Result.SINGULAR: ca.vertcat(regular, SINGULAR * bound, *_inputs_singular(found)),
             Result.SLOPE: law.slope_of(law.within.tau_of_v),
         }
 
@@ -333,6 +335,11 @@ def _singular(found: Linearization) -> ca.SX:
         return ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared)
     one, condition = found.measure
     return ca.vertcat(one, SINGULAR * condition)
+
+
+def _inputs_singular(found: Linearization) -> list[ca.SX]:
+    """The same for the inputs to reach every motion; empty where that does not change."""
+    return [part for regular, bound in found.measures[1:] for part in (regular, SINGULAR * bound)]
 
 
 def _band(graph: Graph, band: Matrix, labels: dict[Node, str], optimize: bool) -> tuple[Node, ...]:
@@ -355,7 +362,7 @@ def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: s
     improved = iter(roots)
     singular = tuple(next(improved) for _ in body.singular)
     quantities = {name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()}
-    margin = _margin(graph, *singular) if singular else None
+    margin = _margin(graph, *singular[:2]) if singular else None
     if margin is not None:
         labels.setdefault(margin, MARGIN)
     return EntryBody(quantities, singular, margin, *ways[chosen])

@@ -106,7 +106,7 @@ class CasadiController:
         tau, measure, angles, rate = self._step(*self._fixed, state, reference)
         if not (np.abs(angles) <= ANGLE_MAX).all():
             return "range", *zero
-        if not measure[0] > SINGULAR * measure[1]:
+        if not (measure[0::2] > SINGULAR * measure[1::2]).all():
             return "singular", *zero
         if not (np.isfinite(tau).all() and np.isfinite(rate).all()):
             return "nonfinite", *zero
@@ -154,12 +154,12 @@ def model_function(law: ControlLaw) -> ca.Function:
 
 @cache
 def step_function(law: ControlLaw) -> ca.Function:
-    """Return the function (params, config, gains, state, reference) to tau, the measure of singularity of Phi, all angles, and
-    the rates of the states of the extension.
+    """Return the function (params, config, gains, state, reference) to tau, the measures of singularity, all angles, and the
+    rates of the states of the extension.
     """
     found = law.linearization
     used = ca.vertcat(found.h, found.rate, ca.vec(found.Phi), ca.vec(found.Phidot), law.tau)
-    measure, rate = ca.vertcat(*found.measure), law.extension_rate
+    measure, rate = ca.vertcat(*[part for pair in found.measures for part in pair]), law.extension_rate
     return portable(law.function({"tau": law.tau, "measure": measure, "angles": angles(law, used), "extension_rate": rate}))
 
 

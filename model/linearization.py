@@ -10,7 +10,7 @@ import numpy as np
 
 from .algebra.exact import canonical
 from .algebra.expression import degree as degree_in
-from .algebra.linear import condition, solve
+from .algebra.linear import condition, row_norms_squared, solve
 from .algebra.poles import determinant, quotient, without_pole
 from .algebra.samples import Sampled, dependent_sets, rank
 from .errors import ModelError
@@ -85,10 +85,7 @@ class Linearization:
     @property
     def scale_squared(self) -> ca.SX:
         """Return the square of the product of Phi's row norms, an upper bound of (det Phi)^2."""
-        product = ca.SX(1)
-        for row in range(self.Phi.shape[0]):
-            product *= ca.sumsqr(self.Phi[row, :])
-        return product
+        return row_norms_squared(self.Phi)
 
     @cached_property
     def measure(self) -> tuple[ca.SX, ca.SX]:
@@ -104,6 +101,14 @@ class Linearization:
             return plain
         damped, inside = self.damping.measure, self.damping.inside
         return ca.if_else(inside, damped[0], plain[0]), ca.if_else(inside, damped[1], plain[1])
+
+    @property
+    def measures(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
+        """Return `measure`, and that of S'E where it changes with q and inputs are computed: the law is regular where each first
+        exceeds SINGULAR times its second.
+        """
+        inputs = None if self.kinematic else self.system.input_measure
+        return (self.measure, inputs) if inputs else (self.measure,)
 
     @cached_property
     def damping(self) -> "Damping | None":

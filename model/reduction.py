@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 
 from .algebra.exact import canonical
-from .algebra.expression import time_derivative
-from .algebra.linear import eliminate, solve, solve_symmetric
+from .algebra.expression import largest, time_derivative
+from .algebra.linear import eliminate, regularity, solve, solve_symmetric
 from .algebra.poles import quotient, singular_sets, without_pole
 from .algebra.samples import RANK_TOLERANCE, Sampled, smallest_eigenvalue
 from .errors import ModelError
@@ -219,6 +219,22 @@ class ReducedSystem:
         spread = self.spread(weight)
         inverse = spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
         return self.checked("(S'E)^+", inverse, (self.input_map, spread), _weighted_inverse)
+
+    @cached_property
+    def distribution(self) -> ca.SX:
+        """The square matrix that (12) inverts: S'E; with more inputs than n-m S'E W^-1 (S'E)', with fewer the rows `driven`."""
+        B = self.input_map
+        if self.underactuated:
+            return B[list(self.driven), :]
+        return canonical(B @ self.spread()) if self.redundant else B
+
+    @cached_property
+    def input_measure(self) -> tuple[ca.SX, ca.SX] | None:
+        """Two nonnegative expressions: inputs reach every motion where the first exceeds SINGULAR times the second, in which
+        sines and cosines are at their largest, so that an input that loses its effect shows. None if S'E does not change with q.
+        """
+        B = self.distribution
+        return regularity(B, largest(B)) if ca.depends_on(B, self.mechanism.q) else None
 
     def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
         """Return tau (12) that makes nudot = u (13), r x 1; `weight` as in `input_inverse`.

@@ -7,7 +7,7 @@ solved at one state after another: no null space, no decoupling matrix and no sy
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mpmath
 import numpy as np
@@ -124,10 +124,11 @@ def in_casadi(tree: Tree, q: Sequence, p: Sequence):
 
 @dataclass(frozen=True)
 class Velocity:
-    """Linear in the rates: the rate of a function of q, or coefficients times rates."""
+    """Linear in the rates: the rate of a function of q, coefficients times rates, or `terms`, times rates of functions."""
 
     function: Tree | None = None
     coefficients: tuple[Tree | None, ...] = ()
+    terms: tuple[tuple[Tree, Tree], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,9 @@ class RandomRobot:
     inputs: tuple[Velocity, ...]
     quasi: tuple[Velocity, ...]  # empty: noslip chooses
     outputs: tuple[tuple[int, Tree | Velocity], ...]  # relative degree, function of q or velocity
-    names: list[str] = field(default_factory=list)
+    name: str = ""
+    coordinates: tuple[str, ...] = ()  # names
+    vehicle: tuple[Tree, Tree, Tree] | None = None  # x, y, heading
 
     @property
     def dof(self) -> int:
@@ -297,13 +300,16 @@ def mechanism(robot: RandomRobot) -> Mechanism:
     """The robot as a user writes it down; its outputs are called "own"."""
     import casadi as ca
 
-    result = Mechanism(f"robot_{robot.seed}", "a random robot")
-    q = [result.coordinate(f"q_{k}", "rad") for k in range(robot.n)]
+    result = Mechanism(robot.name or f"robot_{robot.seed}", "a random robot")
+    names = robot.coordinates or [f"q_{k}" for k in range(robot.n)]
+    q = [result.coordinate(name, "m" if name in ("x", "y") else "rad") for name in names]
     p = [result.parameter(f"p_{k}", float(default), "1") for k, default in enumerate(robot.parameters)]
 
     def velocity(v: Velocity):
         if v.function is not None:
             return result.rate(in_casadi(v.function, q, p))
+        if v.terms:
+            return sum(in_casadi(c, q, p) * result.rate(in_casadi(f, q, p)) for c, f in v.terms)
         parts = [in_casadi(c, q, p) * result.rate(q[k]) for k, c in enumerate(v.coefficients) if c is not None]
         return sum(parts[1:], start=parts[0])
 
@@ -325,7 +331,10 @@ def mechanism(robot: RandomRobot) -> Mechanism:
         (f"y_{k}", "rad", in_casadi(output, q, p)) if degree == 2 else (f"y_{k}", "rad/s", velocity(output))
         for k, (degree, output) in enumerate(robot.outputs)
     ]
-    result.output("own", "random outputs", rows)
+    if rows:
+        result.output("own", "random outputs", rows)
+    if robot.vehicle:
+        result.moves_in_plane(*[in_casadi(each, q, p) for each in robot.vehicle])
     return result
 
 
@@ -350,6 +359,10 @@ def _row(v: Velocity, q, p) -> tuple[np.ndarray, np.ndarray]:
         jet_of_function = jet(v.function, q, p)
         return jet_of_function.gradient, jet_of_function.hessian
     n = len(q)
+    if v.terms:
+        jets = [(jet(c, q, p), jet(f, q, p)) for c, f in v.terms]
+        slopes = sum(f.hessian * c.value + np.outer(f.gradient, c.gradient) for c, f in jets)
+        return sum(f.gradient * c.value for c, f in jets), slopes
     parts = [jet(c, q, p) if c is not None else None for c in v.coefficients]
     zero, none = mpmath.mpf(0), np.full(n, mpmath.mpf(0))
     values = np.array([zero if part is None else part.value for part in parts])
@@ -415,6 +428,20 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
         V = V + row * (jet(force.coefficient, q, p).value * drag[force.kind])
     E = _rows(robot.inputs, q, p)[0].T
 
+    # the motion that given inputs make
+    whole = np.block([[M, A.T], [A, np.full((m, m), mpmath.mpf(0))]])
+    forces = E @ np.array([mpmath.mpf(t) for t in state.tau]) - V
+    free = solved(whole, np.concatenate([forces, -A_dot @ qdot]))[:n]
+    quantities = {
+        "qdot": qdot,
+        "Mbar": S.T @ M @ S,
+        "bias": S.T @ (M @ S_dot @ np.array(nu) + V),
+        "input_map": S.T @ E,
+        "nudot": G @ free + G_dot @ qdot,
+    }
+    if len(robot.outputs) < n - m:
+        return {name: np.array(value).astype(float) for name, value in quantities.items()}
+
     # the outputs and what their outer loops ask for
     h, ydot, J, J_dot, v = [], [], [], [], []
     reference, gains = iter(state.reference), iter(state.gains)
@@ -440,22 +467,13 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
     stacked = np.concatenate([A, J])
     qddot = solved(stacked, np.concatenate([-A_dot @ qdot, np.array(v) - J_dot @ qdot]))
     tau = solved(np.concatenate([E, -A.T], axis=1), M @ qddot + V)[: n - m]
-    # the motion that given inputs make
-    whole = np.block([[M, A.T], [A, np.full((m, m), mpmath.mpf(0))]])
-    forces = E @ np.array([mpmath.mpf(t) for t in state.tau]) - V
-    free = solved(whole, np.concatenate([forces, -A_dot @ qdot]))[:n]
-    quantities = {
+    quantities |= {
         "h": np.array(h),
         "ydot": np.array(ydot),
         "Phi": J @ S,
         "Phidot": J_dot @ S + J @ S_dot,
         "u": G @ qddot + G_dot @ qdot,
         "tau": tau,
-        "qdot": qdot,
-        "Mbar": S.T @ M @ S,
-        "bias": S.T @ (M @ S_dot @ np.array(nu) + V),
-        "input_map": S.T @ E,
-        "nudot": G @ free + G_dot @ qdot,
     }
     return {name: np.array(value).astype(float) for name, value in quantities.items()}
 
@@ -481,7 +499,7 @@ def states(robot: RandomRobot, count: int) -> list[State]:
             single(defaults * source.uniform(0.7, 1.4, len(defaults))),
             single(q),
             single(source.uniform(-2, 2, free)),
-            single(source.uniform(-3, 3, free)),
+            single(source.uniform(-3, 3, len(robot.inputs))),
             single(source.uniform(-1, 1, references)),
             single(source.uniform(0.5, 3, gains)),
         )
@@ -495,7 +513,7 @@ def _well_conditioned(robot: RandomRobot, state: State) -> bool:
         q, p = [mpmath.mpf(x) for x in state.q], [mpmath.mpf(x) for x in state.p]
         A, E = _rows(robot.constraints, q, p)[0], _rows(robot.inputs, q, p)[0]
         J = np.array([_row(x, q, p)[0] if degree == 1 else jet(x, q, p).gradient for degree, x in robot.outputs])
-        checked = [np.concatenate([A, J]), np.concatenate([A, E])]
+        checked = [np.concatenate([A, J]) if len(J) else A, np.concatenate([A, E])]
         if robot.quasi:
             checked.append(np.concatenate([A, _rows(robot.quasi, q, p)[0]]))
         return all(_condition(matrix.astype(float)) < WELL for matrix in checked)

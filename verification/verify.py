@@ -6,6 +6,7 @@ for the expected values. A difference is an error unless the model itself, in ex
 are rounded.
 """
 
+import math
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -245,8 +246,8 @@ class _LawInC(_InC):
 
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
-        """The model's quantities, and the measure of singularity of Phi."""
-        law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
+        """The model's quantities, and the measures of singularity."""
+        law, measure = self.law, _measures(self.law)
         quantities = law.quantities | {f"{self.answer}_of_v": law.tau_of_v, "slope": law.slope, "measure": measure}
         ground = {} if law.kinematic else plain_ground(law.system)
         return quantities | {str(name): expression for name, expression in ground.items()}
@@ -325,7 +326,7 @@ class _LawInC(_InC):
         for quantity, value in zip(self.law.output.required_path.parameters, place[2:], strict=True):
             moved["config"][config.index(quantity.name)] = value
         right = self.right(moved)
-        if not right["measure"][0] > REGULAR * right["measure"][1]:
+        if not (right["measure"][0::2] > REGULAR * right["measure"][1::2]).all():
             return
         outcome = controller.entry(follow, moved["state"], foot, inputs["reference"])
         value = next(iter(outcome.values.values()), None)
@@ -334,12 +335,16 @@ class _LawInC(_InC):
         yield from self._slowed(library, moved, right, "follow", foot)
 
     def _singular_states(self, plant: RandomPlant, numbers: Mapping) -> Iterator[np.ndarray]:
-        """Yield states between two random ones at which det Phi changes its sign."""
-        Phi = _Phi_function(self.law)
-        fixed, p = (numbers["params"], numbers["config"]), self.law.linearization.Phi.shape[0]
+        """Yield states between two random ones at which det Phi changes its sign, and det S'E."""
+        for k in range(len(self.law.linearization.measures)):
+            yield from self._singular_states_of(k, plant, numbers)
+
+    def _singular_states_of(self, k: int, plant: RandomPlant, numbers: Mapping) -> Iterator[np.ndarray]:
+        values, fixed = _inverted_function(self.law), (numbers["params"], numbers["config"])
 
         def sign(state: np.ndarray) -> float:
-            return np.sign(np.linalg.det(Phi(*fixed, state)[0].reshape(p, p)))
+            matrix = values(*fixed, state)[1 + k]
+            return np.sign(np.linalg.det(matrix.reshape(2 * (math.isqrt(len(matrix)),))))
 
         for one, other in zip(plant.points, plant.points[1:], strict=False):
             a, b = np.array(one.state), np.array(other.state)
@@ -350,7 +355,7 @@ class _LawInC(_InC):
                 middle = (a + b) / 2
                 a, b = (middle, b) if sign(middle) == at_a else (a, middle)
             state = self.held(a)
-            first, second = Phi(*fixed, state)[1]
+            first, second = values(*fixed, state)[0][2 * k : 2 * k + 2]
             if first <= SURELY * SINGULAR * second:  # no pole
                 yield state
                 return
@@ -424,11 +429,17 @@ def _plants(law: ControlLaw) -> list[RandomPlant]:
     return [plant for plant in random_plants(law, STATES, SEED) if plant.points]
 
 
+def _measures(law: ControlLaw) -> ca.SX:
+    """Return the measures of singularity, two entries each."""
+    return ca.vertcat(*[part for pair in law.linearization.measures for part in pair])
+
+
 @cache
-def _Phi_function(law: ControlLaw) -> Direct:
-    """Return the function (params, config, state) to Phi and its measure."""
+def _inverted_function(law: ControlLaw) -> Direct:
+    """Return the function (params, config, state) to the measures, to Phi and, if it changes, to what (12) inverts."""
     groups = [symbols(law.groups[name]) for name in ("params", "config", "state")]
-    return Direct(ca.Function("Phi", groups, [ca.densify(law.linearization.Phi), ca.vertcat(*law.linearization.measure)]))
+    inverted = [law.linearization.Phi, law.system.distribution][: len(law.linearization.measures)]
+    return Direct(ca.Function("inverted", groups, [_measures(law), *map(ca.densify, inverted)]))
 
 
 @cache

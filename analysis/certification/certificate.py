@@ -348,10 +348,12 @@ class Certificate:
             curvature, half = (np.array([part]) for part in loop.curvatures.within(place - reach, place + reach))
         near = np.concatenate([moved[:n], 0 * half]), np.concatenate([radius[:n], half])
         bounds = loop.guard.bounds(np.concatenate([centre[:n], curvature]), *near, fixed=loop.constants)
-        size, scale, determinant, s = bounds.value
+        size, scale, determinant, s, *inputs = bounds.value
         spread = bounds.moved + bounds.radius
         if not (bounds.finite and abs(determinant) > spread[2] and size - spread[0] > SINGULAR * (scale + spread[1])):
             raise _Stop("a motion may become singular")
+        if inputs and not inputs[0] - spread[4] > SINGULAR * (inputs[1] + spread[5]):
+            raise _Stop("inputs may lose a direction")
         least = (size - spread[0]) / (scale + spread[1])
         course.margin, course.largest = min(course.margin, float(least)), max(course.largest, float(abs(s) + spread[3]))
         course.t.append(self._t)

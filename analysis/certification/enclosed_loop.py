@@ -467,7 +467,8 @@ class EnclosedLoop:
         for i in range(len(self.most) if self.slows else 0):
             met += [tau + (side * limits[i] - tau[i]) / slope[i] * slope for side in SIDES]
         flat = slope if self.slows else ca.SX(0, 1)
-        guard = ca.vertcat(*linearization.measure, linearization.determinant, s)
+        inputs = [part for pair in linearization.measures[1:] for part in pair]
+        guard = ca.vertcat(*linearization.measure, linearization.determinant, s, *inputs)
         return ca.vertcat(tau, *map(in_z, errors), *met, flat), in_z(guard)
 
     def _plain_inputs(self, by_nu: ca.DM) -> ca.DM:

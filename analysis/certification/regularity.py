@@ -27,8 +27,8 @@ ROUNDING = 1e-9  # of what is computed, relative to its size at the start
 
 def begins_everywhere(law: ControlLaw) -> bool:
     """Return whether what a damped law inverts is the same in all states."""
-    damping = law.linearization.damping
-    return damping is not None and not ca.depends_on(damping.determinant, symbols(law.state))
+    damping, inputs = law.linearization.damping, law.linearization.measures[1:]
+    return damping is not None and not inputs and not ca.depends_on(damping.determinant, symbols(law.state))
 
 
 def centres(loop: Loop, spec: Spec) -> bool:
@@ -57,8 +57,19 @@ def why_no_closed_form(loop: Loop, spec: Spec, uncertainty: Mapping[str, float])
         (type(guidance) is not OnePath, "the reference depends on the place of the robot"),
         (spec.output.own, "the output is the robot's own"),
         (output.path is not None and output.path.kind not in ("line", "circle"), "the distance is one of first order"),
+        (bool(loop.law.linearization.measures[1:]), "inputs may lose a direction"),
+        (_leaves_joints(loop.law), "joints move that the outputs do not determine"),
     ]
     return next((why for applies, why in doubts if applies), "")
+
+
+def _leaves_joints(law: ControlLaw) -> bool:
+    """Return whether the motion depends on more than the outputs with their derivatives and the place along a path."""
+    found, system = law.linearization, law.system
+    z = ca.vertcat(found.h, found.rate)
+    motion = ca.vertcat(z, ca.vec(found.Phi), found.drift, ca.vec(system.S))
+    moving = [q for q in system.mechanism.coordinates if ca.depends_on(motion, q.symbol)]
+    return len(moving) + system.dof + len(law.extension) > z.numel() + (law.output.path is not None)
 
 
 class OutputErrors:

@@ -93,7 +93,7 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
     proof = Certificate(enclosed, spec.simulation).run()
     verdict = _verdict(enclosed, spec, proof)
     parts = _parts(enclosed, spec, proof, HALVINGS) if verdict.kind == NOT_PROVED else {}
-    return _together(spec, parts, verdict) if len(parts) == 1 else verdict
+    return _together(enclosed, spec, parts, verdict) if len(parts) == 1 else verdict
 
 
 def _damped(loop: Loop, spec: Spec) -> Verdict:
@@ -125,6 +125,7 @@ def _extended(loop: Loop, spec: Spec, uncertainty: Mapping[str, float]) -> Verdi
     last = _run(spec, {}, spec.simulation.duration)
     if last.status == "singular":
         where = ", or the heading becomes normal to the path," if along else ""
+        where += " or what is integrated has a pole" if "joints" in why else ""
         exact = not any(uncertainty.values())
         reason = f"P_l stands still{where} at t = {last.t:.4g} s{'' if exact else ' with the given parameters'}"
         return Verdict(SINGULAR if exact else NOT_PROVED, reason, last.t if exact else None, 0.0, last.t)
@@ -140,6 +141,12 @@ def _verdict(enclosed: EnclosedLoop, spec: Spec, proof: Course) -> Verdict:
         reason = "the motion rests at an equilibrium of the loop that is not stable; when it leaves is decided by rounding"
         return Verdict(UNSTABLE, reason, None, proof.margin, proof.until, course=course)
     return _lost(enclosed, spec, proof, course) if proof.lost else _safe([proof], course)
+
+
+def _singular(enclosed: EnclosedLoop) -> str:
+    """Return what happens where a law along a path is singular."""
+    loses = enclosed.loop.law.linearization.measures[1:]
+    return "the heading becomes normal to the path" + (", or inputs lose a direction," if loses else "")
 
 
 def _safe(courses: list[Course], course: np.ndarray) -> Verdict:
@@ -178,7 +185,7 @@ def _parts(enclosed: EnclosedLoop, spec: Spec, proof: Course, halvings: int) -> 
     return parts
 
 
-def _together(spec: Spec, parts: dict[str, list[Course]], whole: Verdict) -> Verdict:
+def _together(enclosed: EnclosedLoop, spec: Spec, parts: dict[str, list[Course]], whole: Verdict) -> Verdict:
     """Return the verdict from parts of one kind; `whole` is that of the whole range, not proved."""
     ((kind, courses),) = parts.items()
     if kind == SAFE:
@@ -186,7 +193,7 @@ def _together(spec: Spec, parts: dict[str, list[Course]], whole: Verdict) -> Ver
     last, until = _run(spec, {}, spec.simulation.duration), min(each.until for each in courses)
     if last.status != "singular":
         return whole
-    reason = f"the heading becomes normal to the path at t = {last.t:.4g} s, with other parameters after {until:.4g} s"
+    reason = f"{_singular(enclosed)} at t = {last.t:.4g} s, with other parameters after {until:.4g} s"
     return Verdict(SINGULAR, reason + _split(len(courses)), last.t, 0.0, until, len(courses), whole.course)
 
 
@@ -218,9 +225,9 @@ def _lost(enclosed: EnclosedLoop, spec: Spec, proof: Course, course: np.ndarray)
     if proof.approaching and all(row.status == "singular" for row in ends):
         times = [row.t for row in ends]
         spread = "" if len(ends) == 1 else f", with other parameters between {proof.until:.4g} and {max(times):.4g} s"
-        reason = f"the heading becomes normal to the path at t = {last.t:.4g} s{spread}"
+        reason = f"{_singular(enclosed)} at t = {last.t:.4g} s{spread}"
         return Verdict(SINGULAR, reason, last.t, 0.0, proof.until, course=course)
-    reason = f"with the given parameters the heading becomes normal to the path at t = {last.t:.4g} s, with others it may not"
+    reason = f"with the given parameters {_singular(enclosed)} at t = {last.t:.4g} s, with others it may not"
     return Verdict(NOT_PROVED, reason, None, 0.0, proof.until, course=course)
 
 

@@ -8,6 +8,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import casadi as ca
 import sympy as sp
@@ -20,7 +21,7 @@ from ...model.outputs import OutputRow, Through
 from ...model.underactuated import passive_inertias
 from ..distributions.places import words
 from ..exact.functions import Functions
-from ..exact.half_angles import factors, halved, never_zero, product
+from ..exact.half_angles import factors, halved, never_zero, no_common_zero, product
 from ..exact.points import NoPoint, Point, random_point, refuse_dependent_roots
 from ..exact.readable import readable, unsigned
 from ..exact.real_points import RealPoint, real_point
@@ -35,7 +36,9 @@ SEEDS = 3  # points tried on each condition
 
 @dataclass(frozen=True)
 class SingularCondition:
-    """`formula` = 0, and its meaning. `confirmed`: Phi was found singular, with many digits, at real points where it holds."""
+    """`formula` = 0, and its meaning. `confirmed`: Phi, or S'E, was found singular, with many digits, at real points where it
+    holds.
+    """
 
     formula: sp.Expr
     words: str
@@ -68,7 +71,8 @@ class Decoupling:
     """An output map in exact symbols.
 
     `gradients`, r x n: of the r outputs with respect to q, zero for those of relative degree 1. `rates`: for outputs of relative
-    degree 1, the output itself. `S`, n x p; `Phi`, p x p. `inertias`, which are positive, are those by which the passive
+    degree 1, the output itself. `S`, n x p; `Phi`, p x p. `inputs` is S'E, p x r, of an underactuated robot its rows that are
+    inverted, r x r; 0 x 0 if it is constant. `inertias`, which are positive, are those by which the passive
     equations of an underactuated robot are divided. `arms`: for each row, the vector to its point of the vehicle. `slopes`: for
     each row, its constant gradient with respect to that point. `renamed`: symbols of the output map's own parameters that have
     the same name as others of the robot.
@@ -82,6 +86,7 @@ class Decoupling:
     gradients: sp.Matrix
     rates: dict[int, sp.Expr]
     Phi: sp.Matrix
+    inputs: sp.Matrix
     inertias: tuple[sp.Expr, ...]
     planar: Planar | None
     arms: tuple[Arm | None, ...]
@@ -128,10 +133,14 @@ class Decoupling:
 
     @cached_property
     def conditions(self) -> tuple[SingularCondition, ...]:
-        """Conditions for det Phi = 0: one of these holds. Empty: never."""
-        return tuple(
-            SingularCondition(*self._described(factor), self._singular_on(factor)) for factor in self._vanishing(self._ratio[0])
-        )
+        """Conditions for det Phi = 0, then those for det S'E = 0: one of these holds. Empty: never."""
+        of_Phi = self._vanishing(self._ratio[0])
+        of_inputs = [f for f in self._inputs_vanish if f not in of_Phi]
+        found = [SingularCondition(*self._described(f), self._singular_on(f, self.Phi)) for f in of_Phi]
+        for formula, about, factor in ((*self._described(f), f) for f in of_inputs):
+            about = f"inputs lose a direction{f': {about}' if about else ''}"
+            found.append(SingularCondition(formula, about, self._singular_on(factor, self.inputs)))
+        return tuple(found)
 
     @cached_property
     def undefined(self) -> tuple[sp.Expr, ...]:
@@ -187,6 +196,22 @@ class Decoupling:
     def _ratio(self) -> Ratio:
         return self.functions.ratio(self.Phi.det(method="berkowitz"))
 
+    @cached_property
+    def _inputs_vanish(self) -> list[PolyElement]:
+        """Return polynomials at whose zeros S'E loses rank, because all its minors vanish: their common factors, or if these are
+        none, the sum of their squares unless it is proved not to vanish.
+        """
+        p, r = self.inputs.shape
+        minors = [self.functions.ratio(self.inputs[:, list(c)].det(method="berkowitz"))[0] for c in combinations(range(r), p)]
+        vanishing = [self._vanishing(minor) for minor in minors if minor]
+        if not p or not all(vanishing):
+            return []
+        if common := [f for f in vanishing[0] if all(f in others for others in vanishing[1:])]:
+            return common
+        if no_common_zero(self.functions, [halved(self.functions, minor) for minor in minors if minor]):
+            return []
+        return [self.functions.normal(sum((self.functions.times(m, m) for m in minors), self.functions.ring.zero))]
+
     def _vanishing(self, polynomial: PolyElement) -> list[PolyElement]:
         """Return its irreducible factors that may vanish, with positive leading terms."""
         factors = [factor for factor, _ in self.functions.factors(polynomial)[1]] if polynomial else []
@@ -205,7 +230,9 @@ class Decoupling:
     def _described(self, factor: PolyElement) -> tuple[sp.Expr, str]:
         """Return a factor as a formula, and the meaning of its zeros."""
         formula = unsigned(self.functions.expression(factor))
-        shown = formula
+        gradient = self.functions.gradient(factor)
+        cyclic = [q for q, slope in zip(self.functions.coordinates, gradient, strict=True) if formula.has(q) and not slope]
+        shown = formula = unsigned(formula.subs(dict.fromkeys(cyclic, 0))) if cyclic else formula
         if self.det_for_people != self.det:
             shown = unsigned(sp.factor_terms(sp.fraction(sp.together(self.written_out(formula)))[0]))
         for vanishing, about in self._catalogue:
@@ -238,22 +265,22 @@ class Decoupling:
                 quantities.append((each.ahead * across - each.left * along, about))
         return [(self._vanishing(self.functions.ratio(quantity)[0]), about) for quantity, about in quantities]
 
-    def _singular_on(self, factor: PolyElement) -> bool:
-        """Return whether Phi is singular at real points where the factor vanishes, and regular at one in general position."""
+    def _singular_on(self, factor: PolyElement, matrix: sp.Matrix) -> bool:
+        """Return whether a matrix loses rank at real points where the factor vanishes, and not at one in general position."""
         linearization, form = self.linearization, halved(self.functions, factor)
         parameters = (*linearization.system.mechanism.parameters, *linearization.output.parameters)
         ranks = []
         for seed in range(SEEDS):
             with contextlib.suppress(NoPoint):
-                rank = self._rank(real_point(self.functions, parameters, form, seed))
+                rank = self._rank(real_point(self.functions, parameters, form, seed), matrix)
                 ranks += [] if rank is None else [rank]
-        return self._rank(random_point(self.functions, 0)) == self.Phi.rows and bool(ranks) and max(ranks) < self.Phi.rows
+        return self._rank(random_point(self.functions, 0), matrix) == matrix.rows and bool(ranks) and max(ranks) < matrix.rows
 
-    def _rank(self, point: Point | RealPoint) -> int | None:
-        """Return the rank of Phi at a point; None at a pole."""
+    def _rank(self, point: Point | RealPoint, matrix: sp.Matrix) -> int | None:
+        """Return the rank of a matrix at a point; None at a pole."""
         rows = []
-        for k in range(self.Phi.rows):
-            above, below = zip(*[self.functions.ratio(entry) for entry in self.Phi.row(k)], strict=True)
+        for k in range(matrix.rows):
+            above, below = zip(*[self.functions.ratio(entry) for entry in matrix.row(k)], strict=True)
             if not all(map(point, below)):
                 return None
             others = [product(self.functions, below[:j] + below[j + 1 :]) for j in range(len(below))]
@@ -289,6 +316,7 @@ def decouple(linearization: Linearization) -> Decoupling:
         "S": system.S,
         "gradients": ca.vertcat(*gradients),
         "Phi": ca.vertcat(*rows),
+        "inputs": _varying_inputs(linearization),
         "rates": ca.vertcat(*[linearization.h[k] for k in first_degree]),
         "inertias": passive_inertias(system, system.annihilator),
         "planar": planar_quantities(system),
@@ -313,6 +341,7 @@ def decouple(linearization: Linearization) -> Decoupling:
         gradients=as_matrix(entries["gradients"], parts["gradients"].shape),
         rates=dict(zip(first_degree, entries["rates"], strict=True)),
         Phi=as_matrix(entries["Phi"], parts["Phi"].shape),
+        inputs=as_matrix(entries["inputs"], parts["inputs"].shape),
         inertias=tuple(entries["inertias"]),
         planar=vehicle,
         arms=tuple(arm(entries[f"arm {k}"], vehicle, functions) for k in range(len(output.rows))),
@@ -324,6 +353,14 @@ def decouple(linearization: Linearization) -> Decoupling:
             if new != old
         },
     )
+
+
+def _varying_inputs(linearization: Linearization) -> ca.SX:
+    """Return S'E, of an underactuated robot the rows that (12) inverts; 0 x 0 unless the law uses it and it changes with q."""
+    if not linearization.measures[1:]:
+        return ca.SX(0, 0)
+    system = linearization.system
+    return system.distribution if system.underactuated else system.input_map
 
 
 def _is_followed(row: OutputRow) -> bool:

@@ -14,8 +14,8 @@ from functools import lru_cache
 import casadi as ca
 
 from ...model.algebra.exact import canonical
-from ...model.algebra.expression import degree, fold, operate, operations, time_derivative
-from ...model.algebra.linear import norm, solve, solve_by_blocks
+from ...model.algebra.expression import degree, fold, largest, operate, operations, time_derivative
+from ...model.algebra.linear import norm, row_norms_squared, solve, solve_by_blocks
 from ...model.algebra.operations import is_polynomial
 from ...model.extension import Integrators, extended_alike
 from ...model.law import ControlLaw, outer_loop
@@ -312,6 +312,7 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
     }
+    quantities[Result.SINGULAR] = ca.vertcat(quantities[Result.SINGULAR], inputs_singular(stages, law.system, feedback.to_inputs))
     if law.linearization.damping:
         quantities[Result.BAND], stages.near = _near(stages, law, feedback, rows, W, from_inner)
     stages.quantities = {name: ca.densify(quantity) for name, quantity in quantities.items()}
@@ -356,7 +357,9 @@ def _near(
         Result.INPUTS: feedback.inputs_of(u),
         Result.INPUTS_OF_V: feedback.inputs_of(u_of_v),
         Result.SLOPE: feedback.inputs_of(slope, part=True),
-        Result.SINGULAR: ca.vertcat(stages.exact(ca.det(point.jacobian)) ** 2, bound),
+        Result.SINGULAR: ca.vertcat(
+            stages.exact(ca.det(point.jacobian)) ** 2, bound, inputs_singular(stages, law.system, feedback.to_inputs)
+        ),
         Result.REGULAR: ca.SX(0, 1),
     }
     edge = band**2 * stages.exact(size_squared * feedback.scale[0] ** 2)
@@ -701,9 +704,10 @@ class _Feedback:
             self.bias -= inner.input_map @ inner.preferred
             self.spread = stages.exact(inner.spread())
             self.square = stages.inverse(stages.matrix("square", stages.exact(inner.input_map @ self.spread)))
+            self.to_inputs = self.square
         else:
-            to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else self._inverse_of_driven()
-            self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
+            self.to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else self._inverse_of_driven()
+            self.K, self.bias = stages.exact(self.to_inputs @ self.K), self.to_inputs @ self.bias
 
     def _inverse_of_driven(self) -> ca.SX:
         """Return the inverse of the independent rows of S'E, all of them unless underactuated, at their columns."""
@@ -827,6 +831,19 @@ def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Resu
     square, bound = stages.exact(ca.det(Phi)) ** 2, scale / ca.det(W) ** 2
     shorter = _one_square(stages, square, bound)
     return {Result.SINGULAR: ca.vertcat(square, bound), Result.REGULAR: ca.SX(0, 1)} if shorter is None else shorter
+
+
+def inputs_singular(stages: Stages, system: ReducedSystem, inverse: ca.SX) -> ca.SX:
+    """Return what must be greater than what for inputs to reach every motion: see `ReducedSystem.input_measure`; nothing if that
+    does not change. `inverse`: of what (12) inverts, used above 2 x 2, where w is nu.
+    """
+    B = system.distribution
+    if not ca.depends_on(B, system.mechanism.q):
+        return ca.SX(0, 1)
+    size = largest(B)
+    if B.shape[0] > 2:
+        return ca.vertcat(1, SINGULAR * norm(size) * norm(inverse))
+    return ca.vertcat(stages.exact(ca.det(B)) ** 2, SINGULAR_SQUARED * stages.exact(row_norms_squared(size)))
 
 
 def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.SX] | None:

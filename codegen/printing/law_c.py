@@ -219,13 +219,14 @@ class LawC(ProgramC[Program]):
         return self.law.output.path.parameters if self.law.output.path else ()
 
     def _init_prototype(self) -> str:
-        large = self.law.system.dof > 2
+        large, loses = self.law.system.dof > 2, len(self.law.linearization.measures) > 1
         of_commands = "`options->limit` is of the commands, in the order of the quasi-velocities; friction is not used."
         lines = [
             "Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.",
             *([of_commands] if self.law.kinematic else []),
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
             *(["At a state: 1 / (|Phi| |Phi^-1|), in the 1-norm and these units, is not above 1e-5."] if large else []),
+            *(["At a state too where S'E, by the same measure, has no inverse: inputs lose a direction."] if loses else []),
             self._on_limit(),
             *([self._on_grip()] if self.grips else []),
             *(["on_limit = NOSLIP_GRIP is NOSLIP_BAD_PARAMETER too: not with a dynamic extension."] if self.extends else []),
@@ -452,7 +453,8 @@ class LawC(ProgramC[Program]):
         """Return the static function that computes with checked arguments."""
         program = self.program
         law = program.entries[entry]
-        used = users([*((node, "the test of Phi") for node in law.singular), *self.places(entry)], program.labels)
+        tested = zip(law.singular, ["the test of Phi"] * 2 + ["the test of S'E"] * 2, strict=False)
+        used = users([*tested, *self.places(entry)], program.labels)
         taken, meaning = {*self._arguments(entry), "status"}, lambda node: self.meanings.temporary(node, used(node))
         writer = self._written(entry, taken, meaning)
         constants = self.meanings.legend(program.constants, writer.lines)
@@ -486,9 +488,8 @@ class LawC(ProgramC[Program]):
             outside, edge = (writer.text(node) for node in law.band)
             writer.lines.append("/* Within the band the inverse of Phi is damped. */")
             writer.lines.append(self.leave(f"!({outside} > {edge})", self._near(entry)))
-        if law.singular:
-            measure, bound = law.singular
-            writer.not_singular(measure, bound, law.margin)
+        for k in range(0, len(law.singular), 2):
+            writer.not_singular(law.singular[k], law.singular[k + 1], law.margin if k == 0 else None)
         for node, place in places:
             writer.assign(place, node)
 

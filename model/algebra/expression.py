@@ -66,6 +66,29 @@ def operate(code: int, *arguments: ca.SX) -> ca.SX:
     return ca.SX.unary(code, *arguments) if len(arguments) == 1 else ca.SX.binary(code, *arguments)
 
 
+def largest(expression: ca.SX) -> ca.SX:
+    """Return a bound of the absolute value of each entry, in which no terms cancel and sines and cosines are 1. Divisors keep
+    their values.
+    """
+
+    def apply(code: int, arguments: tuple[tuple[ca.SX, ca.SX], ...]) -> tuple[ca.SX, ca.SX]:
+        values, bounds = zip(*arguments, strict=True)
+        value = operate(code, *values)
+        if code in (ca.OP_SIN, ca.OP_COS):
+            return value, ca.SX(1)
+        if code in (ca.OP_ADD, ca.OP_SUB):
+            return value, bounds[0] + bounds[1]
+        if code in (ca.OP_MUL, ca.OP_SQ, ca.OP_TWICE, ca.OP_SQRT):
+            return value, operate(code, *bounds)
+        if code == ca.OP_DIV:
+            return value, bounds[0] / ca.fabs(values[1])
+        return value, bounds[0] if code == ca.OP_NEG else ca.fabs(value)
+
+    symbols = free_symbols(expression)
+    pairs = fold(expression, symbols, lambda k: (symbols[k], ca.fabs(symbols[k])), lambda x: (ca.SX(x), ca.SX(abs(x))), apply)
+    return ca.reshape(ca.vertcat(*[bound for _, bound in pairs]), expression.shape)
+
+
 def free_symbols(expression: ca.SX) -> list[ca.SX]:
     """Return the symbols on which `expression` depends, each once."""
     return ca.symvar(expression)

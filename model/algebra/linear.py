@@ -90,6 +90,24 @@ def condition(matrix: ca.SX) -> ca.SX:
     return number
 
 
+def regularity(matrix: ca.SX, size: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return two nonnegative expressions whose quotient tells how far a matrix is from singular; `size` bounds its entries.
+
+    Up to 2 x 2 these are |det matrix| and the product of the row norms of `size`; above, 1 and |size| |matrix^-1| in the 1-norm.
+    """
+    if matrix.shape[0] > 2:
+        return ca.SX(1), norm(size) / norm(matrix) * condition(matrix)
+    return ca.fabs(canonical(ca.det(matrix))), ca.sqrt(row_norms_squared(size))
+
+
+def row_norms_squared(matrix: ca.SX) -> ca.SX:
+    """Return the square of the product of the row norms, an upper bound of the square of the determinant."""
+    product = ca.SX(1)
+    for row in ca.vertsplit(matrix):
+        product *= ca.sumsqr(row)
+    return product
+
+
 def norm(matrix: ca.SX) -> ca.SX:
     """Return the 1-norm, the largest column sum of absolute values; NaN if an entry is NaN."""
     return reduce(larger, ca.horzsplit(ca.densify(ca.sum1(ca.fabs(matrix)))))
