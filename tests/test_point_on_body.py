@@ -67,12 +67,17 @@ ROUTE = """{ kind = "composite", segments = [
 NOISE = '[sensors]\npose = "{pose}"\nnoise = {{ sd = 0.02 }}\ngyro = {{ noise = 0.001, bias = 0.001 }}\n'
 OTHER_D = "[plant]\nd = 0.33\n"  # not known to the controller; it moves the vehicle's point, not the twin's coordinates
 CORRECTED = OTHER_D + NOISE.format(pose="reckoned") + '[correction]\nrate = 2.0\nmode = "bumpless"\n'
-FILTERED = OTHER_D + NOISE.format(pose="reckoned") + (
-    "[estimator]\nnoise = 0.01\npose = { rate = 5.0, sd = 0.01, heading_sd = 0.01, delay = 0.05 }\n"
+FILTERED = (
+    OTHER_D
+    + NOISE.format(pose="reckoned")
+    + ("[estimator]\nnoise = 0.01\npose = { rate = 5.0, sd = 0.01, heading_sd = 0.01, delay = 0.05 }\n")
 )
-NOTICED = OTHER_D + NOISE.format(pose="reckoned") + (
-    '[contact]\nmu = 0.7\n[limits]\ntorque = 50.0\nmode = "grip"\nnotice_slip = { window = 0.2, least = 0.1 }\n'
+NOTICED = (
+    OTHER_D
+    + NOISE.format(pose="reckoned")
+    + ('[contact]\nmu = 0.7\n[limits]\ntorque = 50.0\nmode = "grip"\nnotice_slip = { window = 0.2, least = 0.1 }\n')
 )
+
 
 @pytest.fixture(scope="module")
 def twin(tmp_path_factory) -> str:

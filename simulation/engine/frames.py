@@ -211,7 +211,8 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
         why = "the places of contacts and supports do not fit the velocities of the contacts; correct ahead and left"
         raise _refused(name, why)
     castors = tuple(
-        Castor(c.name, on, named[count + k] + beside[0], float(places[0, count + k, 0])) for k, c in enumerate(mechanism.supports)
+        Castor(c.name, on, np.round(named[count + k] + beside[0], 12) + 0.0, float(places[0, count + k, 0]))
+        for k, c in enumerate(mechanism.supports)
     )
     return PlanarBodies(tuple(frames), wheels, joints, normal, mass, tuple(leaning), castors, off)
 
