@@ -82,8 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ..simulation.specification.vary import change, read_varied
 
     outputs = (arguments.output, arguments.record, arguments.animate, arguments.write_scene)
-    pictures = (arguments.plot, arguments.contact)
-    check_targets(*([name for name in names if name is not None] for names in (outputs, pictures)), inputs=[arguments.spec])
+    pictures = [name for name in (arguments.plot, arguments.contact) if name is not None]
+    check_targets([name for name in outputs if name is not None], pictures, inputs=[arguments.spec])
     if arguments.engine and arguments.contact:
         raise BadInput(
             "--contact shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
