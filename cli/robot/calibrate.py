@@ -46,5 +46,5 @@ def run(args: argparse.Namespace) -> int:
     values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
-    head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
-    return show_result(args, robot, result, head, "the pose, m, m and rad")
+    head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(name for name, _ in result.outputs)}"
+    return show_result(args, robot, result, head, ", ".join(f"{name} ({unit})" for name, unit in result.outputs))
