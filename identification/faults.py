@@ -37,7 +37,7 @@ def continued(values: np.ndarray, t: np.ndarray, name: str, numbers: np.ndarray)
     if not len(change):
         return values, math.inf, []
     extent = float(np.subtract(*np.quantile(values[there], (0.99, 0.01))))
-    count = _quantum(values[there]) if len(change) > NEARBY else 0.0
+    count = quantum(values[there]) if len(change) > NEARBY else 0.0
     periods = {**PERIODS, **{f"{bits} bits": count * 2.0**bits for bits in BITS if count}}
     for what, period in periods.items():
         jumps = np.abs(change) > period / 2
@@ -65,7 +65,7 @@ def either_way(name: str, row: str, change: float, period: float, interval: floa
     )
 
 
-def _quantum(values: np.ndarray) -> float:
+def quantum(values: np.ndarray) -> float:
     """Return the count of which all changes are multiples; 0 if there is none."""
     changes = np.unique(np.abs(np.diff(values)))
     finest = np.unique(np.diff(changes))
@@ -187,6 +187,16 @@ def contradictions(
     return Contradictions(sorted(set(single)), sorted(set(steps)), compared)
 
 
+def unexplained(log: Any, wrong: Contradictions) -> BadInput:
+    """Return the error for a log of which too much contradicts a fit."""
+    rows = [row for row in sorted({row for row, _ in wrong.single} | set(wrong.steps)) if row < len(log.t)]
+    count = len(wrong.single) + len(wrong.steps)
+    return BadInput(
+        f"the log contradicts the robot's motion in {count} of {wrong.compared} rows, {rows_of(log.numbers, log.t, rows)}: "
+        "no parameters explain it"
+    )
+
+
 def without(logs: Sequence[Any], field: str, wrong: Contradictions, outputs: Sequence[int], names: Sequence[str]) -> list[Any]:
     """Return logs without what a fit contradicts: single measurements become NaN in the `field` of a log, whose columns have the
     `names` and of which the `outputs` were fitted; rows before and after a step are not connected. The rows of all logs are
@@ -198,13 +208,9 @@ def without(logs: Sequence[Any], field: str, wrong: Contradictions, outputs: Seq
         count = len(log.t)
         single = [(row - begin, outputs[k]) for row, k in wrong.single if begin <= row < begin + count]
         steps = [row - begin for row in wrong.steps if begin <= row < begin + count]
-        rows = sorted({row for row, _ in single} | set(steps))
         begin += count
-        if (total := len(wrong.single) + len(wrong.steps)) > MOST * wrong.compared:
-            raise BadInput(
-                f"the log contradicts the robot's motion in {total} of {wrong.compared} rows, such as "
-                f"{rows_of(log.numbers, log.t, rows)}: no parameters explain it"
-            )
+        if len(wrong.single) + len(wrong.steps) > MOST * wrong.compared:
+            raise unexplained(log, wrong)
         values, remarks = getattr(log, field).copy(), list(log.remarks)
         if single:
             values[tuple(np.transpose(single))] = math.nan

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import Dynamics, combinations
-from .faults import contradictions, without
+from .faults import contradictions, unexplained, without
 from .inverse import InverseDynamics
 from .log import Log
 from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
@@ -74,6 +74,8 @@ def identify(
         measured = replace(log, outputs=log.measured(n))
         (log,) = without([measured], "outputs", wrong, range(len(outputs)), [name for name, _ in outputs])
         first.cache_clear()
+    else:
+        raise unexplained(log, wrong)
     fit.check_misfit()
     others = [q.name for q in dynamics.quantities if q.name not in names and q.name in {*own, *FRICTION}]
     plain, late = (

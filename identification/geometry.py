@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -14,7 +14,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import pose_names
-from .faults import EITHER_WAY, NEARBY, PERIODS, contradictions, either_way, rows_of, without
+from .faults import EITHER_WAY, NEARBY, PERIODS, contradictions, either_way, rows_of, unexplained, without
 from .identifiability import Combination, determined, generic_rank
 from .log import PoseLog, filled
 from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
@@ -100,7 +100,9 @@ def calibrate(
         wrong = contradictions(fit.residuals(), fit.windows.measured, fit.windows.number, prediction.angles)
         if not wrong:
             break
-        logs = without(logs, "pose", wrong, measured, pose)
+        logs = [_bridged(*pair) for pair in zip(without(logs, "pose", wrong, measured, pose), logs, strict=True)]
+    else:
+        raise unexplained(logs[0], wrong)
     fit.check_misfit()
     if "offset_heading" in fit.names:
         fit.values[fit.places["offset_heading"]] = math.remainder(fit.value("offset_heading"), 2 * math.pi)
@@ -114,6 +116,13 @@ def calibrate(
     outputs = [(pose[k], ("m", "m", "rad")[k]) for k in measured]
     own = {p.name for p in system.mechanism.parameters}
     return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks, outputs, own)
+
+
+def _bridged(log: PoseLog, before: PoseLog) -> PoseLog:
+    """Return a log whose angles are interpolated where a pose of the log before was left out: it may be they that are wrong."""
+    angles, left_out = log.angles.copy(), (np.isnan(log.pose) & np.isfinite(before.pose)).any(axis=1)
+    angles[left_out] = math.nan
+    return replace(log, angles=np.column_stack([filled(log.t, each) for each in angles.T]))
 
 
 def _check_turns(log: PoseLog, system: ReducedSystem, values: Mapping[str, float]) -> None:

@@ -177,6 +177,8 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
         signals[:, k], steps, remark = _sound(t, signals[:, k], name, numbers)
         remarks, cuts = (*remarks, *remark), [*cuts, *steps]
         if name in names:
+            known = np.flatnonzero(np.isfinite(signals[:, k]))
+            signals[: known[0], len(names) :] = signals[known[-1] + 1 :, len(names) :] = math.nan
             signals[:, k] = filled(t, signals[:, k])
     angles, poses = signals[:, : len(names)], signals[:, len(names) :]
     return PoseLog(t, tuple(names), angles, poses, cut(stretches, cuts), remarks, numbers, periods)

@@ -15,7 +15,7 @@ from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .bounds import Triangle, bounded_least_squares
-from .faults import NORMAL
+from .faults import NORMAL, quantum
 
 ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
@@ -29,7 +29,10 @@ FEWEST = 20  # measurements beyond the unknowns from which the size of each outp
 CHANCE = 3.09  # standard deviations that a sum of random sign exceeds in one case of 1000
 HUBER = 1.345  # standard deviations from which an error has less weight
 LONG = 8  # rows of a window in which drift counts; of fewer, errors that two windows share would hide it
+LARGER = 1.8  # times the variance for independent errors: that of the jackknife, from which on it counts
 SPARE = 4  # windows beyond the parameters that tell how much errors drift
+PHASES = 64  # of a count, at which rounding is repeated
+ROUNDED = 1.2  # times the error of rounding to a count: an error beyond has other causes too
 MISFIT = 0.5  # of the changes of an output: errors that large explain nothing
 APART = 1e-6  # square of the part of a derivative that no other one contains, from which a quantity is told apart
 RARE = 1e-5  # chance by which a quantity that is 0 may seem not to be
@@ -205,11 +208,12 @@ class OutputError:
     def deviations(self) -> tuple[dict[str, float], int]:
         """Return the standard deviations of the parameters, in their units, and their degrees of freedom.
 
-        Errors may be correlated in any way within a row, and a row in two windows has one error. Where they drift, or successive
-        errors are correlated beyond chance, they may be correlated in any way within a window too: then what counts is the
-        change of the fit without each window (jackknife), to which rows in two windows contribute as errors that are independent
-        from row to row. Errors with less weight count as in the covariance of an M-estimate (Huber, Robust Statistics, 1981,
-        section 7.6). Raises BadInput if there are too few windows.
+        Errors may be correlated in any way within a row, and a row in two windows has one error. Where they may drift, or
+        successive errors are correlated beyond chance, they may be correlated in any way within a window too: then the
+        change of the fit without each window (jackknife) counts, to which rows in two windows contribute as errors that are
+        independent from row to row, if it is clearly larger: that of a few windows, of which some tell little, is also small
+        by chance. Errors of rounding are those of `_of_counts`. Errors with less weight count as in the covariance of an
+        M-estimate (Huber, Robust Statistics, 1981, section 7.6). Raises BadInput if there are too few windows.
         """
         left, rows = self._influence()
         sizes = np.linalg.norm(rows, axis=(0, 1))
@@ -224,9 +228,10 @@ class OutputError:
         alone = rows.reshape(-1, len(of_row), len(self.names))
         together = self._by_row(rows, self.windows.used)
         degrees, found = self.surplus, variance(together)
-        if self._drifts or self._correlated(left):
-            degrees = len(each) - len(self.names)
-            if degrees < 1:
+        if (of_counts := self._of_counts(rows)) is not None:
+            found = np.sum((of_counts @ inverse) ** 2, axis=(0, 1)) / PHASES
+        elif (correlated := self._correlated(left)) or self._drifts:
+            if len(each) <= len(self.names):
                 raise BadInput(
                     f"successive errors are correlated, and {len(each)} windows are too few to tell how far {len(self.names)} "
                     "parameters are off; give a longer log, or fit fewer"
@@ -234,23 +239,27 @@ class OutputError:
             without, scores = each.sum(axis=0) - each, np.einsum("wrp,wr->wp", rows, left)
             changes = np.array([np.linalg.lstsq(a, b)[0] for a, b in zip(without, scores, strict=True)])
             jackknife = np.sum(changes**2, axis=0) * (len(changes) - 1) / len(changes)
-            found = np.maximum(jackknife + found - variance(alone), jackknife / 2)
+            jackknife = np.maximum(jackknife + found - variance(alone), jackknife / 2)
+            degrees = len(each) - len(self.names) if correlated else degrees
+            found = np.where(jackknife > LARGER * found, jackknife, found)
         sd = dict(zip(self.names, np.sqrt(found) / sizes, strict=True))
         sd = {name: math.hypot(each, self.shifts.get(name, 0.0)) for name, each in sd.items()}
         return sd | dict.fromkeys(self.unseen, math.inf), degrees
 
     def check_misfit(self) -> None:
-        """Raise BadInput if what is left of every output is about as large as its changes within the windows."""
+        """Raise BadInput if the errors of an output are about as large as its changes within the windows, and are not noise:
+        successive ones are alike (von Neumann's ratio is 2 for independent errors).
+        """
         used = self.windows.used
-        with np.errstate(invalid="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # windows without a measurement of an output
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # windows, or all, without a measurement of an output
             outputs, errors = self.windows.measured[used], self._errors(used)
             motion = outputs - np.nanmean(outputs, axis=1, keepdims=True)
-        size, left = (np.sqrt(np.nansum(each**2, axis=(0, 1))) for each in (motion, errors))
-        if (left > MISFIT * size).all():
+            size, left, change = (np.nanmean(each**2, axis=(0, 1)) for each in (motion, errors, np.diff(errors, axis=1)))
+        if ((left > MISFIT**2 * size) & (change < left)).any():
             raise BadInput(
                 f"no values of {', '.join(self.names)} explain this log: the errors that the fit leaves are "
-                f"{np.min(left / np.maximum(size, 1e-300)):.0%} of the motion; are all columns those of this robot?"
+                f"{np.sqrt(np.max(left / np.maximum(size, 1e-300))):.0%} of the motion; are all columns those of this robot?"
             )
 
     def explain(self, names: Sequence[str], derivatives: np.ndarray) -> None:
@@ -258,7 +267,7 @@ class OutputError:
         the outputs by them, at the end of the fit.
 
         They are added to the fit, linear at its end, one by one: that which explains most, as long as it is not 0 by more than
-        chance, if errors may be correlated in any way within a window. What they change of the fitted parameters is kept in
+        chance, if errors are independent and if they are correlated in any way within a window. What they change of the fitted parameters is kept in
         `shifts` and becomes part of their standard deviations; `remarks` say what was found.
         """
         left, rows = self._influence(derivatives)
@@ -274,7 +283,8 @@ class OutputError:
                 if (size := float(alone @ alone)) > APART:
                     value = -float(alone @ left) / size
                     after = left - base @ (base.T @ left) + value * alone
-                    sd = math.sqrt(windows / degrees * np.sum((alone * after).reshape(windows, -1).sum(axis=1) ** 2)) / size
+                    by_window = windows / degrees * np.sum((alone * after).reshape(windows, -1).sum(axis=1) ** 2)
+                    sd = math.sqrt(max(by_window, size * float(after @ after) / self.surplus)) / size
                     if abs(value) > float(stdtrit(degrees, 1 - RARE)) * sd:
                         better.append((value**2 * size, int(k), value / sizes[k], sd / sizes[k]))
             if not better:
@@ -294,12 +304,32 @@ class OutputError:
         """Return the value of a quantity that is not fitted, 0 for one that is no parameter."""
         return self.value(name) if name in self.places else 0.0
 
+    def _of_counts(self, rows: np.ndarray) -> np.ndarray | None:
+        """Return sum rows' errors (PHASES, ny, p) of each output if its errors are those of rounding to counts, as where an angle
+        is measured by an encoder; None if they are not, or an output is not rounded. `rows`: derivatives (windows, R ny, p).
+
+        Where its count begins is then all that is random about an encoder: errors of all rows follow from it, and those at rates of
+        whole counts per row are alike in all windows. So the rounding is repeated for PHASES of the count.
+        """
+        measured, errors = self.windows.measured[self.windows.used], self._errors(self.windows.used)
+        by_row = rows.reshape(*measured.shape, -1)
+        changes = np.zeros((PHASES, measured.shape[2], rows.shape[2]))
+        for k, rms in enumerate(self.rms()):
+            there = np.isfinite(measured[..., k])
+            count = quantum(measured[..., k][there])
+            if not count or rms > ROUNDED * count / math.sqrt(12):
+                return None
+            exact = np.nan_to_num(measured[..., k] + errors[..., k]) / count + np.arange(PHASES)[:, None, None] / PHASES
+            rounding = np.where(there, np.round(exact) - exact, 0.0) * count / self.scale[k]
+            changes[:, k] = np.einsum("jwr,wrp->jp", rounding, by_row[:, :, k])
+        return changes
+
     @property
     def _drifts(self) -> bool:
         """Whether the errors may drift within a window, and there are windows enough to tell how much."""
         used = self.windows.used
         rows = np.isfinite(self.windows.measured[used]).any(axis=2).sum() / used.sum()
-        return rows >= LONG and used.sum() - len(self.names) >= SPARE
+        return self._robust and rows >= LONG and used.sum() - len(self.names) >= SPARE
 
     def _by_row(self, rows: np.ndarray, windows: np.ndarray | slice) -> np.ndarray:
         """Return derivatives of these windows (windows, R ny, p) added up for each row of the log, (rows, ny, p)."""
