@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 
 import casadi as ca
@@ -11,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import Dynamics, combinations
+from .faults import contradictions, unexplained, without
 from .inverse import InverseDynamics
 from .log import Log
 from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
@@ -20,6 +22,8 @@ from .result import Identification, result_of
 WINDOW = 25  # rows that are predicted from one initial state; no row is in two windows, whose errors would then be alike
 LEFT_OUT = 5  # every so many windows one is not fitted: the validation
 LONGEST_STEP = 0.01  # s, of the integration
+PASSES = 4  # of the fit, at most; after each it is looked for what it contradicts
+FRICTION = ("friction", "dry_friction", "bias_gyro")  # parameters that explain errors if they are not fitted, besides the robot's
 MOST_STEPS = 50  # of the integration between two rows
 
 
@@ -54,14 +58,39 @@ def identify(
         _check_inputs(log, dynamics, equations)
         return equations.fit(dynamics.upper)
 
-    fits = {way: predicted(log, dynamics, free, every, way, progress) for way in ((True, False) if held is None else (held,))}
-    for fit in fits.values():
-        fit.leave_out_unseen()
-        fit.begin(first(tuple(fit.names)))
-        fit.fit()
-    way = min(fits, key=lambda each: fits[each].cost)
-    outputs = [(q.name, q.unit) for q in dynamics.outputs]
-    return result_of(fits[way], names, basis, len(log.t), log.remarks, outputs, inputs="held" if way else "smooth")
+    own, n, outputs = dynamics.robot, len(mechanism.coordinates), [(q.name, q.unit) for q in dynamics.outputs]
+    angles = np.array([unit == "rad" for _, unit in outputs])
+    for _ in range(PASSES):
+        fits = {way: predicted(log, dynamics, free, every, way, progress) for way in ((True, False) if held is None else (held,))}
+        for each in fits.values():
+            each.leave_out_unseen()
+            each.begin(first(tuple(each.names)))
+            each.fit()
+        way = min(fits, key=lambda each: fits[each].cost)
+        fit = fits[way]
+        wrong = contradictions(fit.residuals(), fit.windows.measured, fit.windows.number, angles)
+        if not wrong:
+            break
+        measured = replace(log, outputs=log.measured(n))
+        (log,) = without([measured], "outputs", wrong, range(len(outputs)), [name for name, _ in outputs])
+        first.cache_clear()
+    else:
+        raise unexplained(log, wrong)
+    fit.check_misfit()
+    others = [q.name for q in dynamics.quantities if q.name not in names and q.name in {*own, *FRICTION}]
+    plain, late = (
+        predicted(each, dynamics, others, fit.values, way).simulated(fit.start)
+        for each in (log, replace(log, inputs=_a_row_later(log)))
+    )
+    of_delay = (late[0] - plain[0]) / log.interval
+    fit.explain([*others, "delay of the inputs"], np.concatenate([plain[1], of_delay[..., None]], axis=3))
+    return result_of(fit, names, basis, len(log.t), log.remarks, outputs, own, inputs="held" if way else "smooth")
+
+
+def _a_row_later(log: Log) -> np.ndarray:
+    """Return the inputs of the row before each row; of the first of a stretch its own."""
+    rows = np.arange(len(log.t))
+    return log.inputs[np.where(np.isin(rows, [stretch.start for stretch in log.stretches]), rows, rows - 1)]
 
 
 def _check_motions(log: Log, dynamics: Dynamics, values: np.ndarray) -> None:

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from scipy.ndimage import median_filter
 
 from ..model.algebra.linear import solve
 from ..model.mechanism import Quantity
@@ -13,6 +14,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import pose_names
+from .faults import EITHER_WAY, NEARBY, PERIODS, contradictions, either_way, rows_of, unexplained, without
 from .identifiability import Combination, determined, generic_rank
 from .log import PoseLog, filled
 from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
@@ -20,6 +22,8 @@ from .plausibility import check_kinematics
 from .result import Identification, result_of
 
 DENSE = 0.2  # part of the rows with a pose from which on the motion between poses is compared with that of the angles
+DIRECTIONS = (-math.pi / 2, math.pi / 2, math.pi)  # of the pose sensor from which the fit may begin, rad
+PASSES = 4  # of the fit, at most; after each it is looked for what it contradicts
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
 
 
@@ -55,19 +59,25 @@ def calibrate(
     (kinematics (6)); the pose there is fitted. Errors beyond the usual ones have less weight. Raises BadInput if the angles do
     not determine the motion, nothing can be identified, or the fit does not converge.
     """
-    first = logs[0]
+    first, pose = logs[0], pose_names(system)
     if any(log.names != first.names for log in logs):
         raise BadInput("the logs have different columns; calibrate them one by one")
-    if not any(np.isfinite(log.pose[:, 2]).any() for log in logs):
-        raise BadInput(f"the log has no heading, {pose_names(system)[2]}; measure it in some rows, or in all with a pose")
-    geometry = _Geometry.of(system, first.names)
+    measured = [k for k in range(3) if any(np.isfinite(log.pose[:, k]).any() for log in logs)]
+    measured = measured if {0, 1} <= {*measured} else [k for k in measured if k == 2]
+    if 2 not in measured:
+        raise BadInput(f"the log has no heading, {pose[2]}; measure it in some rows, or in all with a pose")
+    geometry = _Geometry.of(system, first.names, measured)
     for log in logs:
+        _check_turns(log, system, values)
         _check_motions(log, system, names or (), values)
     quantities = (*system.mechanism.parameters, *geometry.sensors)
     every = np.array([values.get(q.name, q.default) for q in quantities])
     if names is None:
         names = [p.name for p in system.mechanism.parameters if ca.depends_on(geometry.rate, p.symbol)]
-        basis = [c for c in geometry.determined(quantities, names, every) if not c.others]
+        every_basis = geometry.determined(quantities, names, every)
+        basis = [c for c in every_basis if not c.others]
+        if every_basis and not basis:
+            raise BadInput(f"the measured motion shows only {', '.join(map(str, every_basis))}: choose what to fit with --fit")
         names = [c.pivot for c in basis]
     else:
         basis = geometry.determined(quantities, names, every)
@@ -75,22 +85,82 @@ def calibrate(
         raise BadInput(
             f"{system.mechanism.name}: the motion of the pose does not depend on {', '.join(names) or 'any parameter'}"
         )
-    prediction = geometry.prediction(quantities, [c.pivot for c in basis])
-    fit = OutputError(prediction, _windows(logs, system, pose_names(system)), quantities, every, progress).fit(robust=True)
+    fitted = [c.pivot for c in basis]
+    others = [
+        q.name
+        for q in quantities
+        if q.name not in names and ca.depends_on(ca.vertcat(geometry.rate, geometry.pose, geometry.delay), q.symbol)
+    ]
+    prediction = geometry.prediction(quantities, fitted)
+    for _ in range(PASSES):
+        fit = OutputError(prediction, _windows(logs, system, pose, measured), quantities, every, progress)
+        for direction in DIRECTIONS if "offset_heading" in fitted else ():
+            fit.begin(np.where(np.array([q.name for q in quantities]) == "offset_heading", direction, every))
+        fit.fit(robust=True)
+        wrong = contradictions(fit.residuals(), fit.windows.measured, fit.windows.number, prediction.angles)
+        if not wrong:
+            break
+        logs = [_bridged(*pair) for pair in zip(without(logs, "pose", wrong, measured, pose), logs, strict=True)]
+    else:
+        raise unexplained(logs[0], wrong)
+    fit.check_misfit()
+    if "offset_heading" in fit.names:
+        fit.values[fit.places["offset_heading"]] = math.remainder(fit.value("offset_heading"), 2 * math.pi)
+    of_others = OutputError(geometry.prediction(quantities, others), fit.windows, quantities, fit.values)
+    fit.explain(others, of_others.simulated(fit.start)[1])
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
     if fit.surplus < FEWEST:
         few = f"only {fit.surplus} number{'s' * (fit.surplus > 1)} measured beyond the unknowns: standard deviations are rough"
         few = f"{few}; measure more poses"
         remarks = (*remarks, few)
-    outputs = list(zip(pose_names(system), ("m", "m", "rad"), strict=True))
-    return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks, outputs)
+    outputs = [(pose[k], ("m", "m", "rad")[k]) for k in measured]
+    own = {p.name for p in system.mechanism.parameters}
+    return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks, outputs, own)
+
+
+def _bridged(log: PoseLog, before: PoseLog) -> PoseLog:
+    """Return a log whose angles are interpolated where a pose of the log before was left out: it may be they that are wrong."""
+    angles, left_out = log.angles.copy(), (np.isnan(log.pose) & np.isfinite(before.pose)).any(axis=1)
+    angles[left_out] = math.nan
+    return replace(log, angles=np.column_stack([filled(log.t, each) for each in angles.T]))
+
+
+def _check_turns(log: PoseLog, system: ReducedSystem, values: Mapping[str, float]) -> None:
+    """Raise BadInput if an angle that starts again after a turn turns by about half of one from row to row, as far as dense poses
+    and the robot's parameters tell: over the usual motion of NEARBY rows, since poses are noisy.
+    """
+    periodic = [name for name, period in log.periods.items() if period == PERIODS["a turn"]]
+    if not periodic or not _dense(log):
+        return
+    q = [c.name for c in system.mechanism.coordinates]
+    known = _corrected(log, system, values)
+    x = np.column_stack([known.get(name, np.zeros(len(log.t))) for name in q])
+    place = [q.index(name) for name in pose_names(system) if name in known]
+    at = ca.Function("S", [system.mechanism.q, system.mechanism.p], [ca.densify(system.S)])
+    parameters = [values.get(p.name, p.default) for p in system.mechanism.parameters]
+    count = len(log.t) - 1
+    S = at.map(count)(x[:-1].T, np.tile(np.array(parameters)[:, None], count)).full()
+    S = S.reshape(len(q), count, -1).transpose(1, 0, 2)
+    nu = np.linalg.pinv(S[:, place]) @ np.diff(x[:, place], axis=0)[:, :, None]
+    for name in periodic:
+        scale = values.get(f"scale_{name}", 1.0)
+        change = median_filter((S[:, [q.index(name)]] @ nu)[:, 0, 0], NEARBY, mode="nearest") / scale
+        k = int(np.argmax(np.abs(change)))
+        if abs(change[k]) > EITHER_WAY * PERIODS["a turn"]:
+            step = float(np.median(np.diff(log.t)))
+            raise either_way(name, rows_of(log.numbers, log.t, [k + 1]), abs(float(change[k])), log.periods[name], step)
+
+
+def _dense(log: PoseLog) -> bool:
+    """Whether there are poses enough to compare the motion between them with that of the angles."""
+    return bool(np.isfinite(log.pose).any(axis=1).mean() >= DENSE)
 
 
 def _check_motions(log: PoseLog, system: ReducedSystem, fitted: Sequence[str], values: Mapping[str, float]) -> None:
     """Raise BadInput if the motion between dense poses and that of the angles contradict each other, unless one is changed.
     Fitted parameters may explain it: units of angles are not judged if their scale is fitted, places not if the direction is.
     """
-    if np.isfinite(log.pose[:, :2]).all(axis=1).mean() < DENSE:
+    if not _dense(log):
         return
     columns = _corrected(log, system, values)
     if "offset_heading" in fitted:
@@ -111,6 +181,7 @@ def _corrected(log: PoseLog, system: ReducedSystem, values: Mapping[str, float])
     x, y, heading = pose_names(system)
     if heading in reading:
         reading[heading] = reading[heading] - known["offset_heading"]
+    if {x, y, heading} <= reading.keys():
         cosine, sine = np.cos(reading[heading]), np.sin(reading[heading])
         reading[x] = reading[x] - known["offset_x"] * cosine + known["offset_y"] * sine
         reading[y] = reading[y] - known["offset_x"] * sine - known["offset_y"] * cosine
@@ -129,10 +200,11 @@ class _Geometry:
     rate: ca.SX
     pose: ca.SX
     delay: ca.SX
+    measured: Sequence[int]
 
     @classmethod
-    def of(cls, system: ReducedSystem, angles: Sequence[str]) -> "_Geometry":
-        """Raises BadInput if the angles do not determine the quasi-velocities."""
+    def of(cls, system: ReducedSystem, angles: Sequence[str], measured: Sequence[int] = (0, 1, 2)) -> "_Geometry":
+        """`measured`: which of x, y and heading are. Raises BadInput if the angles do not determine the quasi-velocities."""
         mechanism, sensors = system.mechanism, sensor_parameters(angles)
         if mechanism.why_carried:
             raise BadInput(f"{mechanism.name}: {mechanism.why_carried}")
@@ -157,7 +229,8 @@ class _Geometry:
         ahead = ca.vertcat(ca.cos(heading), ca.sin(heading))
         left = ca.vertcat(-ahead[1], ahead[0])
         place = ca.vertcat(x, y) + symbols["offset_x"] * ahead + symbols["offset_y"] * left
-        return cls(system, sensors, turning, rate, ca.vertcat(place, heading + symbols["offset_heading"]), symbols["delay"])
+        reading = ca.vertcat(place, heading + symbols["offset_heading"])
+        return cls(system, sensors, turning, rate, reading, symbols["delay"], measured)
 
     def determined(self, quantities: Sequence[Quantity], names: Sequence[str], values: np.ndarray) -> list[Combination]:
         """Return the combinations of the named parameters that the velocity of the measured pose, seen along its own axes,
@@ -166,7 +239,8 @@ class _Geometry:
         q, heading = self.system.mechanism.q, self.pose[2]
         velocity = ca.jtimes(self.pose, q, self.rate)
         along = ca.vertcat(ca.cos(heading), ca.sin(heading))
-        relative = ca.vertcat(ca.dot(along, velocity[:2]), along[0] * velocity[1] - along[1] * velocity[0], velocity[2])
+        place = ca.vertcat(ca.dot(along, velocity[:2]), along[0] * velocity[1] - along[1] * velocity[0])
+        relative = ca.vertcat(place if {0, 1} <= {*self.measured} else [], velocity[2])
         moving = [*ca.vertsplit(q), *ca.vertsplit(self.turning)]
         parameters = {p.name: p.symbol for p in quantities}
         return determined(ca.vertcat(relative, self.delay), moving, parameters, names, values.tolist())
@@ -185,33 +259,37 @@ class _Geometry:
 
         end = runge_kutta((f,) * 4, q, 1.0)
         earlier = q - self.delay * ca.substitute(self.rate, q, q - self.delay / 2 * self.rate)  # by the midpoint rule
-        late = ca.substitute(self.pose, q, earlier)
+        late = ca.substitute(self.pose, q, earlier)[[*self.measured]]
         fitted = [p.symbol for name in names for p in quantities if p.name == name]
         return Prediction(
             with_derivatives("step", end, q, inputs, parameters, fitted),
             with_derivatives("output", late, q, inputs, parameters, fitted),
             tuple(names),
-            np.array([False, False, True]),
+            np.array([k == 2 for k in self.measured]),
         )
 
 
-def _windows(logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str]) -> Windows:
-    """Divide the logs at measured poses; shorter windows are filled with rows in which nothing moves or is measured."""
+def _windows(
+    logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str], measured: Sequence[int] = (0, 1, 2)
+) -> Windows:
+    """Divide the logs at poses, of which these entries are measured; shorter windows are filled with rows in which nothing moves
+    or is measured.
+    """
     coordinates = [q.name for q in system.mechanism.coordinates]
-    angles, places = ([coordinates.index(name) for name in names] for names in (logs[0].names, pose))
+    angles, places = ([coordinates.index(name) for name in names] for names in (logs[0].names, [pose[k] for k in measured]))
     longest = max(2, math.ceil(sum(len(log.t) for log in logs) / WINDOWS))
     begins = np.cumsum([0, *(len(log.t) for log in logs)])
     pieces = [
         (log, begin, *piece)
         for log, begin in zip(logs, begins, strict=False)
         for stretch in log.stretches
-        for piece in _pieces(log, stretch, longest)
+        for piece in _pieces(log, stretch, longest, measured)
     ]
     if not pieces:
         raise BadInput("the log has no two poses on a stretch without a gap; two or more are needed")
     rows = max(last - first for _, _, first, last in pieces) + 1
     start = np.zeros((len(pieces), len(coordinates)))
-    inputs, measured = np.zeros((len(pieces), rows, 2 * len(angles))), np.full((len(pieces), rows, 3), math.nan)
+    inputs, outputs = np.zeros((len(pieces), rows, 2 * len(angles))), np.full((len(pieces), rows, len(measured)), math.nan)
     t, number = np.full((len(pieces), rows), math.nan), np.full((len(pieces), rows), -1)
     for k, (log, begin, first, last) in enumerate(pieces):
         here, count = slice(first, last + 1), last + 1 - first
@@ -219,15 +297,16 @@ def _windows(logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str]
         inputs[k, : count - 1, : len(angles)] = change
         rates = change / np.diff(log.t[here])[:, None]
         inputs[k, :count, len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
-        measured[k, :count], t[k, :count], number[k, :count] = log.pose[here], log.t[here], begin + np.arange(first, last + 1)
+        outputs[k, :count], t[k, :count] = log.pose[here][:, measured], log.t[here]
+        number[k, :count] = begin + np.arange(first, last + 1)
         start[k, angles] = log.angles[first]
-        start[k, places] = np.nan_to_num(log.pose[first])
-    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool), t, number)
+        start[k, places] = [filled(log.t[here], log.pose[here, each])[0] for each in measured]
+    return Windows(start, places, inputs, outputs, np.ones(len(pieces), bool), t, number)
 
 
-def _pieces(log: PoseLog, stretch: range, longest: int) -> list[tuple[int, int]]:
+def _pieces(log: PoseLog, stretch: range, longest: int, measured: Sequence[int]) -> list[tuple[int, int]]:
     """Return first and last row of the windows of a stretch, both with a pose; each begins where the one before ends."""
-    with_pose = [k for k in stretch if np.isfinite(log.pose[k, :2]).all()]
+    with_pose = [k for k in stretch if np.isfinite(log.pose[k, [*measured][:2]]).all()]
     pieces, first = [], 0
     while first < len(with_pose) - 1:
         within = [k for k in range(first + 1, len(with_pose)) if with_pose[k] - with_pose[first] <= longest]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,11 @@ from ..readers.robots import suggestion
 from ..readers.tables import Table, is_time, listed, picked, read_table
 from ..readers.times import PARTS, SLOWEST, distinct, joined, seconds
 from .dynamics import Dynamics
+from .faults import LONGEST, continued, cut, jumps_of, rows_of, spikes_and_steps, without_repeats
 from .smoothing import velocities
 
-GAP = 1.5  # times the usual interval: a longer one separates two stretches
+GAP = 1.5  # times the usual interval: a longer one separates two stretches of inputs, which change between rows
+USUAL = 0.85  # of the intervals are at most the usual one: times may jitter
 FEWEST = 20  # rows
 COUNTS = 100  # whole numbers of an angle with a larger range may be counts of an encoder
 
@@ -27,7 +29,7 @@ class Log:
 
     `state` names what x has from the log. `stretches` are ranges of rows without a gap in time; `remarks` state what was left
     out. `outputs` (N, ny) are what was measured, NaN where it was not; None: the quasi-velocities in x. What is not measured
-    directly in x is an estimate.
+    directly in x is an estimate. `numbers` (N) of the rows in the file.
     """
 
     t: np.ndarray
@@ -37,6 +39,7 @@ class Log:
     remarks: tuple[str, ...]
     outputs: np.ndarray | None = None
     state: tuple[str, ...] = ()
+    numbers: np.ndarray | None = None
 
     def measured(self, n: int) -> np.ndarray:
         """Return the outputs; `n` is the number of coordinates in x."""
@@ -58,7 +61,8 @@ def check_known(option: str, name: str, kind: str, names: Collection[str], liste
 @dataclass(frozen=True, eq=False)
 class PoseLog:
     """Rows of a log in the order of time: t (N) s; the measured `angles` (N, k) of wheels and joints, unwrapped; the poses
-    (N, 3), x and y (m) and heading (rad), NaN where they were not measured. `stretches` and `remarks` as in Log.
+    (N, 3), x and y (m) and heading (rad), NaN where they were not measured. `stretches`, `remarks` and `numbers` as in Log;
+    `periods` after which angles start again in the file, by name.
     """
 
     t: np.ndarray
@@ -67,6 +71,8 @@ class PoseLog:
     pose: np.ndarray
     stretches: tuple[range, ...]
     remarks: tuple[str, ...]
+    numbers: np.ndarray | None = None
+    periods: Mapping[str, float] = field(default_factory=dict)
 
 
 def quantities_in(table: Table, quantities: Sequence[Quantity], columns: Mapping[str, str]) -> set[str]:
@@ -103,16 +109,46 @@ def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str,
         if not np.isfinite(clean[name]).any():
             raise BadInput(f"{table.file}: {name} is empty in all rows; leave it out of --outputs")
     units["t"] = "s"
+    t, numbers, cuts = clean["t"], _numbers(values["t"], numbers, rows[:, 0]), []
     for name in sparse:
         if units[name] == "rad":
-            clean[name], remark = continued(clean[name], name)
+            clean[name], _, remark = continued(clean[name], t, name, numbers)
             remarks = (*remarks, *remark)
+    for name in outputs:
+        clean[name], steps, remark = _sound(t, clean[name], name, numbers)
+        remarks, cuts = (*remarks, *remark), [*cuts, *([] if name in rates else steps)]
+    stretches = cut(stretches, cuts)
     measured = np.column_stack([clean[name] for name in outputs])
-    x = np.column_stack([filled(clean["t"], clean[name]) if name in clean else np.zeros(len(rows)) for name in state])
+    x = np.column_stack([filled(t, clean[name]) if name in clean else np.zeros(len(rows)) for name in state])
     if not rates <= clean.keys():
-        x[:, -system.dof :] = velocities(clean["t"], x, dynamics, stretches)
+        x[:, -system.dof :] = velocities(t, x, dynamics, stretches)
     known = tuple(name for name in state if name in clean)
-    return Log(clean["t"], x, np.column_stack([clean[name] for name in inputs]), stretches, remarks, measured, known)
+    logged = np.column_stack([clean[name] for name in inputs])
+    return Log(t, x, logged, stretches, remarks, measured, known, numbers)
+
+
+def _numbers(every: np.ndarray, numbers: Sequence[int], t: np.ndarray) -> np.ndarray:
+    """Return the rows of the file that have the times t, of all times with these `numbers`."""
+    first = {time: number for time, number in reversed(list(zip(every.tolist(), numbers, strict=True)))}
+    return np.array([first[time] for time in t.tolist()])
+
+
+def _sound(t: np.ndarray, values: np.ndarray, name: str, numbers: np.ndarray) -> tuple[np.ndarray, list[int], list[str]]:
+    """Return a signal with NaN where it repeats a value that is held, and in single rows that are far off; the rows
+    after which it jumps; and remarks.
+    """
+    values, remarks = without_repeats(values, name)
+    there = np.flatnonzero(np.isfinite(values))
+    spikes, steps = spikes_and_steps(np.diff(values[there])[:, None], jumps_of(t[there], values[there])[:, None])
+    if len(spikes):
+        values = values.copy()
+        values[there[spikes]] = math.nan
+        remarks.append(f"{name} is far off in {rows_of(numbers, t, there[spikes])}: left out")
+    if len(steps):
+        after = there[steps + 1]
+        remarks.append(f"{name} jumps at {rows_of(numbers, t, after)}; the rows before and after are not connected")
+        return values, (after - 1).tolist(), remarks
+    return values, [], remarks
 
 
 def filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -121,27 +157,19 @@ def filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.interp(t, t[known], values[known]) if known.any() else np.zeros(len(t))
 
 
-def continued(angles: np.ndarray, name: str) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return angles that were reported within one turn, continued over the turns, and a remark if they were."""
-    known = np.isfinite(angles)
-    jumps = np.abs(np.diff(angles[known])) > math.pi
-    if not jumps.any() or np.ptp(angles[known]) > 2 * math.pi * (1 + 1e-6):
-        return angles, ()
-    whole = angles.copy()
-    whole[known] = np.unwrap(angles[known])
-    return whole, (f"{name} jumps {jumps.sum()} times by about a turn; it is continued over the turns",)
-
-
 def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[str], columns: Mapping[str, str]) -> PoseLog:
     """Read the measured coordinates of a log: those of the `pose` (x, y, heading), whose entries may be empty in most rows, and
-    all others that it has. Angles that were reported within one turn are continued over the turns.
+    all others that it has; x and y may be missing. Angles that start again are continued, single angles that are far off
+    interpolated.
 
     Raises BadInput as `read_log`, and if the log has no poses or no other coordinate; and OSError.
     """
     others = [q.name for q in system.mechanism.coordinates if q.name not in pose]
     units = {q.name: q.unit for q in system.mechanism.coordinates}
     table = file if isinstance(file, Table) else read_table(file)
-    names = [name for name in others if name in quantities_in(table, system.mechanism.coordinates, columns)]
+    there = quantities_in(table, system.mechanism.coordinates, columns)
+    places = () if pose[2] in there and not there & set(pose[:2]) else pose[:2]  # a gyro tells the heading alone
+    names = [name for name in others if name in there]
     if not names and table.header:
         existing = f"those of {system.mechanism.name} are {', '.join(others)}" if others else f"{system.mechanism.name} has none"
         raise BadInput(
@@ -149,18 +177,25 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
             "--map NAME=COLUMN, distances on the floor with --map 'NAME=COLUMN [rad/RADIUS]', counts with --map "
             "'NAME=COLUMN [turn/COUNTS]'; rates, or speeds of the vehicle, do not tell its geometry"
         )
-    values, numbers, usual, notes = _columns(table, units, {"t", *names, *pose[:2]}, columns, (), pose)
+    values, numbers, usual, notes = _columns(table, units, {"t", *names, *places}, columns, (), pose)
     nothing = np.full(len(values["t"]), math.nan)
     rows = np.column_stack([values.get(name, nothing) for name in ("t", *names, *pose)])
-    rows, stretches, remarks = _cleaned(table.file, rows, 1 + len(names), 2, numbers, ("t", *names), usual)
-    remarks = (*notes, *remarks)
-    angles = rows[:, 1 : 1 + len(names)]
-    for k, name in enumerate(names):
-        angles[:, k], remark = continued(angles[:, k], name)
-        remarks = (*remarks, *remark)
-    poses = rows[:, 1 + len(names) :]
-    poses[:, 2], _ = continued(poses[:, 2], pose[2])
-    return PoseLog(rows[:, 0], tuple(names), angles, poses, stretches, remarks)
+    rows, stretches, remarks = _cleaned(table.file, rows, 1 + len(names), 2, numbers, ("t", *names), usual, LONGEST)
+    t, signals, periods, remarks = rows[:, 0], rows[:, 1:], {}, (*notes, *remarks)
+    numbers, cuts = _numbers(values["t"], numbers, t), []
+    for k, name in enumerate((*names, *pose)):
+        if name not in pose[:2]:
+            signals[:, k], period, remark = continued(signals[:, k], t, name, numbers)
+            if name in names:
+                periods[name], remarks = period, (*remarks, *remark)
+        signals[:, k], steps, remark = _sound(t, signals[:, k], name, numbers)
+        remarks, cuts = (*remarks, *remark), [*cuts, *steps]
+        if name in names:
+            known = np.flatnonzero(np.isfinite(signals[:, k]))
+            signals[: known[0], len(names) :] = signals[known[-1] + 1 :, len(names) :] = math.nan
+            signals[:, k] = filled(t, signals[:, k])
+    angles, poses = signals[:, : len(names)], signals[:, len(names) :]
+    return PoseLog(t, tuple(names), angles, poses, cut(stretches, cuts), remarks, numbers, periods)
 
 
 def _columns(
@@ -221,10 +256,12 @@ def _cleaned(
     numbers: Sequence[int] | None = None,
     names: Sequence[str] = (),
     interval: float | None = None,
+    gap: float = GAP,
 ) -> tuple[np.ndarray, tuple[range, ...], tuple[str, ...]]:
     """Return rows, stretches and remarks of a log without repeated rows and without those whose first `dense`
-    entries, of columns with these `names`, are incomplete, divided where time has a gap. `numbers` of the
-    rows in the file; `interval`: the usual time between rows, s; None: the median.
+    entries, of columns with these `names`, are incomplete, divided where time has a gap, of more than `gap` usual
+    intervals. `numbers` of the rows in the file; `interval`: the usual time between rows, s; None: that which
+    most are at most apart.
     """
     remarks = []
     finite = np.isfinite(rows[:, :dense])
@@ -255,7 +292,7 @@ def _cleaned(
         likely = next((unit for unit, part in PARTS.items() if usual * part <= SLOWEST), "ns")
         there = f"call its column 't [{likely}]', or say --map 't=t [{likely}]'"
         remarks.append(f"t goes on by {usual:g} s from row to row; if it is in {likely}, {there}")
-    ends = [0, *(np.flatnonzero(step > GAP * (interval or np.median(step))) + 1), len(rows)]
+    ends = [0, *(np.flatnonzero(step > gap * (interval or np.quantile(step, USUAL))) + 1), len(rows)]
     if len(ends) > 2:
         remarks.append(f"{len(ends) - 2} gaps in t, the longest {step.max():.3g} s; the rows on both sides are not connected")
     stretches = tuple(range(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))

@@ -1,18 +1,21 @@
 """Output error: parameters of a model from windows of a log, each predicted from an initial state that is fitted too."""
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.special import stdtrit
 
 from ..model.errors import ModelError
 from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .bounds import Triangle, bounded_least_squares
+from .faults import NORMAL, quantum
 
 ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
@@ -26,8 +29,15 @@ FEWEST = 20  # measurements beyond the unknowns from which the size of each outp
 CHANCE = 3.09  # standard deviations that a sum of random sign exceeds in one case of 1000
 HUBER = 1.345  # standard deviations from which an error has less weight
 LONG = 8  # rows of a window in which drift counts; of fewer, errors that two windows share would hide it
+LARGER = 1.8  # times the variance for independent errors: that of the jackknife, from which on it counts
 SPARE = 4  # windows beyond the parameters that tell how much errors drift
-MEDIAN = 1.4826  # standard deviation of a normal distribution in units of its median absolute value
+PHASES = 64  # of a count, at which rounding is repeated
+ROUNDED = 1.2  # times the error of rounding to a count: an error beyond has other causes too
+MISFIT = 0.5  # of the changes of an output: errors that large explain nothing
+APART = 1e-6  # square of the part of a derivative that no other one contains, from which a quantity is told apart
+RARE = 1e-5  # chance by which a quantity that is 0 may seem not to be
+FEW = 3  # systematic errors that are looked for, at most
+SHIFTED = 1e-6  # of a value: a change that is worth a remark
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +107,8 @@ class OutputError:
         self.scale = np.maximum(spread, 1e-9 * spread.max())
         self.unseen: dict[str, list[str]] = {}  # what the log does not show, with parameters that it shows only beside it
         self.cost, self._robust = math.inf, False
+        self.shifts: dict[str, float] = {}  # of the parameters, by systematic errors; see `explain`
+        self.remarks: list[str] = []
         self._simulated: tuple[Any, Any] = (), ()  # values and start with which was simulated last, and the result
 
     def fit(self, robust: bool = False) -> "OutputError":
@@ -179,6 +191,10 @@ class OutputError:
     def value(self, name: str) -> float:
         return float(self.values[self.places[name]])
 
+    def given(self, name: str) -> float:
+        """Return the value with which the fit began."""
+        return float(self._given[self.places[name]])
+
     def rms(self, used: bool = True) -> np.ndarray:
         """Return the RMS error of each output over the windows that are used, or over the others; NaN if there are none."""
         errors = self._errors(self.windows.used == used)
@@ -192,11 +208,12 @@ class OutputError:
     def deviations(self) -> tuple[dict[str, float], int]:
         """Return the standard deviations of the parameters, in their units, and their degrees of freedom.
 
-        Errors may be correlated in any way within a row, and a row in two windows has one error. Where they drift, or successive
-        errors are correlated beyond chance, they may be correlated in any way within a window too: then what counts is the
-        change of the fit without each window (jackknife), to which rows in two windows contribute as errors that are independent
-        from row to row. Errors with less weight count as in the covariance of an M-estimate (Huber, Robust Statistics, 1981,
-        section 7.6). Raises BadInput if there are too few windows.
+        Errors may be correlated in any way within a row, and a row in two windows has one error. Where they may drift, or
+        successive errors are correlated beyond chance, they may be correlated in any way within a window too: then the
+        change of the fit without each window (jackknife) counts, to which rows in two windows contribute as errors that are
+        independent from row to row, if it is clearly larger: that of a few windows, of which some tell little, is also small
+        by chance. Errors of rounding are those of `_of_counts`. Errors with less weight count as in the covariance of an
+        M-estimate (Huber, Robust Statistics, 1981, section 7.6). Raises BadInput if there are too few windows.
         """
         left, rows = self._influence()
         sizes = np.linalg.norm(rows, axis=(0, 1))
@@ -211,9 +228,10 @@ class OutputError:
         alone = rows.reshape(-1, len(of_row), len(self.names))
         together = self._by_row(rows, self.windows.used)
         degrees, found = self.surplus, variance(together)
-        if self._drifts or self._correlated(left):
-            degrees = len(each) - len(self.names)
-            if degrees < 1:
+        if (of_counts := self._of_counts(rows)) is not None:
+            found = np.sum((of_counts @ inverse) ** 2, axis=(0, 1)) / PHASES
+        elif (correlated := self._correlated(left)) or self._drifts:
+            if len(each) <= len(self.names):
                 raise BadInput(
                     f"successive errors are correlated, and {len(each)} windows are too few to tell how far {len(self.names)} "
                     "parameters are off; give a longer log, or fit fewer"
@@ -221,9 +239,90 @@ class OutputError:
             without, scores = each.sum(axis=0) - each, np.einsum("wrp,wr->wp", rows, left)
             changes = np.array([np.linalg.lstsq(a, b)[0] for a, b in zip(without, scores, strict=True)])
             jackknife = np.sum(changes**2, axis=0) * (len(changes) - 1) / len(changes)
-            found = np.maximum(jackknife + found - variance(alone), jackknife / 2)
+            jackknife = np.maximum(jackknife + found - variance(alone), jackknife / 2)
+            degrees = len(each) - len(self.names) if correlated else degrees
+            found = np.where(jackknife > LARGER * found, jackknife, found)
         sd = dict(zip(self.names, np.sqrt(found) / sizes, strict=True))
+        sd = {name: math.hypot(each, self.shifts.get(name, 0.0)) for name, each in sd.items()}
         return sd | dict.fromkeys(self.unseen, math.inf), degrees
+
+    def check_misfit(self) -> None:
+        """Raise BadInput if the errors of an output are about as large as its changes within the windows, and are not noise:
+        successive ones are alike (von Neumann's ratio is 2 for independent errors).
+        """
+        used = self.windows.used
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # windows, or all, without a measurement of an output
+            outputs, errors = self.windows.measured[used], self._errors(used)
+            motion = outputs - np.nanmean(outputs, axis=1, keepdims=True)
+            size, left, change = (np.nanmean(each**2, axis=(0, 1)) for each in (motion, errors, np.diff(errors, axis=1)))
+        if ((left > MISFIT**2 * size) & (change < left)).any():
+            raise BadInput(
+                f"no values of {', '.join(self.names)} explain this log: the errors that the fit leaves are "
+                f"{np.sqrt(np.max(left / np.maximum(size, 1e-300))):.0%} of the motion; are all columns those of this robot?"
+            )
+
+    def explain(self, names: Sequence[str], derivatives: np.ndarray) -> None:
+        """Find systematic errors, which look like quantities of these `names` that are not fitted; `derivatives` (W, R, ny, k) of
+        the outputs by them, at the end of the fit.
+
+        They are added to the fit, linear at its end, one by one: that which explains most, as long as it is not 0 by more than
+        chance, if errors are independent and if they are correlated in any way within a window. What they change of the fitted parameters is kept in
+        `shifts` and becomes part of their standard deviations; `remarks` say what was found.
+        """
+        left, rows = self._influence(derivatives)
+        windows, fitted, left = len(left), len(self.names), left.ravel()
+        sizes = np.linalg.norm(rows, axis=(0, 1))
+        names, columns = [*self.names, *names], rows.reshape(len(left), -1) / np.where(sizes > 0, sizes, 1.0)
+        chosen, found = list(range(fitted)), []
+        while (degrees := windows - len(chosen) - 1) >= SPARE and len(found) < FEW:
+            base = np.linalg.qr(columns[:, chosen])[0]
+            better = []
+            for k in set(np.flatnonzero(sizes)) - set(chosen):
+                alone = columns[:, k] - base @ (base.T @ columns[:, k])
+                if (size := float(alone @ alone)) > APART:
+                    value = -float(alone @ left) / size
+                    after = left - base @ (base.T @ left) + value * alone
+                    by_window = windows / degrees * np.sum((alone * after).reshape(windows, -1).sum(axis=1) ** 2)
+                    sd = math.sqrt(max(by_window, size * float(after @ after) / self.surplus)) / size
+                    if abs(value) > float(stdtrit(degrees, 1 - RARE)) * sd:
+                        better.append((value**2 * size, int(k), value / sizes[k], sd / sizes[k]))
+            if not better:
+                break
+            found.append(max(better))
+            chosen.append(found[-1][1])
+        change = np.linalg.lstsq(columns[:, chosen], -left, rcond=None)[0][:fitted] / sizes[:fitted]
+        self.shifts = dict(zip(self.names, change.tolist(), strict=True)) if found else {}
+        if any(abs(shift) > SHIFTED * abs(self.value(name)) for name, shift in self.shifts.items()):
+            self.remarks += [
+                f"the errors look like {names[k]} = {self.base(names[k]) + value:.3g}, within {2 * sd:.2g}, which is not fitted; "
+                "the intervals include what it would change"
+                for _, k, value, sd in found
+            ]
+
+    def base(self, name: str) -> float:
+        """Return the value of a quantity that is not fitted, 0 for one that is no parameter."""
+        return self.value(name) if name in self.places else 0.0
+
+    def _of_counts(self, rows: np.ndarray) -> np.ndarray | None:
+        """Return sum rows' errors (PHASES, ny, p) of each output if its errors are those of rounding to counts, as where an angle
+        is measured by an encoder; None if they are not, or an output is not rounded. `rows`: derivatives (windows, R ny, p).
+
+        Where its count begins is then all that is random about an encoder: errors of all rows follow from it, and those at rates of
+        whole counts per row are alike in all windows. So the rounding is repeated for PHASES of the count.
+        """
+        measured, errors = self.windows.measured[self.windows.used], self._errors(self.windows.used)
+        by_row = rows.reshape(*measured.shape, -1)
+        changes = np.zeros((PHASES, measured.shape[2], rows.shape[2]))
+        for k, rms in enumerate(self.rms()):
+            there = np.isfinite(measured[..., k])
+            count = quantum(measured[..., k][there])
+            if not count or rms > ROUNDED * count / math.sqrt(12):
+                return None
+            exact = np.nan_to_num(measured[..., k] + errors[..., k]) / count + np.arange(PHASES)[:, None, None] / PHASES
+            rounding = np.where(there, np.round(exact) - exact, 0.0) * count / self.scale[k]
+            changes[:, k] = np.einsum("jwr,wrp->jp", rounding, by_row[:, :, k])
+        return changes
 
     @property
     def _drifts(self) -> bool:
@@ -239,17 +338,18 @@ class OutputError:
         np.add.at(by_row, place.ravel(), rows.reshape(-1, *by_row.shape[1:]))
         return by_row
 
-    def _influence(self) -> tuple[np.ndarray, np.ndarray]:
+    def _influence(self, others: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return errors (windows, R ny) and derivatives (windows, R ny, p) of the fitted windows such that a change of the
         errors changes the parameters by (rows' rows)^-1 rows' errors. Both are those of least squares, or, where large errors
-        have less weight, weighted errors, and derivatives as often as an error counts in full.
+        have less weight, weighted errors, and derivatives as often as an error counts in full. `others` (W, R, ny, k):
+        derivatives by more quantities, which follow those by the parameters.
         """
         used, (numbers, unknowns) = self.windows.used, self._counts
         weight, measured = self._weight[used], self._weight > 0
         in_full = np.maximum((weight == 1.0).sum(axis=(0, 1)), 1) / np.maximum(measured[used].sum(axis=(0, 1)), 1)
         of_few = 1 + unknowns / numbers * (1 / in_full - 1)
         errors = np.nan_to_num(self._errors(used) / self.scale) * weight**2 * of_few / np.sqrt(in_full)
-        _, rows = self._projected(self.values, self.start, used, measured * np.sqrt(in_full))
+        _, rows = self._projected(self.values, self.start, used, measured * np.sqrt(in_full), others)
         return errors.reshape(len(errors), -1), rows
 
     def _of_a_row(self, left: np.ndarray) -> np.ndarray:
@@ -281,19 +381,27 @@ class OutputError:
             return np.where(weight > 0, left.reshape(weight.shape) * self.scale / weight, np.nan)
 
     def _median(self) -> np.ndarray:
-        return MEDIAN * np.nanmedian(np.abs(self._errors(self.windows.used)), axis=(0, 1))
+        return NORMAL * np.nanmedian(np.abs(self._errors(self.windows.used)), axis=(0, 1))
 
     def _reweigh(self) -> None:
         errors = np.abs(self._errors(slice(None))) / self.scale
         self._weight = np.where(np.isfinite(errors), np.sqrt(HUBER / np.maximum(errors, HUBER)), 0.0)
 
     def _projected(
-        self, values: np.ndarray, start: np.ndarray, windows: np.ndarray | slice, weight: np.ndarray | None = None
+        self,
+        values: np.ndarray,
+        start: np.ndarray,
+        windows: np.ndarray | slice,
+        weight: np.ndarray | None = None,
+        others: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals of these windows and their derivatives by the fitted parameters; initial states are eliminated.
-        `weight` (W, R, ny): another than that of the fit.
+        `weight` (W, R, ny): another than that of the fit; `others` as for `_influence`.
         """
         residual, by_start, by_values = (each[windows] for each in self._predicted(values, start, weight))
+        if others is not None:
+            scaled = (np.nan_to_num(others) * ((self._weight if weight is None else weight) / self.scale)[..., None])[windows]
+            by_values = np.concatenate([by_values, scaled.reshape(*by_values.shape[:2], -1)], axis=2)
         bases, sizes, _ = np.linalg.svd(by_start, full_matrices=False)
         bases = bases * (sizes > 1e-10 * sizes.max(initial=0.0))[:, None, :]
         return residual - _apply(bases, residual), by_values - _apply(bases, by_values)
@@ -419,6 +527,13 @@ class OutputError:
             (starts * weight[..., None]).reshape(windows, rows * outputs, -1),
             (parameters[..., columns] * weight[..., None]).reshape(windows, rows * outputs, -1),
         )
+
+    def simulated(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the errors (W, R, ny) of the outputs from these initial states and their derivatives by all parameters of the
+        prediction (W, R, ny, k).
+        """
+        errors, _, derivatives = self._simulate(self.values, start)
+        return errors, derivatives
 
     def _simulate(self, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return errors of the outputs (W, R, ny) and their derivatives by the initial states and by all parameters."""

@@ -1,5 +1,6 @@
 """Logs with a wrong sign, exchanged columns or another unit: found by what would make them agree with the robot's equations."""
 
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +12,7 @@ import numpy as np
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.quantities import scaled_units
+from .faults import NORMAL
 from .result import Estimate
 from .smoothing import slopes
 
@@ -19,6 +21,7 @@ WRONG = 0.5  # error of the equations, relative to the motion, from which on som
 RIGHT = 0.25  # error below which it is taken for the cause
 UNCERTAIN = 2.5  # factor by which lengths of the robot may be off
 FAR = 5.0  # factor by which a fitted length is so far off that the unit of the angles is doubted; a turn has 6.28 rad
+NOISY = 3.0  # times its noise: the change of a coordinate from which on it moves
 BLOCK = 25  # rows over which motions are compared
 OTHER_UNITS = {
     "rad": ("deg", "turn"),
@@ -184,8 +187,8 @@ class _Motion:
         self.radius = float(np.nan_to_num(np.linalg.norm(rolling)))  # m per rad, where all quasi-velocities are alike
 
     def misfit(self, columns: Columns, stretches: Sequence[range]) -> float:
-        """Return the error of the changes over blocks of rows, relative to the changes: the RMS over the coordinates. Each
-        coordinate's changes may be off by the same factor, up to UNCERTAIN.
+        """Return the error of the changes over blocks of rows, relative to the changes: the RMS over the coordinates that
+        move by more than noise. Each coordinate's changes may be off by the same factor, up to UNCERTAIN.
         """
         t, count = columns["t"], len(columns["t"])
         x = np.column_stack([columns.get(name, np.zeros(count)) for name in self._state])
@@ -205,5 +208,6 @@ class _Motion:
         predicted = predicted * np.clip(ratio, 1 / UNCERTAIN, UNCERTAIN)
         sizes = np.sqrt(np.maximum(np.mean(predicted**2, axis=0), np.mean(actual**2, axis=0)))
         errors = np.sqrt(np.mean((predicted - actual) ** 2, axis=0))
-        moving = [k for k in self.compared if sizes[k] > 0]
+        noise = np.maximum(*(NORMAL * np.median(np.abs(np.diff(each, 2, axis=0)), axis=0) / math.sqrt(6) for each in (integrals, q)))
+        moving = [k for k in self.compared if sizes[k] > NOISY * math.sqrt(2) * noise[k]]
         return float(np.sqrt(np.mean((errors[moving] / sizes[moving]) ** 2))) if moving else 0.0

@@ -1,6 +1,6 @@
 """The result of a fit, and the parameters that no motion, or not this log, determines."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from ..readers.errors import BadInput
 from .identifiability import Combination
 from .output_error import OutputError
 
+ABSURD = 10.0  # times the value that was expected, or a part of it: no length or mass is that far off
 DOUBTFUL = 0.5  # standard deviation relative to the value above which the log does not determine it
 
 
@@ -59,9 +60,12 @@ def result_of(
     rows: int,
     remarks: tuple[str, ...],
     outputs: Sequence[tuple[str, str]],
+    robot: Collection[str],
     inputs: str = "",
 ) -> Identification:
-    """Return the result of a fit of the pivots of `basis`, combinations of the parameters `names`."""
+    """Return the result of a fit of the pivots of `basis`, combinations of the parameters `names`. Raises BadInput if a value is
+    out of proportion to that of the parameters of the `robot` from which it began.
+    """
     sentences = [*_by_structure(names, basis), *(_by_log(name) for name in fit.unseen)]
     tied = {name: unseen for unseen, others in fit.unseen.items() for name in others if name not in fit.unseen}
     stuck = [name for name in fit.at_bound() if name in tied]
@@ -73,6 +77,13 @@ def result_of(
     sentences += [f"{name}: this log shows it only together with {unseen}" for name, unseen in tied.items()]
     alone = {c.pivot for c in basis if not c.others} - set(fit.unseen) - set(tied)
     sd, degrees = fit.deviations()
+    for name in fit.names:
+        value, before = fit.value(name), fit.given(name)
+        if name in robot and before > 0 and not before / ABSURD < value < before * ABSURD:
+            raise BadInput(
+                f"the log gives {name} = {value:.3g} where {before:.3g} was expected: look for a column with another unit or "
+                f"meaning; if it may be that, say --set {name}={value:.1g}"
+            )
     for name in sorted(alone, key=names.index):
         may_be_zero = fit.quantities[name].sign != "positive" and not fit.quantities[name].default
         if sd[name] > DOUBTFUL * abs(fit.value(name)) and not may_be_zero:
@@ -85,7 +96,7 @@ def result_of(
         f"{name} is at its bound, {fit.value(name):g}; beyond it the log would be predicted better" for name in fit.at_bound()
     )
     held = (f"the inertias are at their bound {each}; beyond it the log would be predicted better" for each in fit.held)
-    remarks, windows = (*remarks, *bounds, *held), fit.windows
+    remarks, windows = (*remarks, *bounds, *held, *fit.remarks), fit.windows
     left = (outputs, windows.t, fit.residuals(), windows.used)
     return Identification(estimates, tuple(sentences), fit.rms(), fit.rms(used=False), rows, inputs, remarks, *left)
 

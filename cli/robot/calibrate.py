@@ -51,5 +51,5 @@ def run(args: argparse.Namespace) -> int:
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
     check_sizes({name: each for name, each in result.estimates.items() if name in own}, values, logs[0].names)
-    head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(pose)}"
-    return show_result(args, robot, result, head, "the pose, m, m and rad")
+    head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(name for name, _ in result.outputs)}"
+    return show_result(args, robot, result, head, ", ".join(f"{name} ({unit})" for name, unit in result.outputs))
