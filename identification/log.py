@@ -109,13 +109,14 @@ def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str,
         if not np.isfinite(clean[name]).any():
             raise BadInput(f"{table.file}: {name} is empty in all rows; leave it out of --outputs")
     units["t"] = "s"
-    t, numbers, cuts = clean["t"], _numbers(values["t"], numbers, rows[:, 0]), []
+    t, kept = clean["t"], _numbers(values["t"], numbers, rows[:, 0])
+    cuts: list[int] = []
     for name in sparse:
         if units[name] == "rad":
-            clean[name], _, remark = continued(clean[name], t, name, numbers)
+            clean[name], _, remark = continued(clean[name], t, name, kept)
             remarks = (*remarks, *remark)
     for name in outputs:
-        clean[name], steps, remark = _sound(t, clean[name], name, numbers)
+        clean[name], steps, remark = _sound(t, clean[name], name, kept)
         remarks, cuts = (*remarks, *remark), [*cuts, *([] if name in rates else steps)]
     stretches = cut(stretches, cuts)
     measured = np.column_stack([clean[name] for name in outputs])
@@ -124,7 +125,7 @@ def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str,
         x[:, -system.dof :] = velocities(t, x, dynamics, stretches)
     known = tuple(name for name in state if name in clean)
     logged = np.column_stack([clean[name] for name in inputs])
-    return Log(t, x, logged, stretches, remarks, measured, known, numbers)
+    return Log(t, x, logged, stretches, remarks, measured, known, kept)
 
 
 def _numbers(every: np.ndarray, numbers: Sequence[int], t: np.ndarray) -> np.ndarray:
@@ -182,20 +183,20 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
     rows = np.column_stack([values.get(name, nothing) for name in ("t", *names, *pose)])
     rows, stretches, remarks = _cleaned(table.file, rows, 1 + len(names), 2, numbers, ("t", *names), usual, LONGEST)
     t, signals, periods, remarks = rows[:, 0], rows[:, 1:], {}, (*notes, *remarks)
-    numbers, cuts = _numbers(values["t"], numbers, t), []
+    kept, cuts = _numbers(values["t"], numbers, t), list[int]()
     for k, name in enumerate((*names, *pose)):
         if name not in pose[:2]:
-            signals[:, k], period, remark = continued(signals[:, k], t, name, numbers)
+            signals[:, k], period, remark = continued(signals[:, k], t, name, kept)
             if name in names:
                 periods[name], remarks = period, (*remarks, *remark)
-        signals[:, k], steps, remark = _sound(t, signals[:, k], name, numbers)
+        signals[:, k], steps, remark = _sound(t, signals[:, k], name, kept)
         remarks, cuts = (*remarks, *remark), [*cuts, *steps]
         if name in names:
             known = np.flatnonzero(np.isfinite(signals[:, k]))
             signals[: known[0], len(names) :] = signals[known[-1] + 1 :, len(names) :] = math.nan
             signals[:, k] = filled(t, signals[:, k])
     angles, poses = signals[:, : len(names)], signals[:, len(names) :]
-    return PoseLog(t, tuple(names), angles, poses, cut(stretches, cuts), remarks, numbers, periods)
+    return PoseLog(t, tuple(names), angles, poses, cut(stretches, cuts), remarks, kept, periods)
 
 
 def _columns(
