@@ -19,9 +19,10 @@ ISOLATED = 10.0  # times the usual change: a single one that large is a jump
 FASTEST = 3.0  # times the change that 5 % of the rows exceed: the same
 HELD = 3.0  # times the smallest step: the usual step of a signal that is held, not quantized
 LONGEST = 4.0  # usual intervals over which an angle is taken as linear
+EXACT = 1e-9  # of the largest value: what is not regarded as a change
 JUMP, PART = 8.0, 0.25  # see `contradictions`
 NORMAL = 1.4826  # standard deviation of a normal distribution in units of its median absolute value
-MOST = 0.25  # of the changes that may contradict a fit
+MOST = 0.1  # of the changes that may contradict a fit
 NAMED = 5  # rows that a remark names
 
 
@@ -179,6 +180,7 @@ def contradictions(
             continue
         compared = max(compared, len(sizes))
         usual = max(JUMP * NORMAL * np.median(sizes), PART * (np.median(moved[moved > 0]) if moved.any() else 0.0))
+        usual = max(usual, EXACT * np.nanmax(np.abs(measured[:, :, k])))
         for w, each in enumerate(change):
             limit = np.maximum(usual, PART * median_filter(np.abs(motion[w]), NEARBY, mode="nearest") if len(each) else 0.0)
             alone, others = spikes_and_steps(each[:, None], (np.abs(each) > limit)[:, None])

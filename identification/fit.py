@@ -15,18 +15,20 @@ from .dynamics import Dynamics, combinations
 from .faults import contradictions, unexplained, without
 from .inverse import InverseDynamics
 from .log import Log
-from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
+from .output_error import OutputError, Prediction, Windows, runge_kutta, solvable, with_derivatives
 from .plausibility import check_dynamics, check_kinematics
 from .result import Identification, result_of
 
 WINDOW = 25  # rows that are predicted from one initial state; no row is in two windows, whose errors would then be alike
 LEFT_OUT = 5  # every so many windows one is not fitted: the validation
 LONGEST_STEP = 0.01  # s, of the integration
-PASSES = 4  # of the fit, at most; after each it is looked for what it contradicts
+MISFIT = 0.5  # of the motion: smooth errors from which on nothing is explained
+PASSES = 6  # of the fit, at most; after each it is looked for what it contradicts
 FRICTION = ("friction", "dry_friction", "bias_gyro")  # parameters that explain errors if they are not fitted, besides the robot's
 MOST_STEPS = 50  # of the integration between two rows
 
 
+@solvable()
 def identify(
     log: Log,
     dynamics: Dynamics,
@@ -76,7 +78,7 @@ def identify(
         first.cache_clear()
     else:
         raise unexplained(log, wrong)
-    fit.check_misfit()
+    fit.check_misfit(MISFIT)
     others = [q.name for q in dynamics.quantities if q.name not in names and q.name in {*own, *FRICTION}]
     plain, late = (
         predicted(each, dynamics, others, fit.values, way).simulated(fit.start)

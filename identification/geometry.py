@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -17,19 +18,22 @@ from .dynamics import pose_names
 from .faults import EITHER_WAY, NEARBY, PERIODS, contradictions, either_way, rows_of, unexplained, without
 from .identifiability import Combination, determined, generic_rank
 from .log import PoseLog, filled
-from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
+from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, solvable, with_derivatives
 from .plausibility import check_kinematics
 from .result import Identification, result_of
 
+BEND = "bend"
+MISFIT = 0.1  # of the motion: smooth errors from which on nothing is explained
 DENSE = 0.2  # part of the rows with a pose from which on the motion between poses is compared with that of the angles
 DIRECTIONS = (-math.pi / 2, math.pi / 2, math.pi)  # of the pose sensor from which the fit may begin, rad
-PASSES = 4  # of the fit, at most; after each it is looked for what it contradicts
+PASSES = 6  # of the fit, at most; after each it is looked for what it contradicts
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
 
 
 def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:
     """Return parameters of the sensors: of each angle its scale, true per reported, and its zero; the place of the pose
-    sensor, ahead and to the left of the vehicle's point, and its direction; the time by which the poses are late.
+    sensor, ahead and to the left of the vehicle's point, and its direction; the time by which the poses are late; how the
+    rates of the angles change between rows.
     """
 
     def quantity(name: str, unit: str, about: str, default: float = 0.0, sign: str = "any") -> Quantity:
@@ -42,9 +46,11 @@ def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:
         quantity("offset_y", "m", "place of the pose sensor to the left of the point (x, y)"),
         quantity("offset_heading", "rad", "direction of the pose sensor, counterclockwise from the vehicle's heading"),
         quantity("delay", "s", "age of a pose when it is logged"),
+        quantity(BEND, "1", "change of the rates of angles between rows, 1 is as the rows beside show", sign="nonnegative"),
     )
 
 
+@solvable()
 def calibrate(
     logs: Sequence[PoseLog],
     system: ReducedSystem,
@@ -89,7 +95,8 @@ def calibrate(
     others = [
         q.name
         for q in quantities
-        if q.name not in names and ca.depends_on(ca.vertcat(geometry.rate, geometry.pose, geometry.delay), q.symbol)
+        if (q.name not in names and ca.depends_on(ca.vertcat(geometry.rate, geometry.pose, geometry.delay), q.symbol))
+        or q.name == BEND and BEND not in fitted
     ]
     prediction = geometry.prediction(quantities, fitted)
     for _ in range(PASSES):
@@ -97,13 +104,18 @@ def calibrate(
         for direction in DIRECTIONS if "offset_heading" in fitted else ():
             fit.begin(np.where(np.array([q.name for q in quantities]) == "offset_heading", direction, every))
         fit.fit(robust=True)
+        if BEND not in {*fitted, *values}:
+            before = fit.values
+            fit.begin(np.where(np.array([q.name for q in quantities]) == BEND, 1.0, before))
+            if fit.values[fit.places[BEND]] != before[fit.places[BEND]]:
+                fit.fit(robust=True)
         wrong = contradictions(fit.residuals(), fit.windows.measured, fit.windows.number, prediction.angles)
         if not wrong:
             break
         logs = [_bridged(*pair) for pair in zip(without(logs, "pose", wrong, measured, pose), logs, strict=True)]
     else:
         raise unexplained(logs[0], wrong)
-    fit.check_misfit()
+    fit.check_misfit(MISFIT)
     if "offset_heading" in fit.names:
         fit.values[fit.places["offset_heading"]] = math.remainder(fit.value("offset_heading"), 2 * math.pi)
     of_others = OutputError(geometry.prediction(quantities, others), fit.windows, quantities, fit.values)
@@ -246,18 +258,20 @@ class _Geometry:
         return determined(ca.vertcat(relative, self.delay), moving, parameters, names, values.tolist())
 
     def prediction(self, quantities: Sequence[Quantity], names: Sequence[str]) -> Prediction:
-        """Return the motion from row to row. Inputs of a row are the changes of the angles until the next, and their rates
-        before it, which move a late pose back.
+        """Return the motion from row to row. Inputs of a row are the changes of the angles until the next, half of the
+        change of that change from one row to the next, and their rates before the row, which move a late pose back.
         """
-        q, change = self.system.mechanism.q, ca.SX.sym("change", self.turning.shape[0])
-        inputs = ca.vertcat(change, self.turning)
+        q, angles = self.system.mechanism.q, self.turning.shape[0]
+        change, bend = ca.SX.sym("change", angles), ca.SX.sym("bend", angles)
+        inputs = ca.vertcat(change, bend, self.turning)
+        factor = next(p.symbol for p in quantities if p.name == BEND)
         parameters = [p.symbol for p in quantities]
         rate = ca.Function("rate", [q, self.turning, ca.vertcat(*parameters)], [self.rate])
 
-        def f(at: ca.SX) -> ca.SX:
-            return rate(at, change, ca.vertcat(*parameters))
+        def f(at: ca.SX, s: float) -> ca.SX:
+            return rate(at, change + factor * (2 * s - 1) * bend, ca.vertcat(*parameters))
 
-        end = runge_kutta((f,) * 4, q, 1.0)
+        end = runge_kutta([partial(f, s=s) for s in (0.0, 0.5, 0.5, 1.0)], q, 1.0)
         earlier = q - self.delay * ca.substitute(self.rate, q, q - self.delay / 2 * self.rate)  # by the midpoint rule
         late = ca.substitute(self.pose, q, earlier)[[*self.measured]]
         fitted = [p.symbol for name in names for p in quantities if p.name == name]
@@ -289,14 +303,18 @@ def _windows(
         raise BadInput("the log has no two poses on a stretch without a gap; two or more are needed")
     rows = max(last - first for _, _, first, last in pieces) + 1
     start = np.zeros((len(pieces), len(coordinates)))
-    inputs, outputs = np.zeros((len(pieces), rows, 2 * len(angles))), np.full((len(pieces), rows, len(measured)), math.nan)
+    inputs, outputs = np.zeros((len(pieces), rows, 3 * len(angles))), np.full((len(pieces), rows, len(measured)), math.nan)
     t, number = np.full((len(pieces), rows), math.nan), np.full((len(pieces), rows), -1)
     for k, (log, begin, first, last) in enumerate(pieces):
         here, count = slice(first, last + 1), last + 1 - first
         change = np.diff(log.angles[here], axis=0)
         inputs[k, : count - 1, : len(angles)] = change
-        rates = change / np.diff(log.t[here])[:, None]
-        inputs[k, :count, len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
+        step = np.diff(log.t[here])[:, None]
+        rates = change / step
+        if count > 2:
+            middles = (log.t[here][1:] + log.t[here][:-1]) / 2
+            inputs[k, : count - 1, len(angles) : 2 * len(angles)] = np.gradient(rates, middles, axis=0) * step**2 / 2
+        inputs[k, :count, 2 * len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
         outputs[k, :count], t[k, :count] = log.pose[here][:, measured], log.t[here]
         number[k, :count] = begin + np.arange(first, last + 1)
         start[k, angles] = log.angles[first]

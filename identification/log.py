@@ -99,7 +99,8 @@ def read_log(file: str | Path, dynamics: Dynamics, columns: Mapping[str, str]) -
     for name in outputs:
         if not np.isfinite(clean[name]).any():
             raise BadInput(f"{file}: {name} is empty in all rows; leave it out of --outputs")
-    t, numbers, cuts = clean["t"], _numbers(values["t"], rows[:, 0]), []
+    t, numbers = clean["t"], _numbers(values["t"], rows[:, 0])
+    cuts: list[int] = []
     for name in sparse:
         if units[name] == "rad":
             clean[name], _, remark = continued(clean[name], t, name, numbers)
@@ -168,7 +169,7 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
     rows = np.column_stack([values.get(name, nothing) for name in ("t", *names, *pose)])
     rows, stretches, remarks = _cleaned(str(file), rows, 1 + len(names), 2, LONGEST)
     t, signals, periods = rows[:, 0], rows[:, 1:], {}
-    numbers, cuts = _numbers(values["t"], t), []
+    numbers, cuts = _numbers(values["t"], t), list[int]()
     for k, name in enumerate((*names, *pose)):
         if name not in pose[:2]:
             signals[:, k], period, remark = continued(signals[:, k], t, name, numbers)

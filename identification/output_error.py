@@ -2,7 +2,8 @@
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,11 @@ from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .bounds import Triangle, bounded_least_squares
-from .faults import NORMAL, quantum
+from .faults import EXACT, NORMAL, quantum
 
 ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
+VANISHED = 1e-4  # of the value with which it began, or its reciprocal: a positive parameter becomes 0 or goes beyond all bounds
 GAIN = 1e-12  # expected decrease of the squared errors, relative, that is not worth a step
 WEAKEST = 1e-7  # smallest singular value of the sensitivities, relative to the largest, that is regarded as a number
 TIED = 1e-3  # change relative to that of a parameter that is not seen, from which another is not seen by itself
@@ -33,7 +35,7 @@ LARGER = 1.8  # times the variance for independent errors: that of the jackknife
 SPARE = 4  # windows beyond the parameters that tell how much errors drift
 PHASES = 64  # of a count, at which rounding is repeated
 ROUNDED = 1.2  # times the error of rounding to a count: an error beyond has other causes too
-MISFIT = 0.5  # of the changes of an output: errors that large explain nothing
+SMOOTH = 0.5  # see `check_misfit`
 APART = 1e-6  # square of the part of a derivative that no other one contains, from which a quantity is told apart
 RARE = 1e-5  # chance by which a quantity that is 0 may seem not to be
 FEW = 3  # systematic errors that are looked for, at most
@@ -236,45 +238,51 @@ class OutputError:
                     f"successive errors are correlated, and {len(each)} windows are too few to tell how far {len(self.names)} "
                     "parameters are off; give a longer log, or fit fewer"
                 )
-            without, scores = each.sum(axis=0) - each, np.einsum("wrp,wr->wp", rows, left)
-            changes = np.array([np.linalg.lstsq(a, b)[0] for a, b in zip(without, scores, strict=True)])
-            jackknife = np.sum(changes**2, axis=0) * (len(changes) - 1) / len(changes)
-            jackknife = np.maximum(jackknife + found - variance(alone), jackknife / 2)
+            if correlated:
+                found = found * self._inflation(left, rows @ inverse)
+            U, sizes_in_fit, _ = np.linalg.svd(rows @ np.linalg.cholesky(inverse), full_matrices=False)
+            larger = 1 / np.sqrt(np.maximum(1 - sizes_in_fit**2, 1e-6)) - 1
+            unbiased = left + np.einsum("wrk,wk,wsk,ws->wr", U, larger, U, left, optimize=True)
+            by_window = np.sum((np.einsum("wrp,wr->wp", rows, unbiased) @ inverse) ** 2, axis=0)
+            by_window = np.maximum(by_window + found - variance(alone), by_window / 2)
             degrees = len(each) - len(self.names) if correlated else degrees
-            found = np.where(jackknife > LARGER * found, jackknife, found)
+            found = np.where(by_window > LARGER * found, by_window, found)
         sd = dict(zip(self.names, np.sqrt(found) / sizes, strict=True))
         sd = {name: math.hypot(each, self.shifts.get(name, 0.0)) for name, each in sd.items()}
         return sd | dict.fromkeys(self.unseen, math.inf), degrees
 
-    def check_misfit(self) -> None:
-        """Raise BadInput if the errors of an output are about as large as its changes within the windows, and are not noise:
-        successive ones are alike (von Neumann's ratio is 2 for independent errors).
+    def check_misfit(self, most: float) -> None:
+        """Raise BadInput if the errors of an output are more than a part `most` of its changes within the windows, and are not
+        noise: successive ones are alike (von Neumann's ratio, 2 for independent errors, is below SMOOTH).
         """
         used = self.windows.used
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # windows, or all, without a measurement of an output
             outputs, errors = self.windows.measured[used], self._errors(used)
             motion = outputs - np.nanmean(outputs, axis=1, keepdims=True)
+            rounding = EXACT * np.nanmax(np.abs(outputs), axis=(0, 1))
             size, left, change = (np.nanmean(each**2, axis=(0, 1)) for each in (motion, errors, np.diff(errors, axis=1)))
-        if ((left > MISFIT**2 * size) & (change < left)).any():
+        if (wrong := (left > np.maximum(most**2 * size, rounding**2)) & (change < SMOOTH * left)).any():
+            part = math.sqrt(np.max(left[wrong] / np.maximum(size[wrong], left[wrong] / 100)))
             raise BadInput(
-                f"no values of {', '.join(self.names)} explain this log: the errors that the fit leaves are "
-                f"{np.sqrt(np.max(left / np.maximum(size, 1e-300))):.0%} of the motion; are all columns those of this robot?"
+                f"no values of {', '.join(self.names)} explain this log: errors of {part:.0%} of the motion remain; are all "
+                "columns those of this robot, and do they change?"
             )
 
     def explain(self, names: Sequence[str], derivatives: np.ndarray) -> None:
         """Find systematic errors, which look like quantities of these `names` that are not fitted; `derivatives` (W, R, ny, k) of
         the outputs by them, at the end of the fit.
 
-        They are added to the fit, linear at its end, one by one: that which explains most, as long as it is not 0 by more than
-        chance, if errors are independent and if they are correlated in any way within a window. What they change of the fitted parameters is kept in
-        `shifts` and becomes part of their standard deviations; `remarks` say what was found.
+        They are added to the fit, linear at its end, one by one, that which explains most, as long as it is not 0 by more
+        than chance, be errors independent or correlated in any way within a window. What they change of the fitted
+        parameters is kept in `shifts` and becomes part of their standard deviations; `remarks` say what was found.
         """
         left, rows = self._influence(derivatives)
         windows, fitted, left = len(left), len(self.names), left.ravel()
         sizes = np.linalg.norm(rows, axis=(0, 1))
         names, columns = [*self.names, *names], rows.reshape(len(left), -1) / np.where(sizes > 0, sizes, 1.0)
-        chosen, found = list(range(fitted)), []
+        chosen = list(range(fitted))
+        found: list[tuple[float, int, float, float]] = []
         while (degrees := windows - len(chosen) - 1) >= SPARE and len(found) < FEW:
             base = np.linalg.qr(columns[:, chosen])[0]
             better = []
@@ -304,12 +312,28 @@ class OutputError:
         """Return the value of a quantity that is not fitted, 0 for one that is no parameter."""
         return self.value(name) if name in self.places else 0.0
 
+    def _inflation(self, left: np.ndarray, by_error: np.ndarray) -> np.ndarray:
+        """Return by how much correlation from row to row increases the variances (p) that errors `left` (windows, R ny) have
+        through `by_error` (windows, R ny, p), if it is the same all along the log; at least 1.
+        """
+        measured = np.isfinite(self.windows.measured[self.windows.used])
+        errors, by = left.reshape(measured.shape), by_error.reshape(*measured.shape, -1)
+        total, alone = np.zeros(by.shape[3]), np.zeros(by.shape[3])
+        longest = measured.shape[1] // 2
+        for lag in range(longest):
+            a, b = slice(0, measured.shape[1] - lag), slice(lag, measured.shape[1])
+            pairs = np.maximum((measured[:, a] & measured[:, b]).sum(axis=(0, 1)), 1)
+            covariance = np.sum(errors[:, a] * errors[:, b], axis=(0, 1)) / pairs * (1 - lag / longest)
+            part = np.einsum("k,wrkp,wrkp->p", covariance, by[:, a], by[:, b], optimize=True)
+            total, alone = total + part * (1 if lag == 0 else 2), alone + part * (lag == 0)
+        return np.maximum(total / alone, 1.0)
+
     def _of_counts(self, rows: np.ndarray) -> np.ndarray | None:
         """Return sum rows' errors (PHASES, ny, p) of each output if its errors are those of rounding to counts, as where an angle
         is measured by an encoder; None if they are not, or an output is not rounded. `rows`: derivatives (windows, R ny, p).
 
-        Where its count begins is then all that is random about an encoder: errors of all rows follow from it, and those at rates of
-        whole counts per row are alike in all windows. So the rounding is repeated for PHASES of the count.
+        Where its count begins is then all that is random about an encoder: errors of all rows follow from it, and those
+        at rates of whole counts per row are alike in all windows. So the rounding is repeated for PHASES of the count.
         """
         measured, errors = self.windows.measured[self.windows.used], self._errors(self.windows.used)
         by_row = rows.reshape(*measured.shape, -1)
@@ -329,7 +353,7 @@ class OutputError:
         """Whether the errors may drift within a window, and there are windows enough to tell how much."""
         used = self.windows.used
         rows = np.isfinite(self.windows.measured[used]).any(axis=2).sum() / used.sum()
-        return self._robust and rows >= LONG and used.sum() - len(self.names) >= SPARE
+        return rows >= LONG and used.sum() - len(self.names) >= SPARE
 
     def _by_row(self, rows: np.ndarray, windows: np.ndarray | slice) -> np.ndarray:
         """Return derivatives of these windows (windows, R ny, p) added up for each row of the log, (rows, ny, p)."""
@@ -470,6 +494,14 @@ class OutputError:
                     return
             self.values, damping = values, damping / 10.0
             self.start, left, rows = after
+            for name in self.names:
+                change = self.value(name) / (self.given(name) or 1.0)
+                if self.quantities[name].sign == "positive" and not VANISHED < change < 1 / VANISHED:
+                    limit = "0" if change < 1 else "as large as can be"
+                    raise BadInput(
+                        f"the log does not tell {name}: the fit makes it {limit}; excite it more or do not fit it, or look "
+                        "for wrong rows"
+                    )
         weak, better = self._weakest(DOUBTFUL), "start from better values with --set NAME=VALUE"
         hint = f"this log hardly tells {', '.join(weak)} apart: give one with --set and do not fit it" if weak[1:] else better
         raise BadInput(f"the fit does not converge; {hint}")
@@ -552,6 +584,15 @@ class OutputError:
         y, starts, parameters = (np.array(each).reshape(outputs, windows, rows, -1).transpose(1, 2, 0, 3) for each in observed)
         residual = y[..., 0] - logged.measured
         return np.where(self._angles, np.remainder(residual + np.pi, 2 * np.pi) - np.pi, residual), starts, parameters
+
+
+@contextmanager
+def solvable() -> Iterator[None]:
+    """Raise BadInput where a system of linear equations has no solution or is not finite."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise BadInput(f"the log does not show the parameters ({error}); {BEYOND}") from error
 
 
 def runge_kutta(rates: Iterable[Callable[[ca.SX], ca.SX]], x: ca.SX, h: ca.SX | float) -> ca.SX:

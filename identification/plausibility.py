@@ -183,6 +183,7 @@ class _Motion:
         predicted = predicted * np.clip(ratio, 1 / UNCERTAIN, UNCERTAIN)
         sizes = np.sqrt(np.maximum(np.mean(predicted**2, axis=0), np.mean(actual**2, axis=0)))
         errors = np.sqrt(np.mean((predicted - actual) ** 2, axis=0))
-        noise = np.maximum(*(NORMAL * np.median(np.abs(np.diff(each, 2, axis=0)), axis=0) / math.sqrt(6) for each in (integrals, q)))
-        moving = [k for k in self.compared if sizes[k] > NOISY * math.sqrt(2) * noise[k]]
+        uneven = np.maximum(*(np.median(np.abs(np.diff(each, 2, axis=0)), axis=0) for each in (integrals, q)))
+        noise = NORMAL * uneven / math.sqrt(3)  # of a difference of two rows
+        moving = [k for k in self.compared if sizes[k] > NOISY * noise[k]]
         return float(np.sqrt(np.mean((errors[moving] / sizes[moving]) ** 2))) if moving else 0.0

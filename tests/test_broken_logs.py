@@ -60,8 +60,11 @@ def driven(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
     else:
         length = 2.6 * size
         speed, curvature = path(random, t, 3.0, 0.2)
-        curvature = np.convolve(curvature, np.ones(15) / 15, "same")
-        pose = moved(t, speed, speed * curvature, random.uniform(-3, 3))
+        delta = np.arctan(length * np.convolve(curvature, np.ones(15) / 15, "same"))
+        fine = np.interp(np.arange(16 * (len(t) - 1) + 1) / 16, np.arange(len(t)), t)  # between rows angles are linear
+        middle = np.interp((fine + fine[1] / 2)[:-1], t, delta)
+        v = np.repeat(speed[:-1], 16)
+        pose = moved(fine, np.append(v, 0), np.append(v * np.tan(middle) / length, 0), random.uniform(-3, 3))[::16]
         r *= 2
         rates = {"theta": speed / r}
         names, options, true = ("x", "y", "phi"), ["car"], {"r": r, "l": length}
@@ -69,7 +72,7 @@ def driven(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
     for name, rate in rates.items():
         columns[name] = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(t))]) + random.uniform(-3, 3)
     if "theta" in columns:
-        columns["delta"] = np.arctan(true["l"] * curvature)
+        columns["delta"] = delta
     columns |= dict(zip(names, (pose + noise * random.normal(size=pose.shape)).T, strict=True))
     return ["calibrate", "--robot", *options, "--fit", *true], true, columns
 
@@ -415,7 +418,7 @@ IDENTIFY: dict[str, Change] = {
     "noisy rates": each("rates", lambda v, r: v + 0.1 * np.std(v) * r.normal(size=len(v))),
     "entries missing": each("rates", fraction_empty),
     "rates zero": each("rates", lambda v, r: np.where(np.isin(np.arange(len(v)), np.arange(len(v))[part(r, len(v), 5, 40)]), 0.0, v)),
-    "drifting rate": each("rates", lambda v, r: v + 0.1 * np.std(v) * np.sin(r.uniform(0.5, 3) * np.arange(len(v)) * 0.01)),
+    "drifting rate": each("rates", lambda v, r: v + 0.1 * np.std(v) * np.cumsum(r.normal(size=len(v))) / math.sqrt(len(v))),
     "in degrees": each("rates", lambda v, _: np.degrees(v)),
     "in rpm": each("rates", lambda v, _: v * 60 / TURN),
     "in ms": lambda c, _: {**c, "t": 1000 * c["t"]},
@@ -423,7 +426,7 @@ IDENTIFY: dict[str, Change] = {
 
 ANSWERED = {  # faults that do not take anything away: most logs must be answered
     "calibrate": {"nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped", "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit", "poses far off", "place jumps", "place jumps a little", "heading jumps", "gap", "wrapped with a gap", "rows lost", "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held", "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips"},
-    "identify": {"nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost", "rows twice", "rounded rates", "entries missing", "rate stuck"},
+    "identify": {"nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost", "rows twice", "rounded rates", "rate stuck"},
 }  # fmt: skip
 CAUSE = re.compile(r"row|theta|phi|delta|tau|x_c|y_c|\bx\b|\by\b|\bt\b|\b[rblm]\b|m_c|I_c|heading|errors|column")
 

@@ -259,7 +259,10 @@ def test_a_direction_of_the_sensor_explains_a_log():
 
 
 def test_what_no_log_and_what_this_log_does_not_tell():
-    result = calibrate([log_of(*winding())], SYSTEM, ["r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"], DEFAULT)
+    fitted = ["r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"]
+    with pytest.raises(BadInput, match="contradicts the robot's motion|explain this log"):
+        calibrate([log_of(*winding())], SYSTEM, fitted, DEFAULT)  # with the track of another robot
+    result = calibrate([log_of(*winding())], SYSTEM, fitted, DEFAULT | {"b": TRUE["b"]})
     assert not {"r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"} & set(result.estimates) - {"scale_theta_l"}
     reasons = " | ".join(result.unidentifiable)
     assert "m_c: no motion depends on it" in reasons and "offset_x, d: any motion shows only offset_x + 1 d" in reasons
@@ -315,7 +318,8 @@ BAD = {
     "no pose": ({"x_c": None}, [], "column 'x_c' is missing"),
     "no angle": ({"theta_r": None, "theta_l": None}, [], "no column with an angle"),
     "one angle": ({"theta_l": None}, [], "theta_r alone cannot tell"),
-    "empty": ({"x_c": ""}, [], "no two poses"),
+    "empty": ({"x_c": "", "y_c": "", "phi": ""}, [], "has no heading"),
+    "heading alone": ({"x_c": ""}, [], "shows only b - 5 r: choose what to fit"),
     "text": ({"phi": "north"}, [], "column 'phi' row 2: 'north' is not a number"),
     "parameter": ({}, ["--fit", "radius"], "not a parameter of this robot"),
     "mass": ({}, ["--fit", "m_c"], "does not depend on m_c"),
