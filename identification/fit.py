@@ -78,7 +78,6 @@ def identify(
         first.cache_clear()
     else:
         raise unexplained(log, wrong)
-    fit.check_misfit(MISFIT)
     others = [q.name for q in dynamics.quantities if q.name not in names and q.name in {*own, *FRICTION}]
     plain, late = (
         predicted(each, dynamics, others, fit.values, way).simulated(fit.start)
@@ -86,6 +85,7 @@ def identify(
     )
     of_delay = (late[0] - plain[0]) / log.interval
     fit.explain([*others, "delay of the inputs"], np.concatenate([plain[1], of_delay[..., None]], axis=3))
+    fit.check_misfit(MISFIT)
     return result_of(fit, names, basis, len(log.t), log.remarks, outputs, own, inputs="held" if way else "smooth")
 
 

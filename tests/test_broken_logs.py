@@ -425,7 +425,7 @@ IDENTIFY: dict[str, Change] = {
 }  # fmt: skip
 
 ANSWERED = {  # faults that do not take anything away: most logs must be answered
-    "calibrate": {"nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped", "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit", "poses far off", "place jumps", "place jumps a little", "heading jumps", "gap", "wrapped with a gap", "rows lost", "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held", "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips"},
+    "calibrate": {"nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped", "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit", "poses far off", "place jumps", "place jumps a little", "gap", "wrapped with a gap", "rows lost", "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held", "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips"},
     "identify": {"nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost", "rows twice", "rounded rates", "rate stuck"},
 }  # fmt: skip
 CAUSE = re.compile(r"row|theta|phi|delta|tau|x_c|y_c|\bx\b|\by\b|\bt\b|\b[rblm]\b|m_c|I_c|heading|errors|column")
