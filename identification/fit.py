@@ -22,6 +22,7 @@ from .result import Identification, result_of
 WINDOW = 25  # rows that are predicted from one initial state; no row is in two windows, whose errors would then be alike
 LEFT_OUT = 5  # every so many windows one is not fitted: the validation
 LONGEST_STEP = 0.01  # s, of the integration
+MISFIT = 0.5  # of the motion: smooth errors from which on nothing is explained
 PASSES = 6  # of the fit, at most; after each it is looked for what it contradicts
 FRICTION = ("friction", "dry_friction", "bias_gyro")  # parameters that explain errors if they are not fitted, besides the robot's
 MOST_STEPS = 50  # of the integration between two rows
@@ -77,7 +78,6 @@ def identify(
         first.cache_clear()
     else:
         raise unexplained(log, wrong)
-    fit.check_misfit()
     others = [q.name for q in dynamics.quantities if q.name not in names and q.name in {*own, *FRICTION}]
     plain, late = (
         predicted(each, dynamics, others, fit.values, way).simulated(fit.start)
@@ -85,6 +85,7 @@ def identify(
     )
     of_delay = (late[0] - plain[0]) / log.interval
     fit.explain([*others, "delay of the inputs"], np.concatenate([plain[1], of_delay[..., None]], axis=3))
+    fit.check_misfit(MISFIT)
     return result_of(fit, names, basis, len(log.t), log.remarks, outputs, own, inputs="held" if way else "smooth")
 
 

@@ -23,8 +23,9 @@ from .plausibility import check_kinematics
 from .result import Identification, result_of
 
 BEND = "bend"
+MISFIT = 0.1  # of the motion: smooth errors from which on nothing is explained
 DENSE = 0.2  # part of the rows with a pose from which on the motion between poses is compared with that of the angles
-DIRECTIONS = (-math.pi / 2, math.pi / 2, math.pi)  # of the pose sensor from which the fit may begin, rad
+DIRECTIONS = (0.0, -math.pi / 2, math.pi / 2, math.pi)  # of the pose sensor from which the fit may begin, rad
 PASSES = 6  # of the fit, at most; after each it is looked for what it contradicts
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
 
@@ -45,7 +46,7 @@ def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:
         quantity("offset_y", "m", "place of the pose sensor to the left of the point (x, y)"),
         quantity("offset_heading", "rad", "direction of the pose sensor, counterclockwise from the vehicle's heading"),
         quantity("delay", "s", "age of a pose when it is logged"),
-        quantity(BEND, "1", "how rates of angles change between rows: 0 not at all, 1 as the rows beside show", 0.0, "nonnegative"),
+        quantity(BEND, "1", "change of the rates of angles between rows, 1 is as the rows beside show", sign="nonnegative"),
     )
 
 
@@ -99,9 +100,12 @@ def calibrate(
     ]
     prediction = geometry.prediction(quantities, fitted)
     for _ in range(PASSES):
-        fit = OutputError(prediction, _windows(logs, system, pose, measured), quantities, every, progress)
-        for direction in DIRECTIONS if "offset_heading" in fitted else ():
-            fit.begin(np.where(np.array([q.name for q in quantities]) == "offset_heading", direction, every))
+        begun = []
+        for direction in DIRECTIONS if "offset_heading" in fitted else (values.get("offset_heading", 0.0),):
+            begin = np.where(np.array([q.name for q in quantities]) == "offset_heading", direction, every)
+            windows = _windows(logs, system, pose, measured, direction)
+            begun.append(OutputError(prediction, windows, quantities, begin, progress))
+        fit = min(begun, key=OutputError.begin_cost)
         fit.fit(robust=True)
         if BEND not in {*fitted, *values}:
             before = fit.values
@@ -114,11 +118,11 @@ def calibrate(
         logs = [_bridged(*pair) for pair in zip(without(logs, "pose", wrong, measured, pose), logs, strict=True)]
     else:
         raise unexplained(logs[0], wrong)
-    fit.check_misfit()
     if "offset_heading" in fit.names:
         fit.values[fit.places["offset_heading"]] = math.remainder(fit.value("offset_heading"), 2 * math.pi)
     of_others = OutputError(geometry.prediction(quantities, others), fit.windows, quantities, fit.values)
     fit.explain(others, of_others.simulated(fit.start)[1])
+    fit.check_misfit(MISFIT)
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
     if fit.surplus < FEWEST:
         few = f"only {fit.surplus} number{'s' * (fit.surplus > 1)} measured beyond the unknowns: standard deviations are rough"
@@ -283,10 +287,14 @@ class _Geometry:
 
 
 def _windows(
-    logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str], measured: Sequence[int] = (0, 1, 2)
+    logs: Sequence[PoseLog],
+    system: ReducedSystem,
+    pose: Sequence[str],
+    measured: Sequence[int] = (0, 1, 2),
+    direction: float = 0.0,
 ) -> Windows:
-    """Divide the logs at poses, of which these entries are measured; shorter windows are filled with rows in which nothing moves
-    or is measured.
+    """Divide the logs at poses, of which these entries are measured; shorter windows are filled with rows in which nothing
+    moves or is measured. `direction` of the pose sensor, rad.
     """
     coordinates = [q.name for q in system.mechanism.coordinates]
     angles, places = ([coordinates.index(name) for name in names] for names in (logs[0].names, [pose[k] for k in measured]))
@@ -317,7 +325,7 @@ def _windows(
         outputs[k, :count], t[k, :count] = log.pose[here][:, measured], log.t[here]
         number[k, :count] = begin + np.arange(first, last + 1)
         start[k, angles] = log.angles[first]
-        start[k, places] = [filled(log.t[here], log.pose[here, each])[0] for each in measured]
+        start[k, places] = [filled(log.t[here], log.pose[here, each])[0] - direction * (each == 2) for each in measured]
     return Windows(start, places, inputs, outputs, np.ones(len(pieces), bool), t, number)
 
 

@@ -16,7 +16,7 @@ from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .bounds import Triangle, bounded_least_squares
-from .faults import NORMAL, quantum
+from .faults import EXACT, NORMAL, quantum
 
 ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
@@ -31,11 +31,11 @@ FEWEST = 20  # measurements beyond the unknowns from which the size of each outp
 CHANCE = 3.09  # standard deviations that a sum of random sign exceeds in one case of 1000
 HUBER = 1.345  # standard deviations from which an error has less weight
 LONG = 8  # rows of a window in which drift counts; of fewer, errors that two windows share would hide it
-LARGER = 1.8  # times the variance for independent errors: that of the jackknife, from which on it counts
+LARGER = 1.8  # times the variance for independent errors: that between windows, from which on it counts
 SPARE = 4  # windows beyond the parameters that tell how much errors drift
 PHASES = 64  # of a count, at which rounding is repeated
 ROUNDED = 1.2  # times the error of rounding to a count: an error beyond has other causes too
-MISFIT, SMOOTH = 0.1, 0.5  # see `check_misfit`
+SMOOTH = 0.5  # see `check_misfit`
 APART = 1e-6  # square of the part of a derivative that no other one contains, from which a quantity is told apart
 RARE = 1e-5  # chance by which a quantity that is 0 may seem not to be
 FEW = 3  # systematic errors that are looked for, at most
@@ -111,6 +111,7 @@ class OutputError:
         self.cost, self._robust = math.inf, False
         self.shifts: dict[str, float] = {}  # of the parameters, by systematic errors; see `explain`
         self.remarks: list[str] = []
+        self._unexplained = 1.0  # part of the squared errors that are not systematic
         self._simulated: tuple[Any, Any] = (), ()  # values and start with which was simulated last, and the result
 
     def fit(self, robust: bool = False) -> "OutputError":
@@ -158,6 +159,10 @@ class OutputError:
         if not possible:
             raise BadInput(BEYOND)
         self.values = pairs[min(possible)[1]][0].copy()
+
+    def begin_cost(self) -> float:
+        """Return the squared errors of the values and initial states at present, these fitted to first order."""
+        return float(np.sum(self._projected(self.values, self.start, self.windows.used)[0] ** 2))
 
     def at_bound(self) -> list[str]:
         """Return the fitted parameters that are 0 or at their largest value, and would go on beyond."""
@@ -212,9 +217,9 @@ class OutputError:
 
         Errors may be correlated in any way within a row, and a row in two windows has one error. Where they may drift, or
         successive errors are correlated beyond chance, they may be correlated in any way within a window too: then the
-        change of the fit without each window (jackknife) counts, to which rows in two windows contribute as errors that are
-        independent from row to row, if it is clearly larger: that of a few windows, of which some tell little, is also small
-        by chance. Errors of rounding are those of `_of_counts`. Errors with less weight count as in the covariance of an
+        variance between windows counts, to which rows in two windows contribute as errors that are independent from row to
+        row, if it is clearly larger: that of a few windows, of which some tell little, is also small by chance. It is not
+        biased if errors are independent (R. M. Bell and D. F. McCaffrey, Survey Methodology 28, 2002). Errors of rounding are those of `_of_counts`. Errors with less weight count as in the covariance of an
         M-estimate (Huber, Robust Statistics, 1981, section 7.6). Raises BadInput if there are too few windows.
         """
         left, rows = self._influence()
@@ -240,8 +245,9 @@ class OutputError:
                 )
             if correlated:
                 found = found * self._inflation(left, rows @ inverse)
-            U, sizes_in_fit, _ = np.linalg.svd(rows @ np.linalg.cholesky(inverse), full_matrices=False)
-            larger = 1 / np.sqrt(np.maximum(1 - sizes_in_fit**2, 1e-6)) - 1
+            information, axes = np.linalg.eigh(each.sum(axis=0))
+            U, share, _ = np.linalg.svd(rows @ axes / np.sqrt(np.maximum(information, 1e-300)), full_matrices=False)
+            larger = 1 / np.sqrt(np.maximum(1 - share**2, 1e-6)) - 1
             unbiased = left + np.einsum("wrk,wk,wsk,ws->wr", U, larger, U, left, optimize=True)
             by_window = np.sum((np.einsum("wrp,wr->wp", rows, unbiased) @ inverse) ** 2, axis=0)
             by_window = np.maximum(by_window + found - variance(alone), by_window / 2)
@@ -251,17 +257,19 @@ class OutputError:
         sd = {name: math.hypot(each, self.shifts.get(name, 0.0)) for name, each in sd.items()}
         return sd | dict.fromkeys(self.unseen, math.inf), degrees
 
-    def check_misfit(self) -> None:
-        """Raise BadInput if the errors of an output are a part MISFIT of its changes within the windows or more, and are not
-        noise: successive ones are alike (von Neumann's ratio, 2 for independent errors, is below SMOOTH).
+    def check_misfit(self, most: float) -> None:
+        """Raise BadInput if the errors of an output that nothing explains are more than a part `most` of its changes within the
+        windows, and are not noise: successive ones are alike (von Neumann's ratio, 2 for independent errors, is below SMOOTH).
         """
         used = self.windows.used
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # windows, or all, without a measurement of an output
             outputs, errors = self.windows.measured[used], self._errors(used)
             motion = outputs - np.nanmean(outputs, axis=1, keepdims=True)
+            rounding = EXACT * np.nanmax(np.abs(outputs), axis=(0, 1))
             size, left, change = (np.nanmean(each**2, axis=(0, 1)) for each in (motion, errors, np.diff(errors, axis=1)))
-        if (wrong := (left > MISFIT**2 * size) & (change < SMOOTH * left)).any():
+        left, change = self._unexplained * left, self._unexplained * change
+        if (wrong := (left > np.maximum(most**2 * size, rounding**2)) & (change < SMOOTH * left)).any():
             part = math.sqrt(np.max(left[wrong] / np.maximum(size[wrong], left[wrong] / 100)))
             raise BadInput(
                 f"no values of {', '.join(self.names)} explain this log: errors of {part:.0%} of the motion remain; are all "
@@ -298,7 +306,9 @@ class OutputError:
                 break
             found.append(max(better))
             chosen.append(found[-1][1])
-        change = np.linalg.lstsq(columns[:, chosen], -left, rcond=None)[0][:fitted] / sizes[:fitted]
+        change = np.linalg.lstsq(columns[:, chosen], -left, rcond=None)[0]
+        self._unexplained = float(np.sum((left + columns[:, chosen] @ change) ** 2) / max(left @ left, 1e-300))
+        change = change[:fitted] / sizes[:fitted]
         self.shifts = dict(zip(self.names, change.tolist(), strict=True)) if found else {}
         if any(abs(shift) > SHIFTED * abs(self.value(name)) for name, shift in self.shifts.items()):
             self.remarks += [

@@ -418,14 +418,14 @@ IDENTIFY: dict[str, Change] = {
     "noisy rates": each("rates", lambda v, r: v + 0.1 * np.std(v) * r.normal(size=len(v))),
     "entries missing": each("rates", fraction_empty),
     "rates zero": each("rates", lambda v, r: np.where(np.isin(np.arange(len(v)), np.arange(len(v))[part(r, len(v), 5, 40)]), 0.0, v)),
-    "drifting rate": each("rates", lambda v, r: v + 0.1 * np.std(v) * np.sin(r.uniform(0.5, 3) * np.arange(len(v)) * 0.01)),
+    "drifting rate": each("rates", lambda v, r: v + 0.1 * np.std(v) * np.cumsum(r.normal(size=len(v))) / math.sqrt(len(v))),
     "in degrees": each("rates", lambda v, _: np.degrees(v)),
     "in rpm": each("rates", lambda v, _: v * 60 / TURN),
     "in ms": lambda c, _: {**c, "t": 1000 * c["t"]},
 }  # fmt: skip
 
 ANSWERED = {  # faults that do not take anything away: most logs must be answered
-    "calibrate": {"nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped", "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit", "poses far off", "place jumps", "place jumps a little", "heading jumps", "gap", "wrapped with a gap", "rows lost", "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held", "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips"},
+    "calibrate": {"nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped", "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit", "poses far off", "place jumps", "place jumps a little", "gap", "wrapped with a gap", "rows lost", "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held", "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips"},
     "identify": {"nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost", "rows twice", "rounded rates", "rate stuck"},
 }  # fmt: skip
 CAUSE = re.compile(r"row|theta|phi|delta|tau|x_c|y_c|\bx\b|\by\b|\bt\b|\b[rblm]\b|m_c|I_c|heading|errors|column")

@@ -259,7 +259,10 @@ def test_a_direction_of_the_sensor_explains_a_log():
 
 
 def test_what_no_log_and_what_this_log_does_not_tell():
-    result = calibrate([log_of(*winding())], SYSTEM, ["r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"], DEFAULT)
+    fitted = ["r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"]
+    with pytest.raises(BadInput, match="contradicts the robot's motion|explain this log"):
+        calibrate([log_of(*winding())], SYSTEM, fitted, DEFAULT)  # with the track of another robot
+    result = calibrate([log_of(*winding())], SYSTEM, fitted, DEFAULT | {"b": TRUE["b"]})
     assert not {"r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"} & set(result.estimates) - {"scale_theta_l"}
     reasons = " | ".join(result.unidentifiable)
     assert "m_c: no motion depends on it" in reasons and "offset_x, d: any motion shows only offset_x + 1 d" in reasons
