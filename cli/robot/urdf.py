@@ -112,6 +112,6 @@ def _summary(file: str, described: Mapping[str, Any]) -> str:
     carried = sum(castor["load"] for castor in castors.values())
     on_castors = f"castors {', '.join(castors)} carry {carried:.0%}; " if castors else ""
     return (
-        f"{file}:{described['robot']}: {described['kind']}; wheels {wheels}; {on_castors}centre of mass {described['height']:.3g} m "
-        f"high; mass matrix as in the URDF to {described['mass_matrix_difference']:.0e}"
+        f"{file}:{described['robot']}: {described['kind']}; wheels {wheels}; {on_castors}"
+        f"centre of mass {described['height']:.3g} m high; mass matrix as in the URDF to {described['mass_matrix_difference']:.0e}"
     )
