@@ -113,5 +113,6 @@ def _summary(file: str, described: Mapping[str, Any]) -> str:
     on_castors = f"castors {', '.join(castors)} carry {carried:.0%}; " if castors else ""
     return (
         f"{file}:{described['robot']}: {described['kind']}; wheels {wheels}; {on_castors}"
-        f"centre of mass {described['height']:.3g} m high; mass matrix as in the URDF to {described['mass_matrix_difference']:.0e}"
+        f"centre of mass {described['height']:.3g} m high; "
+        f"mass matrix as in the URDF to {described['mass_matrix_difference']:.0e}"
     )
