@@ -1,8 +1,10 @@
 # make         sets up, generates and builds the C, checks it against the model, follows a line and a circle
 # make quick   before a commit, in about a minute: lint, rooms, generated C, and the tests of model, codegen and verification
 # make test    every check, in a few minutes: of long ones the smaller version, of many similar ones some
-# make nightly make test, then all that takes longer: all builds of the bit digest, all targets in QEMU, all figures, the long
-#              random tests, the tests that tests/nightly.py names, and whether small changes of the sources are found
+# make nightly make test, and all that takes longer, in less than two hours: all builds of the bit digest, all targets in QEMU,
+#              all figures, the long random tests, the tests that tests/nightly.py names, the guarantees, other kernels, whether
+#              small changes of the sources are found. Goes on after a step that fails, and where it was stopped:
+#              build/nightly.html
 # make margins the tests, and how much of its tolerance each comparison needs: fails where it is more than a tenth
 # make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html;
@@ -139,13 +141,8 @@ suite: $(READY_DEV)
 margins: $(READY_DEV)
 	env -u MAKEFLAGS -u MFLAGS $(PYTEST) --margins=build/margins.json
 
-# What each step finds is printed; the first that fails ends it.
-nightly: test $(READY_SITE)
-	$(PYTEST) -m nightly
-	$(MAKE) --no-print-directory bits
-	$(MAKE) --no-print-directory firmware-test
-	$(MAKE) --no-print-directory figures ALL=--all
-	$(VENV)/bin/python -m noslip.tests.mutation
+nightly: $(READY_DEV) $(READY_SITE)
+	env -u MAKEFLAGS -u MFLAGS $(VENV)/bin/python -m noslip.tests.nightly_run
 
 bench: $(READY_DEV)
 	$(VENV)/bin/python bench/run.py $(ALL)

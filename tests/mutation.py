@@ -1,16 +1,18 @@
 """Mutation test: small changes are made to the sources, one at a time, and the tests chosen for the source must fail.
 
-    python -m noslip.tests.mutation [FILE ...] [--all] [--sample N] [--seed N] [--jobs N]
+    python -m noslip.tests.mutation [FILE ...] [--all] [--sample N] [--seed N ...] [--jobs N] [--least PART] [--json FILE]
 
-Works on copies of the tree in a temporary folder, one for each job, never on the tree itself. Of each source a seeded sample of
-its mutants is run. A mutant in C that does not compile, or whose optimized code is that of the source, is none. Mutants that
-no test can find are listed with the reason in mutation_equivalent.toml. Exit 1 when fewer than LEAST of the others are killed.
+Works on copies of the tree in a temporary folder, one for each job, never on the tree itself. Of each source a sample of its
+mutants is run for each seed. A mutant in C that does not compile, or whose optimized code is that of the source, is none. Mutants
+that no test can find are listed with the reason in mutation_equivalent.toml. Exit 1 when fewer than LEAST, or PART, of the others
+are killed.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import json
 import multiprocessing
 import os
 import random
@@ -21,7 +23,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -363,10 +365,17 @@ class Outcome:
     line: int
     before: str
     after: str
-    killed: bool
+    end: str  # "killed", "survived", or "equivalent", if its code or what is listed says so
 
     def __str__(self) -> str:
         return f"{self.path}:{self.line}\n  - {self.before}\n  + {self.after}"
+
+
+def files_of(root: Path) -> list[str]:
+    """All files of a tree that git has or would take; of one without git, all."""
+    listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=root, capture_output=True, text=True)
+    names = listed.stdout.splitlines() if listed.returncode == 0 else [str(p.relative_to(root)) for p in root.rglob("*")]
+    return sorted({name for name in names if (root / name).is_file()})
 
 
 class NotReady(Exception):
@@ -378,12 +387,9 @@ class Copy:
 
     def __init__(self, root: Path, folder: Path):
         self.tree, self.folder, self.most = folder / "noslip", folder, MOST
-        listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=root, capture_output=True, text=True)
-        names = listed.stdout.splitlines() if listed.returncode == 0 else [str(p.relative_to(root)) for p in root.rglob("*")]
-        for name in names:
-            if (root / name).is_file():
-                (self.tree / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(root / name, self.tree / name)
+        for name in files_of(root):
+            (self.tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(root / name, self.tree / name)
         self.compiler = folder / "cc"
         self.compiler.write_text('#!/bin/sh\nexec cc "$@" -O0\n')  # the last level counts
         self.compiler.chmod(0o700)
@@ -422,34 +428,44 @@ class Copy:
         cache = self.folder / "cache"
         return set(cache.iterdir()) if cache.exists() else set()
 
-    def outcomes(self, path: str, source: Source, everything: bool, sample: int, seed: int) -> list[Outcome]:
-        """Tries a sample of the mutants of a source; prints who survives. Raises NotReady where its tests fail without them."""
+    def outcomes(self, path: str, source: Source, everything: bool, sample: int, seeds: Sequence[int]) -> list[Outcome]:
+        """Tries samples of the mutants of a source; prints who survives. Raises NotReady where its tests fail without them."""
         file = self.tree / path
         text, listed, python = file.read_text(), equivalent(self.tree).get(path, set()), path.endswith(".py")
         self.most = MOST
         if not (took := self.passes(source.tests)):
             raise NotReady(f"{path}: its tests fail: {(self.folder / 'log').read_text()[-2000:]}")
         self.most = int(10 + TIMES * took)
-        made, compiled, found = mutants(self.tree, path), self.kept(), []
+        compiled, found, tried = self.kept(), {}, 0
         plain = None if python else _optimized(self.tree, path)
-        random.Random(f"{seed} {path}").shuffle(made)
-        for mutant in made:
-            if len(found) >= (len(made) if everything else sample or source.sample):
-                break
+        for mutant, most in _drawn(mutants(self.tree, path), path, seeds, 0 if everything else sample or source.sample):
+            if tried >= most or mutant in found:
+                continue
             before, after = mutant.lines(text)
+            place = path, text.count("\n", 0, mutant.start) + 1, before, after
             if (before, after) in listed:
+                found[mutant] = Outcome(*place, "equivalent")
                 continue
             _write(self.tree, path, mutant.of(text))
             if python or _is_c(self.tree, path):
-                killed = not self.passes(source.tests)
-                if killed or python or _optimized(self.tree, path) != plain:
-                    found.append(Outcome(path, text.count("\n", 0, mutant.start) + 1, before, after, killed))
-                    if not killed:
-                        print(f"survived: {found[-1]}", flush=True)
+                end = "survived" if self.passes(source.tests) else "killed"
+                if end == "survived" and not python and _optimized(self.tree, path) == plain:
+                    end = "equivalent"
+                tried += end != "equivalent"
+                found[mutant] = Outcome(*place, end)
+                if end == "survived":
+                    print(f"survived: {found[mutant]}", flush=True)
             _write(self.tree, path, text)
             for new in self.kept() - compiled:
                 new.unlink()
-        return found
+        return list(found.values())
+
+
+def _drawn(made: list[Mutant], path: str, seeds: Sequence[int], sample: int) -> Iterator[tuple[Mutant, int]]:
+    """The mutants of a source in the order of each seed, and how many are to be tried up to this seed; of 0, all."""
+    for k, seed in enumerate(seeds, 1):
+        for mutant in random.Random(f"{seed} {path}").sample(made, len(made)):
+            yield mutant, k * sample or len(made)
 
 
 @cache
@@ -468,26 +484,40 @@ def _outcomes(task: tuple) -> list[Outcome] | str:
         return str(error)
 
 
-def run(root: Path, sources: Mapping[str, Source], everything=False, sample=0, seed=SEED, jobs=2, ready=HEAVY) -> int:
+def run(
+    root: Path,
+    sources: Mapping[str, Source],
+    everything=False,
+    sample=0,
+    seeds=(SEED,),
+    jobs=2,
+    ready=HEAVY,
+    least=LEAST,
+    out=None,
+) -> int:
     """Tries mutants of the sources, says which survive and the scores; 0 where enough are killed.
 
-    `ready`: modules that are imported once for all.
+    `ready`: modules that are imported once for all; `out`: a file for the numbers as JSON, in all and by source.
     """
-    killed = total = 0
+    counts = {}
     # When a worker is stopped, the tests that it runs may still write.
     scratch = tempfile.TemporaryDirectory(prefix="mutation", ignore_cleanup_errors=True)
     with scratch as folder, ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
-        tasks = [(root, Path(folder), ready, path, source, everything, sample, seed) for path, source in sources.items()]
+        tasks = [(root, Path(folder), ready, path, source, everything, sample, seeds) for path, source in sources.items()]
         for (path, _), found in zip(sources.items(), pool.map(_outcomes, tasks), strict=True):
             if isinstance(found, str):
                 print(found)
                 pool.shutdown(cancel_futures=True)  # waits for what runs: a worker that is stopped may hold a lock
                 return 2
-            good = sum(outcome.killed for outcome in found)
-            print(f"{path}: {good} of {len(found)} killed", flush=True)
-            killed, total = killed + good, total + len(found)
+            ends = [outcome.end for outcome in found]
+            own = counts[path] = {end: ends.count(end) for end in ("killed", "equivalent", "survived")}
+            print(f"{path}: {own['killed']} of {own['killed'] + own['survived']} killed", flush=True)
+    totals = {end: sum(own[end] for own in counts.values()) for end in ("killed", "equivalent", "survived")}
+    killed, total = totals["killed"], totals["killed"] + totals["survived"]
     print(f"{killed} of {total} killed, {killed / max(total, 1):.1%}")
-    return 0 if killed >= LEAST * total else 1
+    if out:
+        Path(out).write_text(json.dumps({**totals, "files": counts}))
+    return 0 if killed >= least * total else 1
 
 
 def main() -> int:
@@ -495,13 +525,15 @@ def main() -> int:
     parser.add_argument("file", nargs="*", help="sources, as in SOURCES (all)")
     parser.add_argument("--all", action="store_true", help="every mutant of each")
     parser.add_argument("--sample", type=int, default=0, help="mutants of each (as in SOURCES)")
-    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--seed", type=int, nargs="+", default=[SEED], dest="seeds")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--least", type=float, default=LEAST, metavar="PART", help=f"that must be killed ({LEAST:g})")
+    parser.add_argument("--json", metavar="FILE", help="where the numbers go")
     given = parser.parse_args()
     if unknown := [path for path in given.file if path not in SOURCES]:
         parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(SOURCES)}")
     chosen = {path: SOURCES[path] for path in given.file or SOURCES}
-    return run(ROOT, chosen, given.all, given.sample, given.seed, given.jobs)
+    return run(ROOT, chosen, given.all, given.sample, given.seeds, given.jobs, least=given.least, out=given.json)
 
 
 if __name__ == "__main__":

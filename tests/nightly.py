@@ -211,6 +211,12 @@ NIGHTLY = {
         r"robot_file_is_the_urdf\[(mecanum|trailer|tricycle_driven_at_the_rear)\]",
         r"number_is_found\[b\]",
     ),
+    "test_import_kinds": (
+        r"kind_is_its_links\[(waffle|tiago|diffbot|linorobot|magni|jackal|p3at)\]",
+        r"moved_into_line_and_said\[(toe-(1e-06|0\.0001)|camber-0\.0001)",
+        r"of_its_rim\[visual\]",
+        r"contradict_sides_are_said\[Wheel",
+    ),
     "test_integral": (
         r"figure_9b_goes\[controller-0\.0\]",
         r"nothing_winds_up\[slow-casadi\]",

@@ -21,18 +21,28 @@ from noslip.simulation.specification.spec import read_spec
 SPECS = sorted((Path(__file__).resolve().parent.parent / "specs").rglob("*.toml"))
 
 
+CORES = {"Prescott": "sse3", "Nehalem": "sse4_2", "Haswell": "avx2", "Zen": "avx2", "SkylakeX": "avx512f"}  # what they need
+
+
 @cache
 def choices() -> dict[str, dict[str, str]]:
     """What to set in the environment, by the name of the choice."""
     from numpy._core._multiarray_umath import __cpu_dispatch__ as dispatched
 
-    cores = {core: {"OPENBLAS_CORETYPE": core} for core in ("Prescott", "Nehalem", "Haswell", "Zen")}
+    cores = {core: {"OPENBLAS_CORETYPE": core} for core in CORES}
     plain = {
         "NumPy's baseline": {"NPY_DISABLE_CPU_FEATURES": " ".join(dispatched)},
         "libm without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-AVX,-FMA,-FMA4"},
     }
     together = {name: value for choice in (cores["Prescott"], *plain.values()) for name, value in choice.items()}
     return {"this processor": {}, **cores, **plain, "all of the oldest": together}
+
+
+def lacking(choice: str) -> str:
+    """Why this processor cannot run the kernels of a choice; empty if it can."""
+    flags = Path("/proc/cpuinfo").read_text().replace("pni", "sse3").split()
+    need = CORES.get(choice, "")
+    return f"this processor has no {need}" if need and need not in flags else ""
 
 
 def csv(spec: Path, backend: str) -> str:
@@ -69,7 +79,7 @@ def main(arguments: Sequence[str]) -> int:
         print(digest([Path(name) for name in arguments[2:]], arguments[1].split(",")))
         return 0
     found = {}
-    for choice in choices():
+    for choice in (choice for choice in choices() if not lacking(choice)):
         found[choice] = digest_with(choice, SPECS)
         print(f"{choice:20}{found[choice]}", flush=True)
     return int(len(set(found.values())) > 1)

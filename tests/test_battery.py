@@ -5,6 +5,7 @@ itself, is small, compiles without a warning, and Phidot is the derivative of Ph
 """
 
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -297,7 +298,8 @@ class Law:
         symbols = [line.split() for line in run("nm", "-S", "--defined-only", library.path).splitlines()]
         own = [line for line in symbols if line[-1].startswith(self.law.system.mechanism.name)]
         assert not [line for line in own if line[-2] in "bBdD"]
-        code = sum(int(line[1], 16) for line in own if line[-2] in "tT" and line[-1].endswith("_f") == bool(suffix))
+        in_float = re.compile(r"_f(_|\.|$)")  # car_type_i_step_f, and the static car_type_i_step_f_limited
+        code = sum(int(line[1], 16) for line in own if line[-2] in "tT" and bool(in_float.search(line[-1])) == bool(suffix))
         robot, times = self.law.system.mechanism.name, 1 if suffix else 2
         assert struct <= times * BYTES.get(robot, BYTES_OF_OTHERS) and 0 < code <= CODE.get(robot, CODE_OF_OTHERS)
         return f"{struct} bytes of struct, {code} of code"

@@ -23,6 +23,7 @@ from noslip.readers.urdf.text import name_of, robot_file
 from noslip.simulation.contact import contact_forces
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.spec import ContactSection
+from noslip.tests.urdf_links import Links
 from noslip.tests.urdfs import (
     BESIDE,
     QUARTER,
@@ -124,8 +125,8 @@ def test_mass_matrix_and_bias_are_those_of_pinocchio(name, made):
     T = ca.jacobian(v, system.nu)
     Tdot = ca.jtimes(T, robot.q, system.qdot)
     f = ca.Function("f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (T, Tdot, system.Mbar, system.bias)])
-    angles = {n: a for n, a in q.items() if n not in ("x", "y", "phi")}
-    position = ca.Function("position", [robot.q], [ca.vertcat(*positions(name, model, angles, q))])
+    names = [model.names[k] for k in range(2, model.njoints)]
+    position = ca.Function("position", [robot.q], [ca.vertcat(*positions(names, q))])
     values, random, data = [p.default for p in robot.parameters], np.random.default_rng(5), model.createData()
     for _ in range(STATES):
         state, nu = random.uniform(-1.2, 1.2, len(q)), random.uniform(-2, 2, system.dof)
@@ -143,7 +144,7 @@ def test_mass_matrix_and_bias_are_those_of_pinocchio(name, made):
         assert np.abs(bias[:, 0] - wanted).max() < 1e-10 * max(np.abs(wanted).max(), np.abs(h).max())
 
 
-def positions(name: str, model, angles: dict, q: dict) -> list:
+def positions(names: list[str], q: dict) -> list:
     """The angle of every joint; those of wheels do not matter, except that they turn."""
     known = {"steering": q.get("delta"), "steering_right": q.get("delta"), "lidar_joint": 0}
     known["steering_left"] = -q["delta"] if "delta" in q else None
@@ -153,7 +154,27 @@ def positions(name: str, model, angles: dict, q: dict) -> list:
         known |= {"hitch_1": q["phi_1"] - q["phi"], "hitch_2": -(q["phi_2"] - q["phi_1"])}
     elif "phi_1" in q:
         known["hitch_1"] = q["phi"] - q["phi_1"]
-    return [known.get(model.names[k], 0.3 * k) for k in range(2, model.njoints)]
+    return [known.get(joint, 0.3 * k) for k, joint in enumerate(names)]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_mass_matrix_is_that_of_the_links(name, made):
+    """As with Pinocchio, T'M T, of links that are put together here."""
+    system, _ = made(name)
+    robot, links = system.mechanism, Links(ROBOTS[name]().text)
+    q = {c.name: c.symbol for c in robot.coordinates}
+    qdot = dict(zip(q, ca.vertsplit(system.qdot), strict=True))
+    c, s, given = ca.cos(q["phi"]), ca.sin(q["phi"]), rates(name, q, qdot)
+    forward, left = c * qdot["x"] + s * qdot["y"], c * qdot["y"] - s * qdot["x"]
+    v = ca.vertcat(forward, left, 0, 0, 0, qdot["phi"], *[given[joint] for joint in links.moving])
+    T, angles = ca.jacobian(v, system.nu), ca.vertcat(*positions(links.moving, q))
+    f = ca.Function("f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (T, angles, system.Mbar)])
+    values, random = [p.default for p in robot.parameters], np.random.default_rng(5)
+    for _ in range(STATES):
+        state, nu = random.uniform(-1.2, 1.2, len(q)), random.uniform(-2, 2, system.dof)
+        T_, at, Mbar = (value.full() for value in f(state, nu, values))
+        wanted = T_.T @ links.mass_matrix(dict(zip(links.moving, at[:, 0], strict=True))) @ T_
+        assert np.abs(Mbar - wanted).max() < 1e-10 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -250,10 +271,13 @@ BAD = {
         lambda: swivelled().text.replace('"base"/><child link="rear_left"/>', '"swivel"/><child link="rear_left"/>'),
         "joint 'rear_left_joint' is a wheel with rollers on the vertical joint 'swivel_joint'; make that fixed",
     ),
-    "no wheel inertia": (without_inertial("left"), "link 'left' is a wheel without <inertial>"),
+    "no wheel inertia": (
+        without_inertial("left"),
+        "links without mass: 'left' (a wheel); give each its mass and inertia by <inertial>",
+    ),
     "no inertia": (lambda: "<robot name='a'><link name='base'/></robot>", "no link has an <inertial>"),
     "no izz": (replaced(' izz="', ' i_zz="'), "link 'base', line 3: <inertia> has no izz"),
-    "zero mass": (replaced('mass value="8.0"', 'mass value="0"'), "link 'base': its mass is 0 kg"),
+    "zero mass": (replaced('mass value="8.0"', 'mass value="0"'), "links without mass: 'base' (the chassis)"),
     "negative mass": (replaced('mass value="8.0"', 'mass value="-1"'), "link 'base': its mass is -1 kg"),
     "nan": (replaced('mass value="8.0"', 'mass value="nan"'), "link 'base', line 3: value='nan'"),
     "words": (replaced('mass value="8.0"', 'mass value="heavy"'), "value='heavy'"),
@@ -463,7 +487,7 @@ def test_loads_of_four_wheels_with_rollers(made):
     size = {parameter.name: parameter.default for parameter in robot.parameters}
     a, b, d, e = (size[name] for name in "abde")
     places = np.array([[a, -b], [a, b], [-a, -b], [-a, b]])
-    plant = Plant(system, list(size.values()))
+    plant = Plant(system, list((size | {"h": 0.0}).values()))  # the height is that of [contact]
     for _ in range(20):
         x, tau = random.uniform(-2, 2, 10), random.uniform(-3, 3, 4)
         (vx, vy, turn), (ax, ay, spin) = x[7:], plant.rate(x, tau)[7:]

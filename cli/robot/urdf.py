@@ -108,6 +108,11 @@ def _roller(text: str) -> tuple[str, float]:
 
 
 def _summary(file: str, described: Mapping[str, Any]) -> str:
-    wheels = ", ".join(described["wheels"])
-    difference = described["mass_matrix_difference"]
-    return f"{file}:{described['robot']}: {described['kind']}; wheels {wheels}; mass matrix as in the URDF to {difference:.0e}"
+    wheels, castors = ", ".join(described["wheels"]), described["supports"]
+    carried = sum(castor["load"] for castor in castors.values())
+    on_castors = f"castors {', '.join(castors)} carry {carried:.0%}; " if castors else ""
+    return (
+        f"{file}:{described['robot']}: {described['kind']}; wheels {wheels}; {on_castors}"
+        f"centre of mass {described['height']:.3g} m high; "
+        f"mass matrix as in the URDF to {described['mass_matrix_difference']:.0e}"
+    )

@@ -1,4 +1,4 @@
-"""Compares a robot with the URDF that it was made from, whose bodies move in space, link by link."""
+"""Compares a robot with the URDF that it was made from, whose bodies move in space."""
 
 from collections.abc import Mapping
 
@@ -6,15 +6,20 @@ import casadi as ca
 import numpy as np
 
 from ...model.reduction import ReducedSystem
-from .document import placed
+from ..errors import BadInput
 from .parts import UP, Layout, LinkWheel, Part
+from .rims import ON_LINE, ROUND, touches
 
 STATES = 10
 QUARTERS = 4  # turns of the wheels over which their bodies are averaged
+TURNS = 12  # of a wheel, at which its lowest points are looked for
 
 
 class LinkMotion:
-    """The motion of every link of a URDF, given the coordinates of a robot file by name and their rates."""
+    """The motion of the links of a URDF that move by themselves, with what is fixed to them.
+
+    It is given by the coordinates of a robot file, by name, and their rates.
+    """
 
     def __init__(self, layout: Layout):
         self.layout, self.document = layout, layout.document
@@ -29,12 +34,42 @@ class LinkMotion:
             pose = self.document.pose(wheel.link)
             self.middles[name] = pose[:3, :3].T @ (wheel.centre - pose[:3, 3])
         self.corners = {wheel.joint: corner for corner, wheel in layout.corners.items()}
-        self.axes = {}  # of the joints that move, exactly to the left or upward, in their own frames
+        self.axes = {}  # of the joints that move, in their own frames
         for joint, axis in [
             *((name, wheel.sign * left) for name, (_, wheel) in self.wheels.items()),
             *((name, part.sign * UP) for name, part in self.carried.items()),
         ]:
             self.axes[joint] = self.document.pose(self.document.joints[joint].child)[:3, :3].T @ axis
+        moving = [self.document.joints[name].child for name in self.axes]
+        self.tops = [link for link in self.document.subtree(self.document.root) if link in {self.document.root, *moving}]
+        self.before = {top: self._carrier(top) for top in self.tops[1:]}
+        self.inertias = {top: self._inertia(top, {*moving}) for top in self.tops}
+
+    def _carrier(self, link: str) -> str:
+        """Return the link that moves by itself and carries this one."""
+        while (link := self.document.carrier[link].parent) not in self.tops:
+            pass
+        return link
+
+    def _inertia(self, top: str, moving: set[str]) -> np.ndarray:
+        """Return the inertia of a link with all that is fixed to it, 6 x 6, about its origin and along its axes.
+
+        It belongs to the velocity (m/s) and the angular velocity (rad/s) in these axes.
+        """
+        document, back = self.document, np.linalg.inv(self.document.pose(top))
+        links = document.subtree(top, lambda below: below.child not in moving)
+        weighing = [(document.pose(link), body) for link in links if (body := document.inertial(link))]
+        bodies = [body for _, body in weighing]
+        poses = np.array([back @ pose for pose, _ in weighing]).reshape(-1, 4, 4)
+        turn, mass = poses[:, :3, :3], np.array([body.mass for body in bodies])
+        centres = np.array([body.centre for body in bodies]).reshape(-1, 3)
+        x, y, z = np.einsum("kij,kj->ik", turn, centres) + poses[:, :3, 3].T
+        zero = np.zeros(len(bodies))
+        arm = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)  # velocity of the centre: arm @ w
+        own = turn @ np.array([body.inertia for body in bodies]).reshape(-1, 3, 3) @ turn.swapaxes(1, 2)
+        mixed = np.einsum("k,kij->ij", mass, arm)
+        about = np.einsum("k,kli,klj->ij", mass, arm, arm) + own.sum(axis=0)
+        return np.block([[mass.sum() * np.eye(3), mixed], [mixed.T, about]])
 
     def angle(self, part: Part, values: Mapping[str, float], suffix: str = "") -> float:
         """Return the angle (or with a suffix, the rate) of the vertical joint of a part."""
@@ -47,18 +82,16 @@ class LinkMotion:
         return part.sign * (values[f"phi_{k + 1}{suffix}"] - values[f"{before}{suffix}"])
 
     def poses(self, q: Mapping[str, float], quarter: int = 0) -> dict[str, np.ndarray]:
-        """Return the pose of every link; all wheels are turned by some quarter turns."""
+        """Return the pose of every link that moves by itself; all wheels are turned by some quarter turns."""
         c, s = np.cos(q["phi"]), np.sin(q["phi"])
         plane = np.array([[c, -s, 0, q["x"]], [s, c, 0, q["y"]], [0, 0, 1, 0], [0, 0, 0, 1.0]])
         poses = {self.document.root: plane @ self.root}
-        for link in self.document.subtree(self.document.root)[1:]:
-            joint = self.document.carrier[link]
-            turn = np.eye(4)
-            if joint.name in self.wheels:
-                turn = _turned(self.axes[joint.name], quarter * np.pi / 2)
-            elif joint.name in self.carried:
-                turn = _turned(self.axes[joint.name], self.angle(self.carried[joint.name], q))
-            poses[link] = poses[joint.parent] @ placed(joint) @ turn
+        for link in self.tops[1:]:
+            joint, before = self.document.carrier[link], self.before[link]
+            wheel = joint.name in self.wheels
+            angle = quarter * np.pi / 2 if wheel else self.angle(self.carried[joint.name], q)
+            place = np.linalg.inv(self.document.pose(before)) @ self.document.pose(link)
+            poses[link] = poses[before] @ place @ _turned(self.axes[joint.name], angle)
         return poses
 
     def twists(self, q, rates: Mapping[str, float], poses: dict[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -90,14 +123,9 @@ class LinkMotion:
             poses = self.poses(q, quarter)
             columns = [self.twists(q, {f"{n}_dot": float(n == name) for n in names}, poses) for name in names]
             for link, pose in poses.items():
-                body = self.document.inertial(link)
-                if body is None:
-                    continue
-                body = body.seen_from(pose)
-                turns = np.array([column[link][1] for column in columns])
-                arm = body.centre - pose[:3, 3]
-                speeds = np.array([column[link][0] for column in columns]) + np.cross(turns, arm)
-                mean += (body.mass * speeds @ speeds.T + turns @ body.inertia @ turns.T) / QUARTERS
+                back = pose[:3, :3].T
+                motion = np.array([[*(back @ column[link][0]), *(back @ column[link][1])] for column in columns])
+                mean += motion @ self.inertias[link] @ motion.T / QUARTERS
         return mean
 
     def _moved(self, q, rates, poses, joints: Mapping[str, float]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -105,10 +133,10 @@ class LinkMotion:
         at = np.array([rates["x_dot"], rates["y_dot"], 0.0])
         root = self.document.root
         velocities = {root: (at + np.cross(turn, poses[root][:3, 3] - np.array([q["x"], q["y"], 0.0])), turn)}
-        for link in list(poses)[1:]:
-            joint = self.document.carrier[link]
-            v, w = velocities[joint.parent]
-            v = v + np.cross(w, poses[link][:3, 3] - poses[joint.parent][:3, 3])
+        for link in self.tops[1:]:
+            joint, before = self.document.carrier[link], self.before[link]
+            v, w = velocities[before]
+            v = v + np.cross(w, poses[link][:3, 3] - poses[before][:3, 3])
             if joint.name in joints:
                 w = w + joints[joint.name] * (poses[link][:3, :3] @ self.axes[joint.name])
             velocities[link] = v, w
@@ -163,6 +191,25 @@ def compare(system: ReducedSystem, layout: Layout) -> tuple[float, float | None]
         slip = max(slip, kinematics.slip(q, named) / float(np.abs(rates).max()))
     exact = layout.kind != "skid steer" and len(layout.steered) < 2
     return worst, slip if exact else None
+
+
+def check_wheels(layout: Layout) -> None:
+    """Raise BadInput unless each wheel's shapes reach the ground where its middle and its radius say.
+
+    No mass matrix shows a wrong middle. The wheel is turned, and its lowest points are compared within ROUND and ON_LINE.
+    """
+    document, left = layout.document, np.cross(UP, layout.heading)
+    for wheel in (wheel for part in layout.parts for wheel in part.wheels if wheel.kind):
+        found = [touches(document, wheel.link, wheel.kind, left, turn) for turn in np.linspace(0.1, 6.2, TURNS)]
+        depths, middles = np.transpose(found)
+        radius = depths.max() if wheel.source.startswith("--radius") else wheel.radius
+        off = float(np.median(middles)) - left @ (wheel.centre - document.pose(wheel.link)[:3, 3])
+        if abs(depths.max() / radius - 1) > ROUND or abs(off) > ON_LINE * wheel.radius:
+            raise BadInput(
+                f"{document.path}: nothing is written: the lowest points of link {wheel.link!r} are {depths.max():.4g} m below "
+                f"its joint and {abs(off):.2g} m beside the middle of the wheel, whose radius is {wheel.radius:.4g} m; please "
+                "report this"
+            )
 
 
 def _turned(axis: np.ndarray, angle: float) -> np.ndarray:

@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -39,13 +39,16 @@ ELEMENTS = {"inertial": ("mass", "inertia"), "joint": ("parent", "child"), "visu
 VECTORS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3}  # attributes with several numbers
 NUMBERS = {*COMPLETE["inertia"], "radius", "length", "value", "multiplier", "offset", "lower", "upper", "effort", "velocity"}
 UNUSED = ("material", "gazebo", "transmission", "ros2_control", "dynamics", "calibration", "safety_controller")
+MOVES = re.compile(r"diff_?drive|skid_?steer|ackermann|tricycle|mecanum|planar_move", re.IGNORECASE)  # plugins of Gazebo
+LISTENS = re.compile(r"encoder|publish|state", re.IGNORECASE)  # elements of these that name joints which they do not drive
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
 @dataclass(frozen=True)
 class Document:
-    """A URDF as a tree. `links` and `joints` are yourdfpy's, by name; `driven` the joints that have a transmission; `notes` what
-    was not taken literally; `without_axis` the joints that turn about the x axis of their frame because the file names none.
+    """A URDF as a tree. `links` and `joints` are yourdfpy's, by name; `driven` the joints that have a transmission or are driven
+    by a plugin; `notes` what was not taken literally; `without_axis` the joints that turn about the x axis of their frame because
+    the file names none; `vertices` those of meshes read so far, or that are in no file, (count, 3), by the name in <mesh>.
     """
 
     path: Path
@@ -55,6 +58,7 @@ class Document:
     driven: frozenset[str]
     notes: tuple[str, ...] = ()
     without_axis: frozenset[str] = frozenset()
+    vertices: dict[str, np.ndarray] = field(default_factory=dict)
     _inertials: dict[str, Inertial | None] = field(default_factory=dict)
 
     @cached_property
@@ -102,6 +106,16 @@ class Document:
         """Return the axis of a joint in the frame of the root, of length 1, with all joints at zero."""
         return self.pose(joint.child)[:3, :3] @ (np.asarray(joint.axis) / np.linalg.norm(joint.axis))
 
+    def moved(self, origins: Mapping[str, np.ndarray]) -> "Document":
+        """Return the same tree with other origins of some joints, 4 x 4, by name."""
+        joints = {name: replace(joint, origin=origins.get(name, joint.origin)) for name, joint in self.joints.items()}
+        return replace(self, joints=joints)
+
+    @cached_property
+    def weightless(self) -> tuple[str, ...]:
+        """Return the links with a mass of zero, whose inertia then means nothing."""
+        return tuple(name for name, link in self.links.items() if link.inertial is not None and link.inertial.mass == 0)
+
     def inertial(self, link: str) -> Inertial | None:
         """Return mass, centre and inertia of a link in its own frame; None of one without mass.
 
@@ -114,8 +128,9 @@ class Document:
     @cached_property
     def impossible_inertias(self) -> tuple[str, ...]:
         """Return the links whose inertia no body has: a principal moment exceeds the sum of the others."""
-        moments = {link: np.linalg.eigvalsh(own.inertia) for link in self.links if (own := self.inertial(link))}
-        return tuple(link for link, (a, b, c) in moments.items() if c - a - b > TRIANGLE * c)
+        inertias = {link: own.inertia for link in self.links if (own := self.inertial(link))}
+        a, b, c = np.linalg.eigvalsh(np.array([*inertias.values()]).reshape(-1, 3, 3)).T
+        return tuple(link for link, wrong in zip(inertias, c - a - b > TRIANGLE * c, strict=True) if wrong)
 
 
 def placed(element: Any) -> np.ndarray:
@@ -129,12 +144,16 @@ def read(file: str, root: Any = None) -> Document:
     """
     etree, URDF = _parsers()
     root = parsed(file) if root is None else root
+    vertices: dict[str, np.ndarray] = {}
     if root.tag == "mujoco":
-        root = urdf_of(file)
+        root, vertices = urdf_of(file)
     notes = _checked(file, root)
     driven = {
         j.get("name") for path in ("transmission/joint", "ros2_control/joint[command_interface]") for j in root.iterfind(path)
     }
+    for plugin in root.iterfind("gazebo/plugin"):
+        if MOVES.search(f"{plugin.get('filename')} {plugin.get('name')}"):
+            driven |= {(e.text or "").strip() for e in plugin.iter() if not LISTENS.search(str(e.tag))}
     without_axis = {j.get("name") for j in root.iterfind("joint") if j.get("type") != "fixed" and j.find("axis") is None}
     rubbing = [e.getparent().get("name") for e in root.iterfind("joint/dynamics") if _rubs(e)]
     if rubbing:
@@ -147,7 +166,7 @@ def read(file: str, root: Any = None) -> Document:
         raise BadInput(f"{file}: yourdfpy cannot read it: {type(error).__name__}: {error}") from error
     joints = {joint.name: joint for joint in robot.joints}
     links, transmitted = {link.name: link for link in robot.links}, frozenset(driven & joints.keys())
-    document = Document(Path(file), robot.name, links, joints, transmitted, notes, frozenset(without_axis))
+    document = Document(Path(file), robot.name, links, joints, transmitted, notes, frozenset(without_axis), vertices)
     _check_tree(document)
     return document
 
@@ -292,7 +311,9 @@ def _inertial(link: Any, where: str) -> Inertial | None:
     if link.inertial is None:
         return None
     mass, origin = float(link.inertial.mass), placed(link.inertial)
-    if not mass > 0:
+    if mass == 0:
+        return None
+    if mass < 0:
         raise BadInput(f"{where}: its mass is {mass:g} kg; give it a positive mass, or no <inertial> if it is a frame")
     inertia = origin[:3, :3] @ link.inertial.inertia @ origin[:3, :3].T
     moments = np.linalg.eigvalsh(inertia)

@@ -10,11 +10,14 @@ from scipy.spatial.transform import Rotation
 from ..errors import BadInput, installing
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
-SHAPES = {2: "sphere", 3: "cylinder", 5: "cylinder", 6: "box"}  # mjtGeom; a capsule counts as its cylinder
+ELLIPSOID = 4  # mjtGeom
+SHAPES = {2: "sphere", 3: "cylinder", ELLIPSOID: "mesh", 5: "cylinder", 6: "box", 7: "mesh"}  # a capsule counts as its cylinder
 
 
-def urdf_of(file: str) -> Any:
-    """Return the <robot> of an MJCF. The body with a free joint is its root; what else stands on the world is left out.
+def urdf_of(file: str) -> tuple[Any, dict[str, np.ndarray]]:
+    """Return the <robot> of an MJCF, and the vertices of its meshes, (count, 3), m, by the name in <mesh>.
+
+    The body with a free joint is its root; what else stands on the world is left out.
 
     Raises BadInput for a file that MuJoCo cannot compile, and for a robot that a tree of links with one joint each cannot have.
     """
@@ -26,7 +29,8 @@ def urdf_of(file: str) -> Any:
         model = mujoco.MjModel.from_xml_path(file)
     except ValueError as error:
         raise BadInput(f"{file}: MuJoCo cannot compile it: {' '.join(str(error).split())}") from error
-    return _Scene(file, model).robot()
+    scene = _Scene(file, model)
+    return scene.robot(), scene.vertices
 
 
 class _Scene:
@@ -35,6 +39,7 @@ class _Scene:
     def __init__(self, file: str, model: Any):
         self.file, self.model = file, model
         self.bodies = [model.body(k).name or f"body_{k}" for k in range(model.nbody)]
+        self.vertices: dict[str, np.ndarray] = {}
         self.joints = [model.joint(k).name or f"{self.bodies[model.jnt_bodyid[k]]}_joint" for k in range(model.njnt)]
 
     def robot(self) -> Any:
@@ -100,11 +105,26 @@ class _Scene:
             etree.SubElement(inertial, "inertia", **moments, ixy="0", ixz="0", iyz="0")
         for g in range(model.body_geomadr[k], model.body_geomadr[k] + model.body_geomnum[k]):
             shape = SHAPES.get(int(model.geom_type[g]))
+            if shape == "mesh":
+                name, points = self._mesh(g)
+                self.vertices[name] = points
             if shape:
                 touches = model.geom_contype[g] or model.geom_conaffinity[g]
                 seen = etree.SubElement(made, "collision" if touches else "visual")
                 self._origin(seen, model.geom_pos[g] - anchor, Rotation.from_quat(model.geom_quat[g], scalar_first=True))
-                etree.SubElement(etree.SubElement(seen, "geometry"), shape, **_size(shape, model.geom_size[g]))
+                size = {"filename": name} if shape == "mesh" else _size(shape, model.geom_size[g])
+                etree.SubElement(etree.SubElement(seen, "geometry"), shape, **size)
+
+    def _mesh(self, g: int) -> tuple[str, np.ndarray]:
+        """Return name and vertices of a mesh, or of an ellipsoid, in the frame of its geom."""
+        model = self.model
+        if int(model.geom_type[g]) == ELLIPSOID:
+            turns, heights = np.meshgrid(np.linspace(0, 2 * np.pi, 64, endpoint=False), np.linspace(0, np.pi, 33))
+            unit = [np.sin(heights) * np.cos(turns), np.sin(heights) * np.sin(turns), np.cos(heights)]
+            return f"ellipsoid {g}", np.reshape(unit, (3, -1)).T * model.geom_size[g]
+        k = int(model.geom_dataid[g])
+        first = int(model.mesh_vertadr[k])
+        return f"mesh {model.mesh(k).name}", model.mesh_vert[first : first + int(model.mesh_vertnum[k])].astype(float)
 
     def _origin(self, element: Any, place: np.ndarray, turn: Rotation) -> None:
         from lxml import etree

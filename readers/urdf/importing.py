@@ -1,13 +1,14 @@
 """Makes a robot file from a URDF, and puts it in place only after its model has been compared with the URDF."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import BadInput
 from ..files import work_folder
 from ..robots import find_robot, system_of
-from .comparison import compare
+from .comparison import check_wheels, compare
 from .document import read
 from .parts import Layout, Options
 from .recognition import recognize
@@ -29,11 +30,14 @@ def import_urdf(file: str, options: Options, folder: Path) -> tuple[str, Mapping
         path.write_text(text, encoding="utf-8")
         system = system_of(find_robot(f"{path}:{name}"))
     difference, slip = compare(system, layout)
+    check_wheels(layout)
     if not max(difference, slip or 0.0) <= SAME:
         raise BadInput(
             f"{file}: nothing is written: the robot file differs from the URDF, in the mass matrix by {difference:.1e} and in "
             f"the velocity of a rim by {slip or 0.0:.1e} (relative); please report this"
         )
+    if layout.original:
+        difference, _ = compare(system, replace(layout, document=layout.original))
     return text, _described(name, layout, difference, system.mechanism)
 
 
@@ -49,6 +53,12 @@ def _described(name: str, layout: Layout, difference: float, robot: Any) -> dict
             for wheel in wheels
         },
         "castors": list(layout.castors),
+        "supports": {
+            name: {"ahead": ahead, "left": left, "load": layout.on_castors[name]}
+            for name, place in layout.castors.items()
+            for ahead, left in [layout.seen(place, layout.base.origin)]
+        },
+        "height": sum(part.mass * part.height for part in layout.parts) / sum(part.mass for part in layout.parts),
         "steered": [part.joint for part in layout.steered],
         "trailers": [part.joint for part in layout.trailers],
         "arm": [part.joint for part in layout.arm],

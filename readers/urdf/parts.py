@@ -31,7 +31,8 @@ class LinkWheel:
 
     `sign` is 1 if the joint turns about the direction to the left, so that a positive angle rolls forward, else -1. `mass`
     (kg) and `inertia` (about the axle, kg m^2) are those of all its links. `roller` is the direction of the axis of the roller
-    that touches the ground, rad from the heading to the left; None of a wheel without rollers.
+    that touches the ground, rad from the heading to the left; None of a wheel without rollers. `kind` is that of the shapes that
+    show its middle, "collision" or "visual"; empty if none does.
     """
 
     joint: str
@@ -43,6 +44,7 @@ class LinkWheel:
     mass: float = 0.0
     inertia: float = 0.0
     roller: float | None = None
+    kind: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +53,8 @@ class Part:
     its axle, or, if it is steered, at its pivot.
 
     A part but the base, whose `joint` is empty, turns on the vertical `joint` at `pivot`; `sign` is -1 if that turns about the
-    downward vertical. Mass, centre of mass (`ahead`, `left`) and inertia about the vertical there include the wheels, given
-    from right to left.
+    downward vertical. Mass, centre of mass (`ahead`, `left`, and `height` above the ground) and inertia about the vertical there
+    include the wheels, given from right to left.
     """
 
     joint: str
@@ -62,6 +64,7 @@ class Part:
     mass: float
     ahead: float
     left: float
+    height: float
     inertia: float
     wheels: tuple[LinkWheel, ...]
     links: tuple[str, ...]
@@ -73,8 +76,8 @@ class Layout:
 
     `heading` is its direction in the frame of the root, `half` (m) half the distance of the base's wheels, or of the effective
     track. The motor drives the wheels of the base, or with `front` the steered wheels. `castors` are links with the places where
-    they stand, `shares` the part of the weight on each group of wheels (see `text`). `arm` are the links of an arm, each after
-    the one that carries it.
+    they stand, `shares` the part of the weight on each wheel, by joint, `on_castors` on each castor, by link. `arm` are the links
+    of an arm, each after the one that carries it. `original` is the URDF before joints were moved into line; None if none was.
     """
 
     document: Document
@@ -87,8 +90,10 @@ class Layout:
     front: bool
     castors: Mapping[str, np.ndarray]
     shares: Mapping[str, float]
+    on_castors: Mapping[str, float]
     notes: tuple[str, ...]
     arm: tuple[Part, ...] = ()
+    original: Document | None = None
 
     @property
     def parts(self) -> tuple[Part, ...]:

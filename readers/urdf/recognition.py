@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,16 +12,25 @@ from ..errors import BadInput, suggestion
 from .document import NO_BODY, Document
 from .inertial import Inertial, merged
 from .parts import UP, Layout, LinkWheel, Options, Part, ahead_and_left
-from .rims import ALIGNED, NotRound, lowest, rim
+from .rims import ALIGNED, ON_LINE, ROUND, NotRound, Rim, lowest, rim, span
 from .rollers import rollers_of, steerable, wheel_with_rollers
 from .statics import shares
+from .straight import straightened
 
 CASTOR = re.compile(r"cast[eo]r|swivel|ball_?wheel", re.IGNORECASE)
 STEERS = re.compile(r"steer", re.IGNORECASE)
 WHEEL = re.compile(r"wheel", re.IGNORECASE)
-ROLLERS = re.compile(r"mec+h?an+um|swedish|omni_?wheel", re.IGNORECASE)
-GROUND = 0.1  # of the radius: heights at which a wheel or castor touches the ground
-ON_LINE = 0.05  # of the radius: distances, ahead or aside, that are taken as none
+ROLLERS = re.compile(r"mec+h?an+um|swedish|omni", re.IGNORECASE)
+LEFT = ("left", "l", "fl", "bl", "rl", "lf", "lb", "lr", "wheell")  # words in names, as in rear_left, rl_wheel, LeftWheel
+RIGHT = ("right", "r", "fr", "br", "rr", "rf", "rb", "wheelr")
+GROUND = 0.15  # of the radius: heights at which a wheel or castor touches the ground
+RAISED = 0.01  # of the radius: heights above the ground that are said
+NONE = 1e-9  # relative: differences that are those of printed numbers
+EQUAL = 0.01  # relative: radii that are described by one
+PRINTED = 1e-4  # relative: radii of two wheels that differ as the numbers of a mesh do
+SIZES = 0.005, 20.0  # m: distances of wheels that robots have
+UNLIKELY = 10.0  # times the distance of the wheels: a radius of gyration of the body that none has
+HOOP = 1.2  # times its mass and its radius squared: the inertia of a wheel about its axle that none has
 TRAIL = 0.2  # of the radius: a wheel so far behind a vertical joint is a castor's, unless the joint is driven or said to steer
 ACKERMANN = 0.5  # relative: difference of the angles of two steered wheels
 SLENDER = 50  # how many times larger or smaller than the distance of the wheels a radius may be: meshes are in mm, or m
@@ -30,9 +39,18 @@ UNBALANCED = 0.1  # of the radius: how far its centre of mass may be from the ax
 
 
 def recognize(document: Document, options: Options) -> Layout:
-    """Return the layout of the robot. Raises BadInput, naming joints and links, if a robot file cannot describe it."""
+    """Return the layout of the robot. Raises BadInput, naming joints and links, if a robot file cannot describe it.
+
+    Joints that are out of line within the tolerances are moved into line first; the notes say how far.
+    """
     try:
-        return _Recognition(document, options).layout()
+        layout = _Recognition(document, options).layout()
+        straight, moved = straightened(layout)
+        if not moved:
+            return layout
+        said = f"joints were moved so that wheels are in line and their axes parallel: {'; '.join(moved)}"
+        layout = _Recognition(straight, options).layout()
+        return replace(layout, notes=(*layout.notes, said), original=document)
     except BadInput as error:
         named = [name for name in sorted(document.without_axis) if repr(name) in str(error)]
         if not named:
@@ -59,14 +77,30 @@ class _Recognition:
         on_wheels = {name: rollers_of(document, joint) for name, joint in document.joints.items()}
         self.rollers = {name: rollers for name, rollers in on_wheels.items() if rollers}
         self.on_rims = {roller.name for rollers in self.rollers.values() for roller in rollers}
+        self.placing = self.placing_joints()
+
+    def placing_joints(self) -> list[str]:
+        """Return the joints by which a file places its robot in the world: those that carry all that has a mass or a shape."""
+        document, joints, link = self.document, [], self.document.root
+        while len(below := document.below(link)) == 1:
+            body = document.links[link]
+            if document.inertial(link) or body.visuals or body.collisions:
+                break
+            joints.append(below[0])
+            link = below[0].child
+        moving = [joint.name for joint in joints if joint.type != "fixed"]
+        if moving:
+            names = ", ".join(moving)
+            self.notes.append(f"joints {names} place the robot in the world, as its coordinates do; they are held at zero")
+        return moving
 
     def wrong(self, message: str) -> BadInput:
         return BadInput(f"{self.document.path}: {message}")
 
     def layout(self) -> Layout:
         document, options = self.document, self.options
-        if not any(document.inertial(link) for link in document.links):
-            raise self.wrong("no link has an <inertial>; a model needs masses and inertias")
+        if not any(map(document.inertial, document.links)):
+            raise self.wrong("no link has an <inertial> with a mass; a model needs masses and inertias")
         if impossible := document.impossible_inertias:
             self.notes.append(f"{NO_BODY}: links {', '.join(impossible)}")
         self.refuse_rollers()
@@ -92,19 +126,24 @@ class _Recognition:
             )
         self.heading = self.common_heading(wheels)
         self.castors |= self.fixed_castors(wheels)
+        fixed = self.equal(fixed, EQUAL if options.track or len(fixed) < len(wheels) else PRINTED)
         kind, half, origin = self.axle(fixed)
         groups: dict[str, list[LinkWheel]] = {}
         for wheel in wheels:
             if joint := self.turning[wheel.joint]:
                 groups.setdefault(joint, []).append(wheel)
         arm = self.arm(wheels)
+        self.check_masses(fixed, wheels)
+        self.compare_names(wheels, origin)
         self.hold([*(wheel.joint for wheel in wheels), *self.on_rims, *arm], groups)
         steering = [joint for joint, own in groups.items() if self.steers(joint, own)]
+        alike = {wheel.joint: wheel for wheel in self.equal([w for joint in steering for w in groups[joint]], EQUAL)}
+        groups = {joint: [alike.get(wheel.joint, wheel) for wheel in self.equal(own, EQUAL)] for joint, own in groups.items()}
         self.carrying = {document.joints[joint].child: joint for joint in (*groups, *arm)}
         base = self.part("", fixed, origin)
         steered = self.steered([self.part(joint, groups[joint], self.pivot(joint)) for joint in steering], base)
         trailers = self.chain({joint: own for joint, own in groups.items() if joint not in steering}, base)
-        if steered and abs(base.wheels[0].radius - base.wheels[1].radius) > 1e-9:
+        if steered and base.wheels[0].radius != base.wheels[1].radius:
             raise self.wrong(
                 f"joints {_joints(fixed)}: the radii of the wheels differ; beside steered wheels that is not described"
             )
@@ -123,8 +162,12 @@ class _Recognition:
                 raise self.wrong(f"--arm: joint {joint!r} is on joint {above[0]!r}, not on the body; that is not described")
         if arm:
             self.notes.append("the contacts carry what they do with the arm at zero; their loads do not follow its motion")
-        weights, note = shares(base, (*steered, *links), trailers, self.castors, self.heading)
-        self.notes += note
+        weights, on_castors, stable = shares(base, (*steered, *links), trailers, self.castors, self.heading)
+        if not stable:
+            self.notes.append(
+                "the centre of mass is not above the supports; the wheels are taken to carry all the weight; name by --castors "
+                "what else the robot stands on"
+            )
         return Layout(
             document,
             kind,
@@ -136,6 +179,7 @@ class _Recognition:
             front,
             self.castors,
             weights,
+            on_castors,
             tuple(dict.fromkeys(self.notes)),
             links,
         )
@@ -143,20 +187,25 @@ class _Recognition:
     # -- wheels -------------------------------------------------------------------------------------------------
 
     def refuse_rollers(self) -> None:
-        """Raise BadInput for wheels that are named as if they had rollers, whose direction is not known."""
-        for joint in self.document.joints.values():
-            if joint.type in ("floating", "planar"):
+        """Raise BadInput for wheels that are named as if they had rollers, or whose links or meshes are, whose direction is not
+        known."""
+        document = self.document
+        for joint in document.joints.values():
+            if joint.type in ("floating", "planar") and joint.name not in self.placing:
                 raise self.wrong(f"joint {joint.name!r} is {joint.type}; a robot file has revolute and fixed joints")
-            link = self.document.links[joint.child]
-            if joint.name in {*self.rollers, *self.on_rims, *self.options.rollers}:
+            if joint.name in {*self.rollers, *self.on_rims, *self.options.rollers, *self.options.wheels, *self.placing}:
                 continue
-            meshes = [s.geometry.mesh.filename for s in (*link.visuals, *link.collisions) if s.geometry.mesh is not None]
-            for name in (joint.name, link.name, *meshes):
-                if ROLLERS.search(name) and joint.type != "fixed":
+            if joint.type not in ("continuous", "revolute") or abs(document.axis(joint)[2]) > math.sin(ALIGNED):
+                continue
+            links = [document.links[link] for link in document.subtree(joint.child, lambda below: below.type == "fixed")]
+            shapes = [shape.geometry.mesh for link in links for shape in (*link.visuals, *link.collisions)]
+            meshes = [mesh.filename for mesh in shapes if mesh is not None]
+            for name in (joint.name, *(link.name for link in links), *meshes):
+                if ROLLERS.search(name):
                     raise self.wrong(
                         f"joint {joint.name!r}: {name!r} is a wheel with rollers (mecanum or omnidirectional), but they have no "
                         f"joints; give the direction of the axis of the roller on the ground, from ahead to the left, by "
-                        f"--rollers {joint.name}='45 deg', or -45 deg"
+                        f"--rollers {joint.name}='45 deg', or -45 deg; if it has none, name all wheels by --wheels"
                     )
 
     def wheels(self) -> list[LinkWheel]:
@@ -176,6 +225,11 @@ class _Recognition:
             if abs(height) > GROUND * wheel.radius:
                 self.reasons[wheel.joint] = f"its rim is {height:.3g} m above the ground, where the other wheels stand"
                 wheels.remove(wheel)
+            elif abs(height) > RAISED * wheel.radius:
+                self.notes.append(
+                    f"joint {wheel.joint}: its rim is {height:.3g} m above the ground, where the other wheels stand; it is "
+                    "taken to touch the ground"
+                )
         for joint in {*named, *self.rollers, *self.options.rollers} & self.reasons.keys():
             raise self.wrong(f"joint {joint!r} cannot be a wheel: {self.reasons[joint]}")
         if not wheels:
@@ -211,15 +265,21 @@ class _Recognition:
             heading = self.heading_of(joint)
             return wheel_with_rollers(document, joint, self.rollers[joint.name], heading, radius)
         try:
-            size, along, source = rim(document, joint)
+            shape = rim(document, joint)
         except NotRound:
             if not radius:
                 raise
-            size, along = radius, 0.0
-        if radius:
-            size, source = radius, f"--radius {joint.child}"
-        centre, angle = self.pivot(joint.name) + along * document.axis(joint), self.options.rollers.get(joint.name)
-        return LinkWheel(joint.name, joint.child, centre, size, source, roller=angle)
+            shape = Rim(radius, 0.0, "", "", 0.0)
+            self.notes.append(f"joint {joint.name}: no shape shows where its wheel is; its middle is taken at the joint")
+        if not radius and shape.other and abs(shape.other / shape.radius - 1) > ROUND:
+            self.notes.append(
+                f"joint {joint.name}: the radius of its wheel is {shape.radius:.4g} m by {shape.source}, but {shape.other:.4g} m "
+                f"by its {'visual' if shape.kind == 'collision' else 'collision'}; the first is taken, "
+                f"--radius {joint.child}=METRES replaces it"
+            )
+        size, source = (radius, f"--radius {joint.child}") if radius else (shape.radius, shape.source)
+        centre, angle = self.pivot(joint.name) + shape.along * document.axis(joint), self.options.rollers.get(joint.name)
+        return LinkWheel(joint.name, joint.child, centre, size, source, roller=angle, kind=shape.kind)
 
     def unused(self) -> str:
         """Return why horizontal joints that turn are no wheels, to be followed by advice."""
@@ -249,18 +309,28 @@ class _Recognition:
         return None
 
     def is_castor(self, wheel: LinkWheel, wheels: list[LinkWheel]) -> bool:
-        """Return whether a wheel is that of a castor: named so, or alone, not driven, and behind its vertical joint."""
+        """Return whether a wheel is that of a castor: named so, or alone and not driven, and behind its vertical joint or beside
+        driven wheels on the body."""
         joints = [self.document.joints[wheel.joint], *self.ancestors(wheel.joint)]
         names = {name for joint in joints for name in (joint.name, joint.child)}
         if names & set(self.options.castors) or any(map(CASTOR.search, names)):
             return True
-        turning = self.turning[wheel.joint]
-        if turning is None or turning in self.document.driven or STEERS.search(turning):
+        turning, driven = self.turning[wheel.joint], self.document.driven
+        if turning is None or turning in driven or STEERS.search(turning):
             return False
         beside = [w for w in wheels if self.turning[w.joint] == turning and w is not wheel]
         if any(np.linalg.norm(w.centre - wheel.centre) > 2 * wheel.radius for w in beside):
             return False
-        return self.trail(turning, wheel) > TRAIL * wheel.radius
+        if self.trail(turning, wheel) > TRAIL * wheel.radius:
+            return True
+        fixed = [w.joint for w in wheels if self.turning[w.joint] is None]
+        if wheel.joint in driven or not fixed or not driven.issuperset(fixed):
+            return False
+        self.notes.append(
+            f"joint {turning}: its wheel is taken as a castor's, since transmissions drive {', '.join(fixed)} and neither that "
+            "wheel nor its joint"
+        )
+        return True
 
     def trail(self, turning: str, wheel: LinkWheel) -> float:
         """Return the distance of a wheel from its vertical joint, at right angles to its axle, m."""
@@ -278,12 +348,87 @@ class _Recognition:
             if name in rims or not (spheres or CASTOR.search(name) or name in named):
                 continue
             place = lowest(document, name)
-            if place and abs(place[0] - self.ground) <= GROUND * wheels[0].radius:
+            if place is None and name in named and self.has_shape(name):
+                self.notes.append(f"--castors: no shape of link {name} can be read; it is taken to stand below its origin")
+                place = self.ground, document.pose(name)[:3, 3]
+            height = place[0] - self.ground if place else math.inf
+            if place and abs(height) <= GROUND * wheels[0].radius:
                 castors[name] = place[1]
-        lost = {name for name in named if not {*castors, *self.castors} & set(document.subtree(name))}
+                if abs(height) > RAISED * wheels[0].radius:
+                    self.notes.append(f"link {name}: the castor is {height:.3g} m above the ground; it is taken to touch it")
+        standing = {*castors, *self.castors}
+        lost = {name for name in named if not standing.intersection(document.subtree(name))}
         if lost:
-            raise self.wrong(f"--castors: link {min(lost)!r} has no sphere, cylinder or box that reaches the ground")
+            raise self.wrong(f"--castors: link {min(lost)!r} has no shape that reaches the ground")
+        above = {name: document.carrier[name].parent for name in document.links if name in document.carrier}
+        tops = [name for name in above if CASTOR.search(name) and not CASTOR.search(above[name]) and name not in rims]
+        if unknown := [name for name in tops if not standing.intersection(document.subtree(name))]:
+            self.notes.append(
+                f"links named as castors carry nothing, since none of their shapes that can be read reaches the ground: "
+                f"{', '.join(unknown)}; name by --castors those that stand there"
+            )
         return castors
+
+    # -- what is said of a file ---------------------------------------------------------------------------------
+
+    def check_masses(self, fixed: Sequence[LinkWheel], wheels: Sequence[LinkWheel]) -> None:
+        """Raise BadInput for wheels or a chassis without mass, naming all; note what else has a shape and no mass.
+
+        The chassis is what carries all wheels of the body, or if the rest of the body is lighter than the wheels, its largest
+        link.
+        """
+        document = self.document
+        massless = [n for n in document.links if not document.inertial(n) and (self.has_shape(n) or n in document.weightless)]
+        on_wheels = {wheel.link: document.subtree(wheel.link) for wheel in wheels}
+        lost = [link for link, links in on_wheels.items() if not any(map(document.inertial, links))]
+        beside = {*(link for links in on_wheels.values() for link in links), *self.castors}
+        body = [name for name in document.links if name not in beside]
+
+        def mass(links: Iterable[str]) -> float:
+            return sum(own.mass for link in links if (own := document.inertial(link)))
+
+        carriers = {document.joints[wheel.joint].parent for wheel in fixed}
+        suspects = {name for name in massless if {name} == carriers}
+        if mass(body) < mass(link for links in on_wheels.values() for link in links):
+            suspects |= carriers | {max(body, key=lambda name: span(document, name))}
+        chassis = [name for name in massless if name in suspects]
+        others = [name for name in massless if name not in {*lost, *chassis}]
+        if lost or chassis:
+            what = [f"{name!r} (a wheel)" for name in lost] + [f"{name!r} (the chassis)" for name in chassis]
+            also = f"; without mass are also links {', '.join(others)}" if others else ""
+            raise self.wrong(f"links without mass: {', '.join(what)}; give each its mass and inertia by <inertial>{also}")
+        if not mass(body):
+            raise self.wrong("only wheels and castors have a mass; give the chassis <inertial> with mass and inertia")
+        if others:
+            self.notes.append(f"without mass, which <inertial> would give, and so of no weight: links {', '.join(others)}")
+
+    def has_shape(self, link: str) -> bool:
+        return bool(self.document.links[link].visuals or self.document.links[link].collisions)
+
+    def compare_names(self, wheels: Sequence[LinkWheel], origin: np.ndarray) -> None:
+        """Note wheels whose joints, or else links, are named after the other side."""
+        contradicting = []
+        for wheel in wheels:
+            named, left = _side(wheel.joint) or _side(wheel.link), ahead_and_left(wheel.centre - origin, self.heading)[1]
+            if named * left < 0:
+                contradicting.append(f"{wheel.joint}, {abs(left):.3g} m to the {'left' if left > 0 else 'right'}")
+        if contradicting:
+            forward = " ".join(f"{part:.3g}" for part in self.heading)
+            self.notes.append(
+                f"warning: names contradict sides, seen along the heading {forward}: joints {'; '.join(contradicting)}; their "
+                "places decide, not their names: correct the URDF if the robot drives the other way"
+            )
+
+    def equal(self, wheels: list[LinkWheel], tolerance: float) -> list[LinkWheel]:
+        """Return wheels with their mean radius if the radii differ by less than a tolerance (relative), with a note."""
+        radii = [wheel.radius for wheel in wheels]
+        if not radii or not 0 < max(radii) - min(radii) <= tolerance * min(radii):
+            return wheels
+        mean = float(np.mean(radii))
+        if max(radii) - min(radii) > NONE * mean:
+            between = f"{min(radii):.8g} to {max(radii):.8g} m"
+            self.notes.append(f"the radii of the wheels of joints {_joints(wheels)}, {between}, are taken as {mean:.8g} m")
+        return [replace(wheel, radius=mean) for wheel in wheels]
 
     # -- the base -----------------------------------------------------------------------------------------------
 
@@ -304,8 +449,6 @@ class _Recognition:
                     f"the axles of joints {wheels[0].joint!r} and {wheel.joint!r} differ by {angle:.3g} deg; with all joints at "
                     "zero every wheel must roll the same way"
                 )
-        if max(abs(heading @ np.cross(UP, headings[0])) for heading in headings) > 1e-6:
-            self.notes.append("the axles are taken as exactly parallel")
         mean = np.sum(headings, axis=0)
         return mean / np.linalg.norm(mean)
 
@@ -314,14 +457,16 @@ class _Recognition:
         document, places = self.document, [ahead_and_left(wheel.centre, self.heading) for wheel in fixed]
         ahead, aside = (np.array(values) for values in zip(*places, strict=True))
         actual, track = float(np.ptp(aside)), self.options.track
-        apart = max(float(np.ptp(ahead)), actual)
+        self.apart = apart = max(float(np.ptp(ahead)), actual)
         for wheel in fixed:
             if not 1 / SLENDER < wheel.radius / apart < SLENDER:
                 raise self.wrong(
                     f"link {wheel.link!r}: its radius, {wheel.radius:.3g} m ({wheel.source}), does not fit wheels that are "
                     f"{apart:.3g} m apart; correct the scale of its mesh, or give --radius {wheel.link}=METRES"
                 )
-        several = np.ptp(ahead) > ON_LINE * fixed[0].radius
+        if not SIZES[0] <= apart <= SIZES[1]:
+            self.notes.append(f"the wheels are {apart:.3g} m apart; a URDF is in m and kg: is this one in other units?")
+        several = np.ptp(ahead) > ON_LINE * (actual if len(fixed) == 2 else fixed[0].radius)
         middle = (aside.max() + aside.min()) / 2
         origin = ahead.mean() * self.heading + middle * np.cross(UP, self.heading) + self.ground * UP
         lost = self.options.rollers.keys() - {wheel.joint for wheel in fixed if wheel.joint not in self.rollers}
@@ -348,7 +493,7 @@ class _Recognition:
             return "two wheels", actual / 2, origin
         if not actual <= track < math.inf:
             raise self.wrong(f"--skid-steer-track {track:g} m: the effective track is at least that of the wheels, {actual:g} m")
-        if max(w.radius for w in fixed) > (1 + 1e-6) * min(w.radius for w in fixed):
+        if len({wheel.radius for wheel in fixed}) > 1:
             raise self.wrong(f"joints {_joints(fixed)}: the radii of the wheels differ; give one by --radius LINK=METRES")
         self.notes.append(
             f"skid steer: described by two wheels {track:g} m apart, its effective track; the wheels are {actual:g} m apart"
@@ -408,17 +553,19 @@ class _Recognition:
         return sorted(dict.fromkeys(self.options.arm), key=lambda name: len(self.ancestors(name)))
 
     def vertical(self, joint: Any) -> bool:
-        """Return whether a joint turns about a vertical axis."""
-        return joint.type in ("continuous", "revolute") and abs(self.document.axis(joint)[2]) > math.cos(ALIGNED)
+        """Return whether a joint turns about a vertical axis, and not the whole robot."""
+        turns = joint.type in ("continuous", "revolute") and joint.name not in self.placing
+        return turns and abs(self.document.axis(joint)[2]) > math.cos(ALIGNED)
 
-    def hold(self, used: list[str], groups: Mapping[str, list[LinkWheel]]) -> None:
+    def hold(self, used: Iterable[str], groups: Mapping[str, list[LinkWheel]]) -> None:
         """Note which castors are left out and which joints are held fixed."""
         document = self.document
         if self.castors:
             names = ", ".join(self.castors)
-            self.notes.append(f"castors are left out, and their mass stays on the body: links {names}")
+            self.notes.append(f"castors slide without friction, and their mass stays on the body: links {names}")
         of_castors = {joint.name for link in self.castors for joint in self.joints_above(link)}
-        held = [j for j in document.joints.values() if j.type != "fixed" and j.name not in {*used, *groups, *of_castors}]
+        used = {*used, *groups, *of_castors, *self.placing}
+        held = [joint for joint in document.joints.values() if joint.type != "fixed" and joint.name not in used]
         for joint in held:
             lower, upper = (getattr(joint.limit, end, None) for end in ("lower", "upper"))
             if joint.type != "continuous" and lower is not None and upper is not None and not lower <= 0 <= upper:
@@ -430,6 +577,9 @@ class _Recognition:
             vertical = " ".join(joint.name for joint in held if self.vertical(joint))
             kept = f"; --arm makes joints of an arm of those that are vertical: {vertical}" if vertical else ""
             self.notes.append(f"held fixed at zero, with all that they carry: joints {names}{kept}")
+        for joint in held:
+            if WHEEL.search(joint.name + joint.child) and joint.name in self.reasons:
+                self.notes.append(f"joint {joint.name} is not taken as a wheel's: {self.reasons[joint.name]}")
 
     def joints_above(self, link: str) -> list[Any]:
         joint = self.document.carrier.get(link)
@@ -457,11 +607,17 @@ class _Recognition:
         whole = merged(bodies)
         ahead, left = ahead_and_left(whole.centre - origin, self.heading)
         inertia = float(whole.inertia[2, 2])
+        if not joint and inertia > whole.mass * (UNLIKELY * self.apart) ** 2:
+            self.notes.append(
+                f"the inertia of the body about the vertical, {inertia:.3g} kg m^2, is too large for its mass and size: is it in "
+                "other units, such as kg mm^2?"
+            )
         if not inertia > 0:
             raise self.wrong(f"the inertia of {', '.join(links[:3])} about the vertical is zero; give <inertia>")
         place = self.pivot(joint) if joint else origin
         sign = -1 if downward else 1
-        return Part(joint, sign, place, origin, whole.mass, ahead, left, inertia, tuple(finished), tuple(links))
+        height = float(whole.centre[2] - self.ground)
+        return Part(joint, sign, place, origin, whole.mass, ahead, left, height, inertia, tuple(finished), tuple(links))
 
     def pivot(self, joint: str) -> np.ndarray:
         """Return the place of a joint in the frame of the root, m."""
@@ -471,8 +627,6 @@ class _Recognition:
         """Return a wheel with its inertia, and its mean over a turn as a body. Raises BadInput if it has none."""
         document = self.document
         bodies = [b.seen_from(document.pose(link)) for link in links if (b := document.inertial(link))]
-        if not bodies:
-            raise self.wrong(f"link {wheel.link!r} is a wheel without <inertial>; give its mass and inertia")
         body, axle = merged(bodies), np.cross(UP, self.heading)
         mean, about = body.spun(wheel.centre, axle)
         if not about > 0:
@@ -482,6 +636,9 @@ class _Recognition:
             raise self.wrong(
                 f"link {wheel.link!r}: its centre of mass is {offset:.0%} of the radius away from the axle; correct <inertial>"
             )
+        if about > HOOP * body.mass * wheel.radius**2:
+            said = f"its inertia about the axle, {about:.3g} kg m^2, is larger than that of a hoop of its mass and radius"
+            self.notes.append(f"link {wheel.link}: {said}; correct <inertia>, unless it contains that of a geared motor")
         uneven = max(offset, np.abs(body.about(mean.centre) - mean.inertia).max() / about)
         if uneven > UNEVEN:
             self.notes.append(f"link {wheel.link}: not a body of revolution (by {uneven:.1%}); its mean over a turn is taken")
@@ -523,7 +680,7 @@ class _Recognition:
                 raise self.wrong(
                     f"joint {part.joint!r} mimics {mimic.joint!r} by {mimic.multiplier:g}: the wheels turn apart; correct <mimic>"
                 )
-        if len({round(part.wheels[0].radius, 9) for part in parts}) > 1:
+        if len({part.wheels[0].radius for part in parts}) > 1:
             raise self.wrong(f"joints {names} steer wheels of different radii")
         if len(parts) == 2:
             self.notes.append(
@@ -573,3 +730,9 @@ class _Recognition:
 def _joints(items: Any) -> str:
     names = [item if isinstance(item, str) else item.joint for item in items]
     return ", ".join(map(repr, names))
+
+
+def _side(name: str) -> int:
+    """Return 1 for a name that says left, -1 for right, 0 if it says neither or both."""
+    words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name)} | set(re.findall("left|right", name.lower()))
+    return any(word in words for word in LEFT) - any(word in words for word in RIGHT)

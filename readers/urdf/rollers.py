@@ -45,12 +45,12 @@ def wheel_with_rollers(
     source = f"--radius {joint.child}"
     if radius is None:
         try:
-            own, _, source = rim(document, rollers[0])
+            own = rim(document, rollers[0])
         except NotRound as error:
             reason = str(error).partition("; give its radius")[0]
             raise NotRound(f"its rollers: {reason}; give the radius of the wheel by --radius {joint.child}=METRES") from error
-        radius = float(rings.mean()) + own
-        source = f"{len(rollers)} rollers {rings.mean():.6g} m from the axle; {source}"
+        radius = float(rings.mean()) + own.radius
+        source = f"{len(rollers)} rollers {rings.mean():.6g} m from the axle; {own.source}"
     angle = math.remainder(angles[0] + float(np.mean(differences)), math.pi)
     return LinkWheel(joint.name, joint.child, pivot + along.mean() * axis, radius, source, roller=angle)
 

@@ -9,8 +9,10 @@ from .parts import Part, ahead_and_left
 
 def shares(
     base: Part, others: Sequence[Part], trailers: Sequence[Part], castors: Mapping[str, np.ndarray], heading: np.ndarray
-) -> tuple[dict[str, float], list[str]]:
-    """Return the part of the whole weight on each wheel, by joint, with the robot straight and level, and notes.
+) -> tuple[dict[str, float], dict[str, float], bool]:
+    """Return the part of the whole weight on each wheel, by joint, and on each castor, by link, and whether they can carry it.
+
+    The robot is straight and level. If they cannot carry it, the wheels are taken to carry all.
 
     A trailer rests on its axle and on its hitch. The base with `others`, its steered parts and links of an arm, rests on wheels
     and castors; if these are more than three, the loads are taken as linear in the place, as on equal springs.
@@ -35,8 +37,8 @@ def shares(
     stands = np.array([ahead_and_left(place - base.origin, heading) for place in places])
     loads, stable = _loads(np.array(weights), stands, len(wheels))
     carried |= {wheel.joint: load for wheel, load in zip(wheels, loads, strict=False)}
-    note = [] if stable else ["the centre of mass is not above the supports; the wheels are taken to carry all the weight"]
-    return {joint: max(0.0, load) / total for joint, load in carried.items()}, note
+    on_castors = {link: load / total for link, load in zip(castors, loads[len(wheels) :].tolist(), strict=True)}
+    return {joint: max(0.0, load) / total for joint, load in carried.items()}, on_castors, stable
 
 
 def _place(part: Part, base: Part, heading: np.ndarray) -> tuple[float, float]:

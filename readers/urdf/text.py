@@ -12,10 +12,10 @@ from ...model.errors import ModelError
 from ...model.mechanism import Mechanism
 from ..files import MARK
 from ..templates import render
-from .parts import Layout, LinkWheel, Part
+from .parts import UP, Layout, LinkWheel, Part
 from .rims import extent
 
-NONE = 1e-9  # m, or relative: a smaller offset is none, as is a smaller difference of two wheels
+NONE = 1e-10  # relative, of lengths to half the track: a smaller offset is none, as is a smaller difference of two wheels
 WIDTH = 118
 SIDES = ("right", "left")
 WHERE = {"fr": "front right", "fl": "front left", "rr": "rear right", "rl": "rear left"}
@@ -81,6 +81,7 @@ class _Names:
         driven = self.mecanum if layout.kind == "mecanum" else self.steering if layout.steered else self.two_wheels
         entries = {"corners": [], "steered": [], "base": self.base(), **driven()}
         arm = [self.link(k) for k in range(1, len(layout.arm) + 1)]
+        entries["castors"] = self.castors()
         angles = ", ".join(f'("angle_{link.k}", "rad", q_{link.k}, "joint {link.joint}")' for link in arm)
         entries |= {"arm": arm, "angles": angles}
         entries["trailers"] = [self.trailer(k) for k in range(1, len(layout.trailers) + 1)]
@@ -121,9 +122,10 @@ class _Names:
 
     def offsets(self, name: str, values: Sequence[float], about: str, source: str) -> list[str]:
         """Add lengths as `pair` does, one for values that are opposite; nothing for zero, whose name is empty."""
-        if max(map(abs, values)) <= NONE:
+        none = NONE * self.layout.half
+        if max(map(abs, values)) <= none:
             return [""] * len(values)
-        if len(values) == 2 and abs(sum(values)) <= NONE:
+        if len(values) == 2 and abs(sum(values)) <= none:
             self.parameter(name, values[1], "m", f"{about}, at the left", source, "any")
             return [f"-{name}", name]
         return self.pair(name, values, "m", about, source, "any")
@@ -150,8 +152,9 @@ class _Names:
         source = f"links {', '.join(part.links)}"
         self.masses.append(self.parameter(f"m{suffix}", part.mass, "kg", f"mass of {name}{about}", source))
         self.parameter(inertia, part.inertia, "kg m^2", f"{name} about the vertical through its centre of mass", source)
-        ahead = part.ahead if abs(part.ahead) > NONE else 0.0
+        ahead = part.ahead if abs(part.ahead) > NONE * self.layout.half else 0.0
         self.parameter(f"d{suffix}", ahead, "m", f"centre of mass of {name} ahead of {origin}", source, "any")
+        self.parameter(f"h{suffix}", part.height, "m", f"centre of mass of {name} above the ground", source, "any")
         return self.offsets(f"e{suffix}", [part.left], f"centre of mass of {name} to the left of its middle", source)[0]
 
     def axle(self, part: Part, suffix: str) -> SimpleNamespace:
@@ -174,6 +177,23 @@ class _Names:
         places = [[self.layout.seen(w.centre, self.layout.base.origin) for w in side] for side in sides if len(side) > 1]
         written = [f"[{', '.join(f'({_number(a)}, {_number(b)})' for a, b in side)}]" for side in places]
         return {"wheel": wheel, "load": load, "places": written}
+
+    def castors(self) -> list[SimpleNamespace]:
+        """The castors that carry a part of the weight.
+
+        Those of a robot with trailers are not named: its loads would then be those of one rigid body.
+        """
+        layout = self.layout
+        carrying = [link for link, load in layout.on_castors.items() if load > NONE and not layout.trailers]
+        made = []
+        for k, link in enumerate(carrying, 1):
+            ahead, left = layout.seen(layout.castors[link], layout.base.origin)
+            which = f"castor {k}" if len(carrying) > 1 else "the castor"
+            a = self.parameter(f"a_c{k}", ahead, "m", f"{which} ahead of the middle of the wheels", f"link {link}", "any")
+            b = self.offsets(f"b_c{k}", [left], f"{which} to the left of the middle", f"link {link}")[0]
+            load = self.parameter(f"load_c{k}", layout.on_castors[link], "1", f"part of the weight on {which}", f"link {link}")
+            made.append(SimpleNamespace(name=_plain(link), a=a, b=b, load=load))
+        return made
 
     def mecanum(self) -> dict[str, object]:
         """Four wheels with rollers."""
@@ -219,6 +239,7 @@ class _Names:
         inertia = self.pair("I_s", [part.inertia for part in parts], "kg m^2", about, links)
         d = self.offsets("d_s", [part.ahead for part in parts], "its centre of mass ahead of the steering axis", links)
         e = self.offsets("e_s", [part.left for part in parts], "its centre of mass to the left of the steering axis", links)
+        h = self.pair("h_s", [part.height for part in parts], "m", "its centre of mass above the ground", links, "any")
         self.masses += m
         self.parameter("r_s", wheels[0].radius, "m", f"radius of the {turned}", wheels[0].source)
         of_wheels = f"links {', '.join(wheel.link for wheel in wheels)}"
@@ -226,10 +247,10 @@ class _Names:
         self.loads("load_rear", [rear], "part of the weight on the rear wheels")
         self.loads("load_front", [wheels], f"part of the weight on the {turned}")
         names = ["steered"] if len(parts) == 1 else [f"steered_{side}" for side in SIDES]
-        rows = zip(names, m, inertia, d, e, a, strict=True)
+        rows = zip(names, m, inertia, d, e, a, h, strict=True)
         return {
-            "steered": [SimpleNamespace(**dict(zip(("name", "m", "I", "d", "e", "a"), row, strict=True))) for row in rows],
-            "front": SimpleNamespace(ahead=ahead, aside=aside, axis=a[0] if len(parts) == 1 else ""),
+            "steered": [SimpleNamespace(**dict(zip(("name", "m", "I", "d", "e", "a", "h"), row, strict=True))) for row in rows],
+            "front": SimpleNamespace(ahead=ahead, aside=aside),
             "driven": driven,
             "driven_in_front": layout.front,
         }
@@ -280,10 +301,10 @@ class _Names:
 
     def box(self, part: Part) -> str:
         """Return how far a part reaches behind, ahead and aside, from its shapes, else from a wheel."""
-        corners = [self.layout.seen(corner, part.origin) for corner in extent(self.layout.document, part.links)]
+        corners, heading = extent(self.layout.document, part.links) - part.origin, self.layout.heading
         radius = part.wheels[0].radius
-        ahead, left = np.transpose([*corners, (-radius / 2, -radius / 2), (radius / 2, radius / 2)])
-        return f"{-ahead.min():.3g}, {ahead.max():.3g}, {np.abs(left).max():.3g}"
+        ahead, left = ([*(corners @ axis), -radius / 2, radius / 2] for axis in (heading, np.cross(UP, heading)))
+        return f"{-min(ahead):.3g}, {max(ahead):.3g}, {max(map(abs, left)):.3g}"
 
 
 def _joints(items: Sequence[Part | LinkWheel]) -> str:

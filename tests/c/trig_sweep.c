@@ -51,6 +51,20 @@ static int same(double a, double b)
     return memcmp(&a, &b, sizeof a) == 0;
 }
 
+/* Whole turns of angles up to 2 rad beside them, in range. */
+static int sweep_turns(void)
+{
+    int wrong = 0, n, k;
+    for (n = -1300; n <= 1300; n++) {
+        for (k = -2; k <= 2; k++) {
+            const double angle = 4 * HALF_PI_L * n + k;
+            wrong += !same_f(noslip_whole_turns_f((float)angle) + 0.0f, (float)n) || !same(noslip_whole_turns(angle) + 0.0, n);
+        }
+    }
+    printf("%d wrong numbers of turns\n", wrong);
+    return wrong > 0;
+}
+
 /* Negative floats need no reference: their bits are compared with those of the positive ones. */
 static int sweep_float(uint32_t stride, uint32_t part, uint32_t parts)
 {
@@ -71,7 +85,7 @@ static int sweep_float(uint32_t stride, uint32_t part, uint32_t parts)
         }
     }
     printf("%llu floats of each sign, %llu not odd/even or above 1\n", (unsigned long long)count, (unsigned long long)broken);
-    return (report("sine", &sine, 1e-7, "") | report("cosine", &cosine, 1e-7, "")) || broken > 0;
+    return (report("sine", &sine, 1e-7, "") | report("cosine", &cosine, 1e-7, "") | sweep_turns()) || broken > 0;
 }
 
 static double ulps(double y, long double exact)
