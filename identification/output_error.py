@@ -219,8 +219,9 @@ class OutputError:
         successive errors are correlated beyond chance, they may be correlated in any way within a window too: then the
         variance between windows counts, to which rows in two windows contribute as errors that are independent from row to
         row, if it is clearly larger: that of a few windows, of which some tell little, is also small by chance. It is not
-        biased if errors are independent (R. M. Bell and D. F. McCaffrey, Survey Methodology 28, 2002). Errors of rounding are those of `_of_counts`. Errors with less weight count as in the covariance of an
-        M-estimate (Huber, Robust Statistics, 1981, section 7.6). Raises BadInput if there are too few windows.
+        biased if errors are independent (R. M. Bell and D. F. McCaffrey, Survey Methodology 28, 2002). Errors of
+        rounding are those of `_of_counts`. Errors with less weight count as in the covariance of an M-estimate (Huber,
+        Robust Statistics, 1981, section 7.6). Raises BadInput if there are too few windows.
         """
         left, rows = self._influence()
         sizes = np.linalg.norm(rows, axis=(0, 1))

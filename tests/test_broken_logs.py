@@ -136,7 +136,9 @@ def pushed(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
     noisy = states[:, :2] + random.choice([0.2, 1.0, 3.0]) * noise * random.normal(size=(rows, 2))
     true = {name: p[name] for name in fitted}
     given = [each for name, value in p.items() if name not in fitted for each in ("--set", f"{name}={value}")]
-    names, taus = (("thetadot_r", "thetadot_l"), ("tau_r", "tau_l")) if of == "labmate" else (("thetadot", "deltadot"), ("tau_d", "tau_s"))
+    names, taus = (
+        (("thetadot_r", "thetadot_l"), ("tau_r", "tau_l")) if of == "labmate" else (("thetadot", "deltadot"), ("tau_d", "tau_s"))
+    )
     columns = {"t": t, **dict(zip((*names, *taus), np.hstack([noisy, tau]).T, strict=True))}
     if of == "car":
         columns["delta"] = states[:, 2]
@@ -200,7 +202,9 @@ def spiked(most: int, size: float) -> Callable[[np.ndarray, np.random.Generator]
 
 
 def stepped(size: float) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
-    return lambda v, random: v + size * random.choice([-1, 1]) * random.uniform(0.3, 1) * (np.arange(len(v)) > random.uniform(0.1, 0.9) * len(v))
+    return lambda v, random: (
+        v + size * random.choice([-1, 1]) * random.uniform(0.3, 1) * (np.arange(len(v)) > random.uniform(0.1, 0.9) * len(v))
+    )
 
 
 def restarted(v: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -251,7 +255,9 @@ def drifted(c: Columns, random: np.random.Generator) -> Columns:
 def jittered(c: Columns, random: np.random.Generator) -> Columns:
     step = np.diff(c["t"]) * random.choice([0.8, 0.8, 0.8, 1.7], len(c["t"]) - 1)
     t = np.concatenate([[0.0], np.cumsum(step)])
-    return {**c, "t": t} if of_kind(c, "angles") else {name: np.interp(t, c["t"], v) if name != "t" else t for name, v in c.items()}
+    return (
+        {**c, "t": t} if of_kind(c, "angles") else {name: np.interp(t, c["t"], v) if name != "t" else t for name, v in c.items()}
+    )
 
 
 def unevenly_stamped(c: Columns, random: np.random.Generator) -> Columns:
@@ -320,12 +326,48 @@ def fewer_poses(c: Columns, random: np.random.Generator) -> Columns:
 
 def slipped(c: Columns, random: np.random.Generator) -> Columns:
     """A wheel spins on the spot for a while."""
-    return each("angles", lambda v, r: v + np.interp(np.arange(len(v)), [(k := r.uniform(0.1, 0.8) * len(v)), k + 15], [0, r.uniform(0.5, 6)]), True)(c, random)
+    return each(
+        "angles",
+        lambda v, r: v + np.interp(np.arange(len(v)), [(k := r.uniform(0.1, 0.8) * len(v)), k + 15], [0, r.uniform(0.5, 6)]),
+        True,
+    )(c, random)
 
 
 def fraction_empty(v: np.ndarray, random: np.random.Generator) -> np.ndarray:
     v[random.random(len(v)) < 0.05] = math.nan
     return v
+
+def backwards(v, r):
+    """Angles that turn the other way from somewhere on."""
+    k = int(r.uniform(0.2, 0.8) * len(v))
+    return np.where(np.arange(len(v)) > k, 2 * v[k] - v, v)
+
+
+def pose_stuck(c, r):
+    """A pose that stands for a while."""
+    at = part(r, len(c["t"]), 10, 60)
+    return {**c, **{n: np.where(np.isin(np.arange(len(c[n])), np.r_[at]), c[n][at.start], c[n]) for n in of_kind(c, "pose")}}
+
+
+def held_together(kind, most):
+    """Columns of a kind that change every second row, or up to every row before `most`."""
+
+    def broken(c, r):
+        k = int(r.integers(2, most))
+        return {**c, **{n: c[n][np.arange(len(c["t"])) // k * k] for n in of_kind(c, kind)}}
+
+    return broken
+
+
+def one_wheel_larger(c, r):
+    """Only where the vehicle turns both ways."""
+    return each("angles", lambda v, r: v * (1 + r.uniform(-0.03, 0.03)), True)(c, r) if turns_both_ways(c) else None
+
+
+def friction(c, r):
+    """Torques that friction of the wheels takes a tenth of."""
+    pairs = zip(of_kind(c, "torques"), of_kind(c, "rates"), strict=True)
+    return {**c, **{n: c[n] + 0.1 * np.std(c[n]) * c[v] / np.std(c[v]) for n, v in pairs}}
 
 
 CALIBRATE: dict[str, Change] = {
@@ -356,24 +398,26 @@ CALIBRATE: dict[str, Change] = {
     "angles in degrees": each("angles", lambda v, _: np.degrees(v)),
     "heading in degrees": each("heading", lambda v, _: np.degrees(v)),
     "place in mm": each("place", lambda v, _: 1000 * v),
-    "backwards from the middle": each("angles", lambda v, r: np.where(np.arange(len(v)) > (k := int(r.uniform(0.2, 0.8) * len(v))), 2 * v[k] - v, v), True),
+    "backwards from the middle": each("angles", backwards, True),
     "fewer rows": every(2, 6),
     "wrapped, fewer rows": then(each("angles", lambda v, _: wrapped(v)), every(5, 40)),
     "gap": rows(lambda n, random: np.delete(np.arange(n), part(random, n, 5, 60))),
-    "wrapped with a gap": then(each("angles", lambda v, _: wrapped(v)), rows(lambda n, r: np.delete(np.arange(n), part(r, n, 5, 60)))),
+    "wrapped with a gap": then(
+        each("angles", lambda v, _: wrapped(v)), rows(lambda n, r: np.delete(np.arange(n), part(r, n, 5, 60)))
+    ),
     "rows lost": rows(lambda n, random: np.flatnonzero(random.random(n) > random.uniform(0.02, 0.3))),
     "rows twice": rows(lambda n, random: np.sort(np.concatenate([np.arange(n), random.integers(0, n, 30)]))),
     "few counts": each("angles", rounded(TURN / 4000, TURN / 60)),
     "rounded poses": each("pose", rounded(1e-3, 2e-2)),
     "late poses": late("pose", 0.3),
     "wheel stuck": each("angles", stuck, True),
-    "pose stuck": lambda c, r: (lambda at: {**c, **{n: np.concatenate([c[n][: at.start], np.full(at.stop - at.start, c[n][at.start]), c[n][at.stop :]]) for n in of_kind(c, "pose")}})(part(r, len(c["t"]), 10, 60)),
-    "poses held": lambda c, r: (lambda k: {**c, **{n: c[n][np.arange(len(c["t"])) // k * k] for n in of_kind(c, "pose")}})(int(r.integers(2, 8))),
-    "angles held": lambda c, r: (lambda k: {**c, **{n: c[n][np.arange(len(c["t"])) // k * k] for n in of_kind(c, "angles")}})(int(r.integers(2, 5))),
+    "pose stuck": pose_stuck,
+    "poses held": held_together("pose", 8),
+    "angles held": held_together("angles", 5),
     "another clock": drifted,
     "times jitter": jittered,
     "angle saturates": each("angles", clipped, True),
-    "one wheel larger": lambda c, r: each("angles", lambda v, r: v * (1 + r.uniform(-0.03, 0.03)), True)(c, r) if turns_both_ways(c) else None,
+    "one wheel larger": one_wheel_larger,
     "sensor moved": moved_sensor,
     "wheel slips": slipped,
     "entries missing": each("pose", fraction_empty),
@@ -392,8 +436,10 @@ IDENTIFY: dict[str, Change] = {
     "torque backwards": each("torques", lambda v, _: -v, True),
     "rates exchanged": swap("rates"),
     "torques exchanged": swap("torques"),
-    "torque backwards from the middle": each("torques", lambda v, r: np.where(np.arange(len(v)) > r.uniform(0.2, 0.8) * len(v), -v, v), True),
-    "rates held": lambda c, r: (lambda k: {**c, **{n: c[n][np.arange(len(c["t"])) // k * k] for n in of_kind(c, "rates")}})(int(r.integers(2, 6))),
+    "torque backwards from the middle": each(
+        "torques", lambda v, r: np.where(np.arange(len(v)) > r.uniform(0.2, 0.8) * len(v), -v, v), True
+    ),
+    "rates held": held_together("rates", 6),
     "one rate held": each("rates", held, True),
     "late torques": late("torques", 0.05),
     "late rates": late("rates", 0.05),
@@ -410,14 +456,16 @@ IDENTIFY: dict[str, Change] = {
     "torque saturates": each("torques", clipped, True),
     "another clock": drifted,
     "times jitter": unevenly_stamped,
-    "friction": lambda c, r: {**c, **dict(zip(of_kind(c, "torques"), (c[n] + 0.1 * np.std(c[n]) * c[v] / np.std(c[v]) for n, v in zip(of_kind(c, "torques"), of_kind(c, "rates"), strict=True)), strict=True))},
+    "friction": friction,
     "torque offset": each("torques", lambda v, r: v + 0.1 * np.std(v) * r.uniform(-1, 1), True),
     "rate offset": each("rates", lambda v, r: v + 0.1 * np.std(v) * r.uniform(-1, 1), True),
     "filtered rates": each("rates", lambda v, _: np.convolve(np.pad(v, (4, 0), "edge"), np.ones(5) / 5, "valid")),
     "noisy torques": each("torques", lambda v, r: v + 0.1 * np.std(v) * r.normal(size=len(v))),
     "noisy rates": each("rates", lambda v, r: v + 0.1 * np.std(v) * r.normal(size=len(v))),
     "entries missing": each("rates", fraction_empty),
-    "rates zero": each("rates", lambda v, r: np.where(np.isin(np.arange(len(v)), np.arange(len(v))[part(r, len(v), 5, 40)]), 0.0, v)),
+    "rates zero": each(
+        "rates", lambda v, r: np.where(np.isin(np.arange(len(v)), np.arange(len(v))[part(r, len(v), 5, 40)]), 0.0, v)
+    ),
     "drifting rate": each("rates", lambda v, r: v + 0.1 * np.std(v) * np.cumsum(r.normal(size=len(v))) / math.sqrt(len(v))),
     "in degrees": each("rates", lambda v, _: np.degrees(v)),
     "in rpm": each("rates", lambda v, _: v * 60 / TURN),
@@ -425,8 +473,17 @@ IDENTIFY: dict[str, Change] = {
 }  # fmt: skip
 
 ANSWERED = {  # faults that do not take anything away: most logs must be answered
-    "calibrate": {"nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped", "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit", "poses far off", "place jumps", "place jumps a little", "gap", "wrapped with a gap", "rows lost", "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held", "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips"},
-    "identify": {"nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost", "rows twice", "rounded rates", "rate stuck"},
+    "calibrate": {
+        "nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped",
+        "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit",
+        "poses far off", "place jumps", "place jumps a little", "gap", "wrapped with a gap", "rows lost",
+        "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held",
+        "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips",
+    },
+    "identify": {
+        "nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost",
+        "rows twice", "rounded rates", "rate stuck",
+    },
 }  # fmt: skip
 CAUSE = re.compile(r"row|theta|phi|delta|tau|x_c|y_c|\bx\b|\by\b|\bt\b|\b[rblm]\b|m_c|I_c|heading|errors|column")
 
