@@ -387,8 +387,9 @@ def test_distances_and_counts_are_angles_by_a_unit_with_a_factor(tmp_path):
 
 
 def test_distances_taken_for_angles_are_noticed(bad_input, tmp_path):
-    """By the motion; and in a log too short for that, by the radius that would fit."""
-    for count, message in ((200, "in m on the floor, of wheels with a radius of 0.15 m"), (60, "r = 1.003 m would fit the log")):
+    """By the motion, in a short log too."""
+    message = "the floor, of wheels with a radius of 0.15 m"
+    for count in (200, 60):
         rows = table(count)
         rows[:, 1:3] *= geometry.TRUE["r"]
         (tmp_path / "log.csv").write_bytes(lines(HEAD, rows=rows))
