@@ -805,8 +805,9 @@ class Mechanism:
 
     def _column(self, name: str, unit: str, about: str = "") -> Quantity:
         """Return a new quantity that is a column of the tables of runs."""
+        new = self._new(name, unit, about)
         refuse_column(name)
-        return self._new(name, unit, about)
+        return new
 
     def _forget(self) -> None:
         """Discard the cached matrices, after an addition that changes them."""

@@ -330,7 +330,7 @@ def test_a_spec_is_changed_on_the_command_line(tmp_path, capsys):
     assert main(["simulate", line, "-o", str(target), "--set", "simulation.duration=0.5", "--set", "simulation.period=0.01"]) == 0
     assert len(target.read_text().splitlines()) == 52
     capsys.readouterr()
-    for wrong in ("simulation.duration", "simulation.durration=1", "robot=labmate"):
+    for wrong in ("simulation.duration", "simulation.durration=1"):
         assert main(["simulate", line, "-o", str(target), "--set", wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
 
