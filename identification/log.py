@@ -169,8 +169,8 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
     units = {q.name: q.unit for q in system.mechanism.coordinates}
     table = file if isinstance(file, Table) else read_table(file)
     there = quantities_in(table, system.mechanism.coordinates, columns)
-    known = {column.where for column in picked(table, units, columns).values()}
-    others_there = any(column.where not in known and not is_time(name) for name, column in table.items())
+    used = {column.where for column in picked(table, units, columns).values()}
+    others_there = any(column.where not in used and not is_time(name) for name, column in table.items())
     alone = pose[2] in there and not there & set(pose[:2]) and not others_there  # a gyro tells the heading alone
     places = () if alone else pose[:2]
     names = [name for name in others if name in there]

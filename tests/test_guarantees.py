@@ -472,7 +472,11 @@ FUZZ_FINDS = {  # a change of the runtime, and what is told
         r"not fabs\(\(double\)command",
     ),
     "a speed that overflows, by an input of the corpus": (
-        ("noslip_path_code.inc", "self->braking_distance = self->braking_distance < largest ? self->braking_distance : largest;", "(void)largest;"),
+        (
+            "noslip_path_code.inc",
+            "self->braking_distance = self->braking_distance < largest ? self->braking_distance : largest;",
+            "(void)largest;",
+        ),
         "fuzz_is_guide",
     ),
 }
