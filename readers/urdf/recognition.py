@@ -165,8 +165,8 @@ class _Recognition:
             self.notes.append("the contacts carry what they do with the arm at zero; their loads do not follow its motion")
         if self.beyond_hoops:
             self.notes.append(
-                "the inertia about the axle is larger than that of a hoop of the same mass and radius; correct <inertia>, unless it "
-                f"contains that of a geared motor: links {', '.join(self.beyond_hoops)}"
+                "the inertia about the axle is larger than that of a hoop of the same mass and radius; correct <inertia>, "
+                f"unless it contains that of a geared motor: links {', '.join(self.beyond_hoops)}"
             )
         weights, on_castors, stable = shares(base, (*steered, *links), trailers, self.castors, self.heading)
         if not stable:
