@@ -256,9 +256,9 @@ BAD = {
         "link 'wheel_left_link' moves, and has no <inertial>",
     ),
     "zero mass": (
-        turtlebot3("burger").text.replace('mass value="0.114"', 'mass value="0"'),
+        turtlebot3("burger").text.replace('mass value="0.02849894"', 'mass value="0"'),
         WHEELS,
-        "link 'base_scan': its mass is 0 kg",
+        "link 'wheel_left_link' moves, and has no <inertial> with a mass",
     ),
     "mesh": (
         turtlebot3("burger").text.replace('<cylinder length="0.018" radius="0.033"/>', '<mesh filename="package://a/b.stl"/>'),

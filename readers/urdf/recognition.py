@@ -78,6 +78,7 @@ class _Recognition:
         self.rollers = {name: rollers for name, rollers in on_wheels.items() if rollers}
         self.on_rims = {roller.name for rollers in self.rollers.values() for roller in rollers}
         self.placing = self.placing_joints()
+        self.beyond_hoops: list[str] = []
 
     def placing_joints(self) -> list[str]:
         """Return the joints by which a file places its robot in the world: those that carry all that has a mass or a shape."""
@@ -162,6 +163,11 @@ class _Recognition:
                 raise self.wrong(f"--arm: joint {joint!r} is on joint {above[0]!r}, not on the body; that is not described")
         if arm:
             self.notes.append("the contacts carry what they do with the arm at zero; their loads do not follow its motion")
+        if self.beyond_hoops:
+            self.notes.append(
+                "the inertia about the axle is larger than that of a hoop of the same mass and radius; correct <inertia>, "
+                f"unless it contains that of a geared motor: links {', '.join(self.beyond_hoops)}"
+            )
         weights, on_castors, stable = shares(base, (*steered, *links), trailers, self.castors, self.heading)
         if not stable:
             self.notes.append(
@@ -637,8 +643,7 @@ class _Recognition:
                 f"link {wheel.link!r}: its centre of mass is {offset:.0%} of the radius away from the axle; correct <inertial>"
             )
         if about > HOOP * body.mass * wheel.radius**2:
-            said = f"its inertia about the axle, {about:.3g} kg m^2, is larger than that of a hoop of its mass and radius"
-            self.notes.append(f"link {wheel.link}: {said}; correct <inertia>, unless it contains that of a geared motor")
+            self.beyond_hoops.append(wheel.link)
         uneven = max(offset, np.abs(body.about(mean.centre) - mean.inertia).max() / about)
         if uneven > UNEVEN:
             self.notes.append(f"link {wheel.link}: not a body of revolution (by {uneven:.1%}); its mean over a turn is taken")

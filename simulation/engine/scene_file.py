@@ -210,7 +210,10 @@ def _of_urdf(file: str, root: Any) -> Any:
         raise BadInput(f"{file}: link {links[0]!r}: {NO_BODY}")
     for top in (document.root, *(joint.child for joint in document.joints.values() if joint.type != "fixed")):
         if not any([document.inertial(link) for link in document.subtree(top, lambda joint: joint.type == "fixed")]):
-            raise BadInput(f"{file}: link {top!r} moves, and has no <inertial>; give its mass and inertia")
+            raise BadInput(f"{file}: link {top!r} moves, and has no <inertial> with a mass; give its mass and inertia")
+    for link in root.iterfind("link"):
+        if link.get("name") in document.weightless:  # whose inertia means nothing
+            link.remove(link.find("inertial"))
     spec = installed().MjSpec.from_string(etree.tostring(root, encoding="unicode"))
     for mesh in spec.meshes:
         found = mesh_file(document.path, mesh.file)
