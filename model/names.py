@@ -73,7 +73,7 @@ HEADERS = frozenset(
     "stdint stdio stdlib stdnoreturn string strings tgmath threads time uchar unistd wchar wctype console stopwatch "
     "selftest arduino board main pthread sched termios windows".split()
 )
-COLUMNS = re.compile(r"t|status|y\d+")  # time, status and outputs in the table of a run, beside the robot's own names
+COLUMNS = re.compile(r"status|y\d+")  # status and outputs in the table of a run, beside the robot's own names
 # suffixes of a robot's name, and of a law's name, in names of types, functions and files
 OF_FOLLOWER = (
     *("", "_config", "_interval", "_steering"),
