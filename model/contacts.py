@@ -168,16 +168,23 @@ def _rows(mechanism: Mechanism) -> ca.SX:
 
 
 def _translations(mechanism: Mechanism) -> ca.SX:
-    """Return the rates of the coordinates, n x 2, with which the whole robot moves at 1 m/s, forward and to the left."""
+    """Return the rates of the coordinates, n x 2, with which the whole robot moves at 1 m/s, forward and to the left.
+
+    These are directions of the body on which contacts have their places: the first one, since the vehicle's heading may be that
+    of a steered wheel; of the vehicle if the robot is not made of bodies.
+    """
     vehicle, n = mechanism.required_vehicle, len(mechanism.coordinates)
+    turning = mechanism.bodies[0].yaw_rate if mechanism.bodies else ca.SX.nan()
+    pairs = zip(mechanism.coordinates, mechanism.velocities, strict=True)
+    heading = next((q.symbol for q, rate in pairs if (turning - rate.symbol).is_zero()), vehicle.heading)
     place = canonical(ca.jacobian(ca.vertcat(vehicle.x, vehicle.y), mechanism.q))
     of = [[k for k in range(n) if (place[:, k] - axis).is_zero()] for axis in (ca.SX([1, 0]), ca.SX([0, 1]))]
     if not all(of):
         raise ModelError(f"{mechanism.name}: supports require a vehicle whose x and y are coordinates, up to functions of others")
     rates = ca.SX(n, 2)
     rates[[of[0][0], of[1][0]], :] = ca.vertcat(
-        ca.horzcat(ca.cos(vehicle.heading), -ca.sin(vehicle.heading)),
-        ca.horzcat(ca.sin(vehicle.heading), ca.cos(vehicle.heading)),
+        ca.horzcat(ca.cos(heading), -ca.sin(heading)),
+        ca.horzcat(ca.sin(heading), ca.cos(heading)),
     )
     return rates
 
