@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -101,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         os.replace(folder, target)
     robot = robot_name(generated)
     goal, does = (" test", "self-test") if args.firmware else ("", "example")
-    then = f"`make -C {args.out}{goal}` builds the library and runs {robot}'s {does}"
+    then = f"`make -C {shlex.quote(args.out)}{goal}` builds the library and runs {robot}'s {does}"
     if args.package:
         then = "README.md says how to use them"
     show(

@@ -96,6 +96,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip outer-loop`. Raises BadInput for unknown names, unstable designs, and periods that are zero or too long."""
+    from numpy.linalg import LinAlgError
+
     from ..outer.channel import Required
     from ..outer.design import positive
     from ..outer.report import OuterLoopReport
@@ -126,15 +128,19 @@ def run(args: argparse.Namespace) -> int:
     if args.figures:
         check_folder(args.figures)
     pictures = {}
-    with Progress() as progress:
-        gains, sizes = _gains(args, law, spec), _sizes(args, law)
-        loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
-        report = OuterLoopReport(law, spec, gains, loops, *more)
-        if args.figures:
-            from ..outer.pictures import pictures_of
+    try:
+        with Progress() as progress:
+            gains, sizes = _gains(args, law, spec), _sizes(args, law)
+            loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
+            report = OuterLoopReport(law, spec, gains, loops, *more)
+            if args.figures:
+                from ..outer.pictures import pictures_of
 
-            pictures = pictures_of(report)
-        result = rendered(args, report.text, report.as_json)
+                pictures = pictures_of(report)
+            result = rendered(args, report.text, report.as_json)
+    except LinAlgError as error:
+        problem = "gains, speeds or lengths are too far apart to be computed with"
+        raise BadInput(f"outer-loop: {problem} ({error}); choose some that are nearer to 1 in SI units") from error
     if pictures:
         folder = Path(args.figures)
         write_folder(folder, pictures)

@@ -139,7 +139,7 @@ def settling_time(gains: Gains) -> float:
     for k in range(SAMPLES):
         outside = k if abs(error @ state) > SETTLED else outside
         state = step @ state
-    if outside + 1 == SAMPLES:  # the poles' product is lost in rounding
+    if outside + 1 == SAMPLES or not beyond(times[outside]) >= 0 >= beyond(times[outside + 1]):  # lost in rounding
         raise BadInput(
             f"poles {', '.join(f'{pole:.3g}' for pole in poles)} 1/s: the settling time cannot be computed; choose faster poles"
         )

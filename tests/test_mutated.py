@@ -1,5 +1,6 @@
 """Inputs that are valid but for a few random changes: exit 0, 1 or 2, at most one line about an error, and an end."""
 
+import argparse
 import json
 import os
 import random
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from noslip.cli import COMMANDS
+from noslip.cli.commands import parser_of
 from noslip.cli.main import main
 from noslip.readers.robots import find_robot
 from noslip.sweeping.store import IDENTITY
@@ -64,7 +67,9 @@ def valid(tmp_path_factory) -> dict[str, bytes]:
     (folder / "s.toml").write_text(SWEPT)
     assert main(["sweep", str(folder / "s.toml"), "--samples", "33", "-o", str(folder / "o.parquet"), "--jobs", "1"]) == 0
     identity = pq.ParquetFile(folder / "o.parquet").schema_arrow.metadata[IDENTITY]
-    return {"o.parquet": (folder / "o.parquet").read_bytes(), "sweep.json": identity}
+    assert main(["simulate", str(folder / "s.toml"), "-o", str(folder / "r.csv")]) == 0
+    read = {name: (folder / name).read_bytes() for name in ("o.parquet", "r.csv")}
+    return read | {"sweep.json": identity}
 
 
 def simulated(chance: random.Random, valid, place: Path) -> list[str]:
@@ -106,8 +111,58 @@ def analysed(chance: random.Random, valid, place: Path) -> list[str]:
 
 
 def designed(chance: random.Random, valid, place: Path) -> list[str]:
-    option = chance.choice(("period", "settling", "poles", "speed", "L", "wrong", "peak", "gain-margin", "phase-margin", "lqr"))
-    return ["outer-loop", "labmate", "--output", "type_iv_circle", f"--{option}={chance.choice(NUMBERS)}"]
+    """Gains, a design and options of random sizes, most of them such as a person gives."""
+
+    def number() -> str:
+        size = chance.choice((2, 2, 2, 8, 30, 300))
+        return repr(chance.choice((1, 1, 1, 1, -1)) * 10 ** chance.uniform(-size, size))
+
+    gains = ("kp = 1.0", "kd = 2.5", "kv = 2.0")
+    text = SPEC
+    for gain in gains:
+        text = text.replace(gain, f"{gain[:5]}{number()}")
+    (place / "s.toml").write_text(text)
+    law = ["--spec", "s.toml"] if chance.random() < 0.4 else ["--output", chance.choice(("type_i", "type_ii", "type_iv_circle"))]
+    real, imaginary = number(), number().removeprefix("-")
+    values = {k: ",".join(number() for _ in range(k)) for k in (2, 3, 4)}
+    designs = [f"--{name}={values[k]}" for name in ("poles", "lqr", "hinf", "mixed") for k in values]
+    designs += [f"--poles={real}+{imaginary}j,{real}-{imaginary}j", f"--settling={number()}"]
+    options = ("period", "speed", "L", "wrong", "peak", "gain-margin", "phase-margin", "observer", "bandwidth", "drive-delay")
+    argv = ["outer-loop", "labmate", *law, *(chance.sample(designs, 1) if chance.random() < 0.6 else [])]
+    argv += [f"--{name}={number()}" for name in options if chance.random() < 0.2]
+    return argv + [name for name in ("--integral", "--delay", "--json") if chance.random() < 0.2]
+
+
+COMMAND_LINES = (
+    *("check labmate_paper", "generate labmate --check --output type_i", "export labmate --output type_i -o e"),
+    *("analyse labmate", "outer-loop labmate --output type_i", "simulate s.toml -o r.csv"),
+    "sweep s.toml --samples 3 -o n.parquet --jobs 1",
+    *("excite s.toml --fit m_c -o e.toml", "calibrate r.csv --robot labmate", "identify r.csv --robot labmate --fit m_c"),
+    *("plan dubins --from 0 0 0 --to 5 5 1 --radius 1", "plan reeds-shepp --from 0 0 0 --to 5 5 1 --radius 1"),
+    *("plan waypoints p.csv --tolerance 0.1", "plan course p.csv --tolerance 0.1", "view r.csv --spec s.toml -o v.png"),
+)
+
+
+def options_of(words: list[str]) -> list[argparse.Action]:
+    """The options of a command that take values and name no files."""
+    parser = parser_of(COMMANDS)[0]
+    for word in words[:2]:
+        ways = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+        parser = ways[0].choices[word] if ways else parser
+    files = {"--output", "--csv", "--figures", "--plot", "--report", "--record", "--animate", "--contact", "--write-scene", "-o"}
+    return [a for a in parser._actions if a.option_strings and a.nargs != 0 and not files & set(a.option_strings)]
+
+
+def optioned(chance: random.Random, valid, place: Path) -> list[str]:
+    """An option of any command, as its parser has it, with one of NUMBERS or OTHERS."""
+    (place / "s.toml").write_text(SWEPT)
+    (place / "p.csv").write_text("x,y\n0, 0\n1, 0\n2, 1\n3, 3\n")
+    (place / "r.csv").write_bytes(valid["r.csv"])
+    words = chance.choice(COMMAND_LINES).split()
+    option = chance.choice(options_of(words))
+    name, values = option.option_strings[-1], [chance.choice((*NUMBERS, *OTHERS)).replace("\0", "") for _ in range(3)]
+    return [*words, *([name, *values[: option.nargs if option.nargs == 3 else 1]] if option.nargs else [f"{name}={values[0]}"])]
+
 
 
 def resumed(chance: random.Random, valid, place: Path) -> list[str]:
@@ -145,7 +200,7 @@ def forged(chance: random.Random, valid, place: Path) -> list[str]:
     return ["simulate", "o.parquet", "--sample", "3", "-o", "r.csv"]
 
 
-KINDS = (simulated, with_set, evaluated, planned, replayed, analysed, designed, resumed, sampled, swept, forged)
+KINDS = (simulated, with_set, evaluated, planned, replayed, analysed, designed, optioned, resumed, sampled, swept, forged)
 
 
 def try_all(kind, seeds, valid, place: Path, capfd) -> None:
