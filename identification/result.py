@@ -11,7 +11,7 @@ from ..readers.errors import BadInput
 from .identifiability import Combination
 from .output_error import OutputError
 
-ABSURD = 10.0  # times the value that was expected, or a part of it: no length or mass is that far off
+ABSURD = 5.0  # times the value that was expected, or a part of it: no length or mass is that far off
 DOUBTFUL = 0.5  # standard deviation relative to the value above which the log does not determine it
 
 
