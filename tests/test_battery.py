@@ -95,7 +95,7 @@ BYTES = {  # at most: of the struct that is all a law's memory, in float; in dou
     "tractor_trailer": 280,
     "tractor_trailer_4": 480,  # the forces on the ground, body by body: eight constants for each trailer
     **dict.fromkeys(("car", "f1tenth"), 420),
-    "bus": 350,  # as a car's, with a body behind the front axle
+    "bus": 350,  # rear wheels steer with the front ones: inertias by their ratio, too
     "mecanum": 280,
     "labmate": 280,
     **dict.fromkeys(("tricycle", "forklift"), 380),
