@@ -7,7 +7,7 @@ import sys
 import traceback
 import types
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -32,7 +32,7 @@ from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import SHIPPED
 from .errors import BadInput, suggestion
 from .files import SHIPPED as SPECS
-from .files import read_input
+from .files import file_or_shipped, read_input
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,11 @@ def beside(robot: str, file: Path | str) -> str:
 
 
 def near(name: str, file: Path | str) -> str:
-    """Return a file that is named in another `file`, looked up relative to that first, then to the current folder."""
+    """Return a file that is named in another `file`, or in the shipped SPEC of that name, looked up relative to that first, then
+    to the current folder.
+    """
+    with suppress(BadInput):  # a text of another name
+        file = file_or_shipped(file, ".toml")
     there = Path(file).parent / name
     return str(there) if "\0" not in name and there.is_file() else name
 

@@ -81,13 +81,12 @@ class Result:
 def steps(folder: Path) -> list[Step]:
     """Return all steps of a night whose files are in a folder."""
     make, python = ["make", "--no-print-directory"], sys.executable
-    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M))
 
     def target(name: str, *options: str, cores: int = 1) -> Step:
         return Step(name, [*make, name, *options], cores=cores)
 
     # The tests of the day, by which the margins are measured.
-    found = [target("margins" if "margins" in targets else "suite", cores=os.cpu_count() or 1)]
+    found = [target("margins", cores=os.cpu_count() or 1)]
     found += [target("lint"), target("types"), target("check-generated"), target("bits"), target("firmware-test")]
     found += [target("figures", "ALL=--all")]
     found += [Step(f"night {file}", _pytest(folder, f"night {file}", file, "-m", "nightly")) for file in _files_of_the_night()]

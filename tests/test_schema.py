@@ -17,7 +17,7 @@ import pytest
 from noslip.cli.main import main
 from noslip.readers.errors import BadInput
 from noslip.readers.reading import entry, number, section, text
-from noslip.simulation.specification.spec import spec_of_table
+from noslip.simulation.specification.spec import read_spec, spec_of_table
 from noslip.verification.cases import read_cases
 
 SPECS = Path(noslip.__file__).parent / "specs"
@@ -273,3 +273,13 @@ def test_cases_that_the_reader_refuses_the_schema_refuses(key, value, tmp_path):
             with pytest.raises(BadInput):
                 read_cases(os.fspath(file))
     assert not accepted("cases", {"cases": []}) and not accepted("cases", {"cases": [CASE], "bot": "x"})
+
+
+def test_a_shipped_spec_is_known_by_its_name_in_any_folder(tmp_path, monkeypatch):
+    """With the files that it names, which are beside it."""
+    specs = [file for file in SHIPPED if ".py:" in tomllib.loads(file.read_text())["robot"]]
+    assert len(specs) > 5
+    monkeypatch.chdir(tmp_path)
+    for file in specs:
+        spec = read_spec(file.stem)
+        assert spec == read_spec(file) and Path(spec.robot.partition(":")[0]).is_file()
