@@ -13,6 +13,7 @@ from ..model.errors import ModelError
 from ..model.law import default_gains, gain_names
 from ..model.linearization import ASIDE, STEEPEST, linearize
 from ..model.mechanism import Mechanism
+from ..model.names import EXTENDED
 from ..model.outputs import output_map, output_names
 from ..model.reduction import ReducedSystem
 from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth, rolling_growth
@@ -32,8 +33,9 @@ from .distributions.properties import Check
 from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
 from .flatness.flatness import Flatness, flatness
+from .outputs.confirmation import confirm
 from .outputs.decoupling import decouple
-from .outputs.normal_form import NormalForm, StraightMotion, normal_form
+from .outputs.normal_form import ExtendedForm, NormalForm, StraightMotion, normal_form
 from .underactuated import verdicts
 
 Contact = RollingContact | PlanarContact
@@ -125,10 +127,49 @@ def analyse(
     with placed(system):
         constraints = _of_contact(system, progress) if isinstance(system, Contact) else _of_distribution(system, progress)
     outputs, refused, nothing = _outputs(system, laws, progress)
+    constraints = _with_declared(constraints, system, outputs)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
     rolling = {file: start_rolling(file) for file in starts}
     about = getattr(system, "about", "")
     return Answer(system.name, about, constraints, outputs, refused, nothing, verdicts, rolling, tables, _at_rest(system))
+
+
+def _with_declared(constraints: Constraints, system: System, forms: Mapping[str, NormalForm]) -> Constraints:
+    """Return the constraints with the verdict that outputs which the robot declares are flat where none was found: with a dynamic
+    extension they and their derivatives are the whole state, without coordinates on which nothing depends.
+    """
+    open_ = [each for each in constraints.flatness if each.check.verdict is not False and each.found is None]
+    if not isinstance(system, Mechanism) or not open_:
+        return constraints
+    flatness, checks = constraints.flatness, constraints.checks
+    for output in system.outputs:
+        form = forms.get(output.name + EXTENDED) or (None if output.name in forms else _extended(system, output.name))
+        if not isinstance(form, ExtendedForm) or form.others or form.along:
+            continue
+        rows = ", ".join(row.name for row in form.decoupling.linearization.output.rows)
+        reason = f"{output.name}, an output that is declared, is flat: it and its derivatives are the whole state"
+        known: dict[str, Any] = {"verdict": True, "reason": reason, "reference": "its dynamic extension leaves no zero dynamics"}
+        flatness = tuple(
+            replace(each, check=replace(each.check, **known), missing=f"{rows}, of {output.name}")
+            if each in open_ and set(each.without) == set(form.cyclic)
+            else each
+            for each in flatness
+        )
+        if not form.cyclic:
+            checks = tuple(
+                replace(each, **known) if each.name == "dynamic_feedback_linearizable" and each.verdict is None else each
+                for each in checks
+            )
+    json = constraints.json | {"checks": [each.as_json() for each in checks]}
+    return replace(constraints, flatness=flatness, checks=checks, json=json)
+
+
+def _extended(system: Mechanism, name: str) -> NormalForm | None:
+    """Return the normal form of an output with a dynamic extension; None if there is none."""
+    try:
+        return _form(system_of(system), name + EXTENDED)
+    except ModelError:
+        return None
 
 
 def _at_rest(system: System) -> tuple[str, ...]:
@@ -234,12 +275,16 @@ def damped_near(form: NormalForm) -> list[str]:
 
 
 def driven_straight(answer: Answer) -> list[str]:
-    """Describe the motion of trailers and other joints, the same for all outputs; empty if there are none."""
-    shape = next((form.shape for form in answer.outputs.values() if form.moving and form.shape.names), None)
-    if shape is None:
-        return []
-    note = "v is the forward speed; on a path of small curvature, the same coordinates converge and diverge"
-    return [*shape.lines(), *([note] if shape.decided else [])]
+    """Describe the motion of trailers and other joints, with the outputs of which it is true unless these are all; empty if there
+    are none.
+    """
+    shapes: dict[tuple[str, ...], list[str]] = {}
+    for law, form in answer.outputs.items():
+        if form.moving and form.shape.names:
+            v = form.decoupling.names["v"]
+            note = f"{v} is {form.shape.speed}; on a path of small curvature, the same coordinates converge and diverge"
+            shapes.setdefault((*form.shape.lines(), *([note] if form.shape.decided else [])), []).append(law)
+    return [f"{', '.join(laws)}: {line}" if len(shapes) > 1 else line for lines, laws in shapes.items() for line in lines]
 
 
 def uncontrolled(form: NormalForm) -> str:
@@ -349,7 +394,9 @@ def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[d
 @lru_cache(maxsize=64)
 def _form(system: ReducedSystem, law: str) -> NormalForm:
     with provable(system.mechanism.name):
-        return normal_form(decouple(linearize(system, output_map(system, law))))
+        form = normal_form(decouple(linearize(system, output_map(system, law))))
+    confirm(form)
+    return form
 
 
 def _reason(error: ModelError, system: Mechanism) -> str:
@@ -400,7 +447,7 @@ def _moving_json(form: NormalForm, moving: StraightMotion) -> dict[str, Any]:
         "settles": moving.settles,
         "stable_when": moving.stable_when or None,
         "rate": None if moving.rate is None else written(moving.rate),
-        "shape": {each.name: written(sp.Symbol("V") * each.rate) for each in moving.shape.followers},
+        "shape": {each.name: written(sp.Symbol(form.decoupling.names["V"]) * each.rate) for each in moving.shape.followers},
         "not_examined": [] if moving.shape.decided else list(moving.shape.names),
         "lever": None if moving.lookahead is None else written(moving.lookahead),
         "lever_default": None if moving.lookahead is None else form.decoupling.at_defaults(moving.lookahead),

@@ -23,20 +23,20 @@ BREAK = Markup("<br>")
 
 def report(answer: Answer) -> str:
     """The page."""
-    used = {name for form in answer.outputs.values() for each in form.moving for name in each.symbols}
+    legend = {name: about for form in answer.outputs.values() for each in form.moving for name, about in each.symbols.items()}
     return render(
         __file__,
         "report.html",
         answer=answer,
         growth=_growth(answer.constraints),
         straight=[_typeset(line) for line in driven_straight(answer)] if answer.outputs else [],
-        legend=[(_symbol(name), about) for name, about in SYMBOLS.items() if name in used],
+        legend=[(_symbol(name), about) for name, about in legend.items()],
         normal_form=_normal_form,
         course=_course,
         math=mathml,
         symbol=_symbol,
         symbol_of=sp.Symbol,
-        symbols=SYMBOLS,
+        s_is=SYMBOLS["s"].format(s="s"),
         verdicts=VERDICTS,
         marks={True: "✓", False: "✗", None: "?"},
         safe=SAFE,

@@ -7,7 +7,7 @@ from .answers import Answer, damped_near, driven_straight, singular_when, uncont
 from .certification.safety import BASIS
 from .exact.symbolic import written
 from .flatness.flatness import Flatness
-from .outputs.normal_form import SYMBOLS, NormalForm
+from .outputs.normal_form import NormalForm
 
 WIDTH = 120
 VERDICTS = {True: "yes", False: "no", None: "not decided"}
@@ -111,8 +111,7 @@ def _legend(form: NormalForm) -> dict[str, str]:
             meanings[f"({normal.x}, {normal.y})"] = "gradient of the distance at P_l, of length 1 on the path"
     if form.moving and decoupling.planar and not decoupling.planar.heading.is_Symbol:
         meanings["heading"] = f"{written(decoupling.planar.heading)}, of the part of the vehicle with P_l and its axle"
-    used = {name for each in form.moving for name in each.symbols}
-    return meanings | {name: about for name, about in SYMBOLS.items() if name in used}
+    return meanings | {name: about for each in form.moving for name, about in each.symbols.items()}
 
 
 def labelled(label: str, parts: Iterable[str], indent: int = 2) -> list[str]:

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any, NoReturn
 
 from .. import __version__
-from ..readers.errors import BadInput, Mismatch, suggestion
+from ..readers.errors import BadInput, Contradiction, Mismatch, suggestion
 from . import BAD_INPUT, COMMANDS, DIFFERS, INTERNAL, MODULES, READER_GONE
 
 ADVICE = {
@@ -166,6 +166,8 @@ def _report(error: Exception) -> int:
         for line in (*str(error).splitlines(), "nothing is written: the generated C differs from the model; please report this"):
             _fail(DIFFERS, line)
         return DIFFERS
+    if isinstance(error, Contradiction):
+        return _fail(DIFFERS, f"{error}; nothing is printed, please report this")
     if isinstance(error, OSError) and error.errno is not None:
         if error.errno == errno.ENOENT and _is_nowhere():
             return _fail(BAD_INPUT, "the current folder no longer exists; change to one that does")

@@ -1,4 +1,4 @@
-"""The exceptions that the command line reports: it exits with code 2 for bad input, 1 for C that differs from the model."""
+"""The exceptions that the command line reports: it exits with code 2 for bad input, 1 for a result that a check contradicts."""
 
 import difflib
 import json
@@ -16,6 +16,10 @@ class BadInput(Exception):
 
 class Mismatch(Exception):
     """The generated C differs from the model: a line for each law that differs. This is a defect of noslip."""
+
+
+class Contradiction(Exception):
+    """A run of a robot contradicts a verdict about it: a line that states both. This is a defect of noslip."""
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:

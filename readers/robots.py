@@ -19,6 +19,7 @@ from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
 from ..model.names import (
     ARCLENGTH,
+    EXTENDED,
     KINEMATIC,
     LawName,
     without_arclength,
@@ -98,8 +99,12 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
 
 
 def find_laws(system: ReducedSystem) -> tuple[str, ...]:
-    """Return the names of the laws that this robot can have, Types I to IV first, then its own; empty if there are none."""
-    return tuple(name for name in output_names(system.mechanism) if _fits(system, name))
+    """Return the names of the laws that this robot can have, Types I to IV first, then its own; if there are none, its own that
+    need a dynamic extension.
+    """
+    extended = [output.name + EXTENDED for output in system.mechanism.outputs]
+    found, others = (tuple(name for name in names if _fits(system, name)) for names in (output_names(system.mechanism), extended))
+    return found or others
 
 
 @cache

@@ -472,7 +472,7 @@ def test_an_underactuated_robot_in_text_page_and_json(system_file, tmp_path, cap
     for text in (capsys.readouterr().out, page.read_text()):
         assert phrase in text and "nu' = u" not in text and "8 of 8 dimensions" in " ".join(text.split())
     data = ask([robot], capsys)
-    assert data["properties_of"] == phrase and data["input_state_linearizable"] is None
+    assert data["properties_of"] == phrase and data["input_state_linearizable"] is False
     verdicts = {c["name"]: c["verdict"] for c in data["checks"]}
     assert verdicts["controllable"] is True and verdicts["lagrange_stable"] is None
     assert all(place["verified"] for place in data["singular_places"])

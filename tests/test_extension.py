@@ -866,7 +866,7 @@ def test_the_answer_about_an_extended_law(capsys, tmp_path):
 
 
 def test_what_an_extension_leaves_undecided_is_said(monkeypatch):
-    monkeypatch.setattr(normal_form, "shape_names", lambda system: ())
+    monkeypatch.setattr(normal_form, "posture_names", lambda system: ())
     with pytest.raises(ModelError, match="type_i_extended: the dynamic extension leaves 3 states .* not decided"):
         normal_form.normal_form(decouple(law_of(tractor_trailer(1), "type_i_extended").linearization))
 

@@ -9,9 +9,12 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import casadi as ca
 import mpmath
+import numpy as np
+from scipy.linalg import null_space as null_space_of
 
 from ...model.algebra.expression import fold
 from ...model.algebra.samples import Sampled
@@ -21,6 +24,8 @@ from ...model.reduction import ReducedSystem, null_space
 from ..exact.real_points import DIGITS, rank
 from ..exact.symbolic import FUNCTIONS
 
+LARGEST = 20_000  # operations of a bracket
+CONSTANT = 1e-9  # of sizes about 1: what is below it is zero
 STATES = 3  # random states at which ranks are computed
 ROUNDING = 1e-12  # relative, of numbers in a model such as 0.1; smaller values compared with the terms of a bracket are zero
 NUMERIC: Mapping[int, Callable] = {
@@ -101,6 +106,79 @@ class Actuation:
             good = [resting(products[i][j]) for j in range(count) for i in range(j)]
             spans = _rank([*own, *good]) == self.dof
             return True if free and spans and _rank([*own, *bad]) == _rank(own) else None
+
+    @cached_property
+    def linearizable(self) -> tuple[bool, str] | None:
+        """Whether static state feedback linearizes it where it is accessible, and why, at the default parameters; None if that
+        cannot be computed.
+
+        D_1 = span{g_j} and D_(k+1) = D_k + [f, D_k] must be involutive, up to one with all dimensions that are `reached`
+        (B. Jakubczyk, W. Respondek, On linearization of control systems, Bull. Acad. Pol. Sci. 28, 1980): ranks at random states.
+        """
+        try:
+            return self._linearizable()
+        except (ModelError, KeyError, ZeroDivisionError, RuntimeError, ValueError):
+            return None
+
+    def _linearizable(self) -> tuple[bool, str] | None:
+        (x, drift, driving), states = self._fields, [self._value(seed) for seed in range(STATES)]
+
+        def independent(fields: list[ca.SX], more: list[tuple[ca.SX, ca.SX, ca.SX]]) -> list[ca.SX]:
+            """Return the brackets among `more`, each with the two fields of which it is one, that add to the span of fields."""
+            added: list[ca.SX] = []
+            for bracket, a, b in more:
+                for value in states:
+                    entries = value(bracket)
+                    negligible = _size(entries) <= ROUNDING * _size(value(a)) * _size(value(b))
+                    spanned = [value(each) for each in (*fields, *added)]
+                    if not negligible and _rank([*spanned, entries]) > _rank(spanned):
+                        added.append(bracket)
+                        break
+            return added
+
+        with mpmath.workdps(DIGITS):
+            fields = newest = list(driving)
+            for k in range(1, x.numel() + 1):
+                brackets = [(_bracket(a, b, x), a, b) for a, b in combinations(fields, 2)]
+                if max(ca.n_nodes(each) for each, *_ in brackets or [(x, x, x)]) > LARGEST:
+                    return None
+                if independent(fields, brackets):
+                    return False, f"D_{k}, of the inputs and their brackets with the drift, is not involutive"
+                newest = independent(fields, [(_bracket(drift, field, x), drift, field) for field in newest])
+                if not newest:
+                    break
+                fields = [*fields, *newest]
+            if len(fields) == self.reached:
+                return True, f"D_1 to D_{k} are involutive, and the last has all {len(fields)} dimensions"
+            return False, f"D_1 to D_{k} are involutive, but have {len(fields)} dimensions of {self.reached}"
+
+    @cached_property
+    def momentum(self) -> tuple[str, ...]:
+        """The coordinates of a common displacement whose momentum no input changes and is the rate of a function of q, at the
+        default parameters; empty if none is found.
+
+        Constant displacements xi with A xi = 0 that no input drives, E' xi = 0: the momentum p = xi' M qdot has the rate
+        xi' (Mdot qdot - V). If that is zero in all motions and xi' M is a gradient, the function grows with p t.
+        """
+        mechanism, system = self.mechanism, self._system
+        rate = ca.jtimes(mechanism.M, mechanism.q, system.qdot) @ system.qdot - system.V
+        state = ca.vertcat(mechanism.q, system.nu)
+        rows = ca.Function("rows", [state, mechanism.p], [ca.densify(ca.vertcat(mechanism.A, mechanism.E.T, rate.T))])
+        xi = ca.SX.sym("xi", len(mechanism.coordinates))
+        slopes = ca.jacobian(mechanism.M @ xi, mechanism.q)
+        curl, by_nu = ca.densify(slopes - slopes.T), ca.densify(system.S.T @ mechanism.M @ xi)
+        closed = ca.Function("closed", [state, mechanism.p, xi], [curl, by_nu])
+        draw, parameters = np.random.default_rng(1992), [p.default for p in mechanism.parameters]
+        states = draw.uniform(-1, 1, (2 * len(mechanism.coordinates), state.numel()))
+        stacked = np.concatenate([rows(each, parameters).full() for each in states])
+        if not np.isfinite(stacked).all():
+            return ()
+        for displacement in null_space_of(stacked, rcond=CONSTANT).T:
+            values = [[part.full() for part in closed(each, parameters, displacement)] for each in states]
+            if all(np.abs(curl).max() < CONSTANT for curl, _ in values) and min(np.abs(p).max() for _, p in values) > CONSTANT:
+                moved = np.abs(displacement) > CONSTANT
+                return tuple(q.name for q, moves in zip(mechanism.coordinates, moved, strict=True) if moves)
+        return ()
 
     @cached_property
     def _fields(self) -> tuple[ca.SX, ca.SX, list[ca.SX]]:

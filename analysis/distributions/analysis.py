@@ -122,10 +122,7 @@ class Analysis:
             "singular_places_complete": self.places.complete,
             "properties_of": self.controlled,
             "input_state_linearizable": self.check("input_state_linearizable").verdict,
-            "checks": [
-                {"name": c.name, "on": c.where, "verdict": c.verdict, "reason": c.reason, "reference": c.reference}
-                for c in self.checks
-            ],
+            "checks": [check.as_json() for check in self.checks],
         }
 
 

@@ -14,7 +14,7 @@ from ...model.errors import ModelError
 from ..exact.functions import Functions, TooLarge, Vector
 from ..exact.half_angles import doubled, expression, factors, never_zero, no_common_zero, product
 from ..exact.points import MODULAR, NoPoint, Point, random_point
-from ..exact.readable import readable
+from ..exact.readable import readable, unsigned
 from ..exact.real_points import RealPoint, real_point
 from ..exact.symbolic import written
 from .brackets import Brackets, Span, VectorField
@@ -180,7 +180,7 @@ def _brackets(Delta: Distribution, near: dict[tuple[Vector, ...], Brackets], poi
 def words(functions: Functions, form: PolyElement) -> str:
     """Describe the condition form = 0 for a form in half angles."""
     condition = expression(functions, form)
-    turned = sp.fu(condition) if len(form) <= 8 and condition.has(sp.sin) else condition
+    turned = sp.fu(condition) if len(form) <= 8 and condition.has(sp.sin) else unsigned(condition)
     core = turned.as_coeff_Mul()[1]
     if isinstance(core, sp.cos | sp.sin):
         twice = sp.expand(2 * core.args[0])

@@ -23,6 +23,8 @@ ONE_INPUT = (
 )
 SYMMETRIC = "A. D. Lewis, Simple mechanical control systems with constraints, IEEE TAC 45(8), 2000"
 ACCESSIBILITY = "H. J. Sussmann, V. Jurdjevic, Controllability of nonlinear systems, J. Differential Equations 12, 1972"
+JAKUBCZYK = "B. Jakubczyk, W. Respondek, On linearization of control systems, Bull. Acad. Pol. Sci. 28, 1980"
+NOETHER = "Noether's theorem: A. M. Bloch, Nonholonomic Mechanics and Control, 2003, section 5.5"
 PFAFF = "the normal form of Pfaff and Darboux of one one-form"
 
 
@@ -52,6 +54,11 @@ class Check:
         return (
             f"{self.question} (on {'the leaf' if self.where == LEAF else self.where}): {answer}, {self.reason} [{self.reference}]"
         )
+
+    def as_json(self) -> dict[str, str | bool | None]:
+        """Return plain data."""
+        kept = {"name": self.name, "on": self.where, "verdict": self.verdict}
+        return {**kept, "reason": self.reason, "reference": self.reference}
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,16 @@ def _underactuated(Delta: Distribution, check: Check, inputs: Actuation) -> Chec
         return replace(check, hypotheses=check.hypotheses[1:])
     if check.name in ("controllable", "input_state_linearizable") and reached is not None and reached < states:
         return replace(check, verdict=False, reason="it is not accessible", hypotheses=driven, reference=ACCESSIBILITY)
+    if check.name == "input_state_linearizable" and check.where == SPACE and Delta.holonomic:
+        return replace(check, verdict=False, reason="it is not accessible", hypotheses=driven, reference=ACCESSIBILITY)
+    if check.name == "input_state_linearizable" and inputs.linearizable is not None:
+        verdict, why = inputs.linearizable
+        numbers = "at random states, at the default parameters"
+        return replace(check, verdict=verdict, reason=f"{reason}; {why}, {numbers}", hypotheses=driven, reference=JAKUBCZYK)
+    if check.name == "lagrange_stable" and inputs.momentum:
+        moved = ", ".join(inputs.momentum)
+        why = f"the momentum of a common displacement of {moved} is constant, and where it is not 0 a function of q grows with it"
+        return replace(check, verdict=False, reason=f"{reason}; {why}", hypotheses=driven, reference=NOETHER)
     if check.name == "controllable" and inputs.at_rest is not None:
         return replace(check, verdict=inputs.at_rest, hypotheses=driven, **_at_rest(inputs.at_rest, reason))
     return replace(check, verdict=None, reason=reason, hypotheses=driven, reference="the theorems used here apply to (13)")

@@ -171,8 +171,8 @@ class Functions:
         if isinstance(e, sp.Abs):
             self._assume(e.args[0])
             return self.ratio(e.args[0])
-        if isinstance(e, sp.sin | sp.cos):
-            cosine, sine = self._circle(*self._in_angles[e.args[0]])
+        if isinstance(e, sp.sin | sp.cos) and (parts := self._combination(e.args[0])):
+            cosine, sine = self._circle(*parts)
             return self._lift(sine if isinstance(e, sp.sin) else cosine)
         if isinstance(e, sp.exp):
             return self._exponential(*self._in_exponents[e.args[0]])
@@ -214,14 +214,9 @@ class Functions:
         """Return arguments independent over the rationals, and every argument as a combination of these."""
         offsets, rows = {}, []
         for argument in arguments:
-            offset, rest = sp.expand(argument).as_independent(*self.symbols, as_Add=True)
-            if not (offset / sp.pi).is_Rational:
-                offset, rest = sp.Integer(0), sp.expand(argument)
-            offsets[argument] = offset
+            offsets[argument], rest = self._without_offset(argument)
             rows.append(self._rational(rest))
-        common = prod({bottom for _, bottom in rows}, start=self.ring.one)
-        tops = [dict(top * common.exquo(bottom)) for top, bottom in rows]
-        monomials = sorted({m for top in tops for m in top})
+        tops, monomials = self._over_one_denominator(rows)
         order = sorted(range(len(rows)), key=lambda k: (len(rows[k][0]), sp.default_sort_key(arguments[k])))
         basis: list[int] = []
         for k in order:
@@ -240,6 +235,31 @@ class Functions:
             elements.append((sp.expand(arguments[place] - offsets[arguments[place]]) / finest, (top, bottom * finest)))
         combinations = [[(j, int(m)) for j, m in enumerate(multiples[k]) if m] for k in range(len(rows))]
         return elements, {a: (offsets[a], parts) for a, parts in zip(arguments, combinations, strict=True)}
+
+    def _combination(self, argument: sp.Expr) -> Combination | None:
+        """Return an argument of sines and cosines as a combination of the angles; None if it is none."""
+        if argument not in self._in_angles:
+            offset, rest = self._without_offset(argument)
+            rows = [angle.argument for angle in self.angles] + [self._rational(rest)]
+            tops, monomials = self._over_one_denominator(rows)
+            matrix = DomainMatrix([[QQ(top.get(m, 0)) for m in monomials] for top in tops], (len(tops), len(monomials)), QQ)
+            multiples = _solve(tops[:-1], tops[-1], monomials) if matrix.rank() == len(self.angles) else [QQ(1, 2)]
+            if any(multiple.denominator != 1 for multiple in multiples):
+                return None
+            self._in_angles[argument] = (offset, [(k, int(m)) for k, m in enumerate(multiples) if m])
+        return self._in_angles[argument]
+
+    def _without_offset(self, argument: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """Return a multiple of pi, and the rest of an argument."""
+        offset, rest = sp.expand(argument).as_independent(*self.symbols, as_Add=True)
+        return (offset, rest) if (offset / sp.pi).is_Rational else (sp.Integer(0), sp.expand(argument))
+
+    def _over_one_denominator(self, rows: Sequence[Ratio]) -> tuple[list[dict], list]:
+        """Return the numerators of ratios over one denominator, as dictionaries, and all their monomials."""
+        lifted = [self._lift(row) for row in rows]
+        common = prod({bottom for _, bottom in lifted}, start=self.ring.one)
+        tops = [dict(top * common.exquo(bottom)) for top, bottom in lifted]
+        return tops, sorted({m for top in tops for m in top})
 
     def _rational(self, argument: sp.Expr) -> Ratio:
         if not argument.is_rational_function(*self.expressions):

@@ -31,9 +31,16 @@ def unsigned(expression: sp.Expr) -> sp.Expr:
 def _added(base: sp.Add) -> sp.Expr:
     """sin(a)*cos(b) + cos(a)*sin(b) as sin(a + b), if that is shorter."""
     angles = {wave.args[0] for wave in base.atoms(sp.sin, sp.cos)}
-    if len(angles) < 2 or len(base.args) > LONGEST:
+    if len(angles) < 2:
         return base
-    return min((base, TR10i(base)), key=sp.count_ops)
+    if len(base.args) <= LONGEST:
+        return min((base, TR10i(base)), key=sp.count_ops)
+    alike: dict[sp.Expr, list[sp.Expr]] = {}  # by what is not a sine or cosine, up to its sign
+    for term in base.args:
+        rest = sp.Mul(*[part for part in sp.Mul.make_args(term) if not isinstance(part, sp.sin | sp.cos)])
+        alike.setdefault(abs(rest.as_coeff_Mul()[0]) * rest.as_coeff_Mul()[1], []).append(term)
+    sums = [sp.Add(*terms) for terms in alike.values()]
+    return sp.Add(*[min((each, TR10i(each)), key=sp.count_ops) if len(each.args) <= LONGEST else each for each in sums])
 
 
 def _collected(base: sp.Expr) -> sp.Expr:
@@ -63,9 +70,9 @@ def _by_angle(base: sp.Add, angle: sp.Expr) -> list[sp.Expr]:
     return rest
 
 
-def _turned(total: sp.Add) -> sp.Expr:
+def _turned(total: sp.Expr) -> sp.Expr:
     """Return minus the expression, term by term."""
-    return sp.Add(*[-term for term in total.args])
+    return sp.Add(*[-term for term in sp.Add.make_args(total)])
 
 
 def _is_negative(term: sp.Expr) -> bool:

@@ -26,10 +26,11 @@ from ..exact.points import NoPoint, Point, random_point, refuse_dependent_roots
 from ..exact.readable import readable, unsigned
 from ..exact.real_points import RealPoint, real_point
 from ..exact.symbolic import as_matrix, symbol, symbolic, written
-from .planar import Arm, Planar, arm, arm_quantities, planar, planar_quantities
+from .planar import Arm, Planar, arm, arm_quantities, motion_quantities, planar, planar_quantities
 
 Slope = tuple[sp.Expr, sp.Expr]  # derivative by a point in the plane
 
+OWN = ("s", "chi", "V", "v", "psi", "along_path")  # names of symbols in the answers, if the robot does not have them
 SHORT = 30  # operations of a formula with n_x, n_y expanded; longer formulas keep the symbols
 SEEDS = 3  # points tried on each condition
 
@@ -75,7 +76,8 @@ class Decoupling:
     inverted, r x r; 0 x 0 if it is constant. `inertias`, which are positive, are those by which the passive
     equations of an underactuated robot are divided. `arms`: for each row, the vector to its point of the vehicle. `slopes`: for
     each row, its constant gradient with respect to that point. `renamed`: symbols of the output map's own parameters that have
-    the same name as others of the robot.
+    the same name as others of the robot. `names`: of each symbol in OWN the name that it has here. `motion`: see
+    `motion_quantities`, 3 x p; `effect`: that of the integrators of a dynamic extension; both empty without one.
     """
 
     linearization: Linearization
@@ -93,6 +95,9 @@ class Decoupling:
     slopes: tuple[Slope | None, ...]
     normal: Normal | None
     renamed: dict[str, str]
+    names: dict[str, str]
+    motion: sp.Matrix
+    effect: tuple[sp.Expr, ...]
 
     def lowest(self, expression: sp.Expr) -> sp.Expr:
         """Return the same function in lowest terms, in factors."""
@@ -133,10 +138,13 @@ class Decoupling:
 
     @cached_property
     def conditions(self) -> tuple[SingularCondition, ...]:
-        """Conditions for det Phi = 0, then those for det S'E = 0: one of these holds. Empty: never."""
+        """Conditions for det Phi = 0, poles of what an extension integrates, and S'E of lower rank. Empty: never."""
         of_Phi = self._vanishing(self._ratio[0])
         of_inputs = [f for f in self._inputs_vanish if f not in of_Phi]
         found = [SingularCondition(*self._described(f), self._singular_on(f, self.Phi)) for f in of_Phi]
+        poles = [f for entry in self.effect for f in self._vanishing(self.functions.ratio(entry)[1]) if f not in of_Phi]
+        for formula, about in (self._described(f) for f in dict.fromkeys(poles)):
+            found.append(SingularCondition(formula, f"what is integrated has a pole{f': {about}' if about else ''}", True))
         for formula, about, factor in ((*self._described(f), f) for f in of_inputs):
             about = f"inputs lose a direction{f': {about}' if about else ''}"
             found.append(SingularCondition(formula, about, self._singular_on(factor, self.inputs)))
@@ -298,7 +306,7 @@ def decouple(linearization: Linearization) -> Decoupling:
     where = f"{system.mechanism.name}, output {output.name}"
     followed = next((row for row in output.rows if output.path is not None and _is_followed(row)), None)
     own = _distinct([*state, *system.mechanism.parameters], output.parameters, output.path.kind if output.path else "output")
-    used = {q.name for q in (*state, *system.mechanism.parameters, *own)}
+    used = {q.name for q in (*state, *system.mechanism.parameters, *system.mechanism.inputs, *own)}
     normals = [_fresh(name, used) for name in ("n_x", "n_y")] if followed else []
     quantities = [*state, *normals, *system.mechanism.parameters, *own]
     gradients = [_gradient(linearization, k, normals if row is followed else []) for k, row in enumerate(output.rows)]
@@ -321,6 +329,8 @@ def decouple(linearization: Linearization) -> Decoupling:
         "inertias": passive_inertias(system, system.annihilator),
         "planar": planar_quantities(system),
         **{f"arm {k}": arm_quantities(system, row) for k, row in enumerate(output.rows)},
+        "motion": motion_quantities(linearization),
+        "effect": linearization.integrators.effect if linearization.integrators else ca.SX(0, 1),
     }
     entries = {name: symbolic(part, quantities, f"{where}: {name}") if part.numel() else [] for name, part in parts.items()}
     fixed = (*system.mechanism.parameters, *own)
@@ -352,6 +362,9 @@ def decouple(linearization: Linearization) -> Decoupling:
             for new, old in zip(own, output.parameters, strict=True)
             if new != old
         },
+        names={name: _fresh(name, used).name for name in OWN},
+        motion=as_matrix(entries["motion"], parts["motion"].shape),
+        effect=tuple(entries["effect"]),
     )
 
 

@@ -7,12 +7,13 @@ With a dynamic extension z2 has all derivatives below the relative degrees, and 
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, islice
 
 import casadi as ca
+import numpy as np
 import sympy as sp
 
 from ...controllers.balance.steady import analyse_at_rest, listed
@@ -24,7 +25,7 @@ from ..exact.readable import readable
 from ..exact.symbolic import written
 from .decoupling import Decoupling, Slope
 from .planar import Arm, Planar
-from .shape import Shape, shape_names, shape_of
+from .shape import Shape, posture_names, shape_of, shape_of_others
 
 CHOICES = 200  # largest number of h~ tried
 
@@ -44,7 +45,7 @@ class StraightMotion:
 
     `stable_when` is empty if it is never stable; it applies to the heading and all of `shape`, or to the heading alone if the
     shape is unknown. `rate`, 1/s, is that of the linearized heading; the sign of `lookahead` (m) determines the stability of the
-    heading.
+    heading. `names`: those of the symbols.
     """
 
     reference: str
@@ -54,6 +55,7 @@ class StraightMotion:
     rate: sp.Expr | None = None
     lookahead: sp.Expr | None = None
     shape: Shape = Shape((), ())
+    names: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """A line."""
@@ -63,14 +65,15 @@ class StraightMotion:
         return f"{self.reference}: {self.equation}{settled}{'' if decided else f'; {self.shape}'}"
 
     @property
-    def symbols(self) -> list[str]:
-        """The entries of SYMBOLS that occur in it."""
+    def symbols(self) -> dict[str, str]:
+        """The symbols of SYMBOLS that occur in it, by their names here, with their meaning."""
         text = f"{self.equation} {self.settles}"
-        return [name for name in SYMBOLS if re.search(rf"\b{name}\b", text)]
+        used = {key: name for key, name in self.names.items() if key in SYMBOLS and re.search(rf"\b{name}\b", text)}
+        return {name: SYMBOLS[key].format(**self.names) for key, name in used.items()}
 
 
 SYMBOLS = {  # in the equations of StraightMotion
-    "s": "n . (cos, sin)(heading), n the unit normal of the path at P_l; Phi is singular where |s| = 1",
+    "s": "n . (cos, sin)(heading), n the unit normal of the path at P_l; Phi is singular where |{s}| = 1",
     "chi": "curvature of the path at P_l, positive where n points away from its centre",
     "V": "speed of the reference, negative in reverse",
     "psi": "direction in which P_l moves",
@@ -156,20 +159,18 @@ class NormalForm:
         return {name: [decoupling.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()}
 
 
-ALONG = sp.Symbol("along_path")  # h~ of a path: the length of it behind P_l
-
-
 @dataclass(frozen=True, eq=False)
 class ExtendedForm(NormalForm):
     """The normal form after a dynamic extension. Wherever Phi is regular the derivatives in z1 and z2 are independent; h~ is
 
     - `cyclic`: coordinates on which neither the motion nor the outputs depend. Their rates are functions of z1 and z2;
-    - for a path the position along it: with the distance at rest P_l moves along the path at the speed of the reference;
+    - for a path, `along`, the length of it behind P_l: with the distance at rest P_l moves along it at the reference's speed;
     - `others`: coordinates of joints. They are the zero dynamics.
     """
 
     cyclic: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    along: bool = False
 
     @property
     def equations(self) -> dict[str, sp.Expr]:  # type: ignore[override]
@@ -180,8 +181,13 @@ class ExtendedForm(NormalForm):
     def zero_dynamics(self) -> str:  # type: ignore[override]
         """What moves while the outputs follow a reference that moves."""
         follow = [f"the rates of {', '.join(self.cyclic)} follow from the outputs"] if self.cyclic else []
-        along = [f"{ALONG}' is the speed of P_l"] if ALONG in self.charts[0].kept else []
-        return "; ".join([*(str(self.shape).split(", ") if self.others else ["none"]), *follow, *along])
+        along = [f"{self.decoupling.names['along_path']}' is the speed of P_l"] if self.along else []
+        return "; ".join([str(self.shape) if self.others else "none", *follow, *along])
+
+    @cached_property
+    def shape(self) -> Shape:
+        """The coordinates of joints, with the motion of the outputs held."""
+        return shape_of_others(self.decoupling, self.others) if self.others else Shape((), ())
 
     @property
     def stability(self) -> str:
@@ -195,21 +201,25 @@ class ExtendedForm(NormalForm):
         """Straight driving, if others are left."""
         if not self.others or not self.shape.decided:
             return ()
-        settles, equation = f"{', '.join(self.others)} -> 0", "the heading is along the motion"
-        return (StraightMotion("V straight ahead", equation, settles, self._stable_when, shape=self.shape),)
+        names = self.decoupling.names
+        settles = ", ".join(each.settles(names["psi"]) for each in self.shape.followers)
+        equation = f"P_l moves in the direction {names['psi']}"
+        reference = f"{names['V']} straight ahead"
+        return (StraightMotion(reference, equation, settles, self._stable_when, shape=self.shape, names=names),)
 
     @property
     def _stable_when(self) -> str:
         ways = {each.way for each in self.shape.followers}
-        return "" if len(ways) != 1 else "V > 0" if ways == {1} else "V < 0"
+        return "" if len(ways) != 1 else f"{self.decoupling.names['V']} {'>' if ways == {1} else '<'} 0"
 
 
 @dataclass(frozen=True, eq=False)
 class PartialForm(NormalForm):
     """The normal form of outputs of an underactuated robot: h~ is the rest of the state [q; nu]. Its zero dynamics are judged at
-    rest, by numbers: `zero_dynamics` are their modes, `stability` the verdict.
+    rest, by numbers: `zero_dynamics` are their `modes` (None: not judged), `stability` the verdict.
     """
 
+    modes: np.ndarray | None = None
     zero_dynamics: str = ""  # type: ignore[assignment]
     stability: str = ""  # type: ignore[assignment]
 
@@ -257,17 +267,18 @@ def _extended_form(decoupling: Decoupling) -> ExtendedForm:
     motion = ca.vertcat(z, ca.vec(linearization.Phi), linearization.drift, ca.vec(system.S))
     state = ca.vertcat(system.mechanism.q, system.nu, integrators.xi)
     cyclic = [c for c in system.mechanism.coordinates if not ca.depends_on(motion, c.symbol)]
-    along = [ALONG] if linearization.output.path else []
-    joints = [c for c in system.mechanism.coordinates if c.name in shape_names(system) and c not in cyclic]
-    for others in ([], joints):
-        kept = [*cyclic, *others]
-        T = ca.vertcat(z, *[c.symbol for c in kept])
-        regular = integrators.sampled(ca.jacobian(T, state), linearization.output).rank() == T.numel()
-        if regular and T.numel() + len(along) == state.numel():
-            names = [sp.Symbol(c.name) for c in kept]
-            chart = Chart((*names, *along), sp.Integer(1), True)
-            return ExtendedForm(decoupling, (chart,), None, tuple(c.name for c in cyclic), tuple(c.name for c in others))
+    along = [sp.Symbol(decoupling.names["along_path"])] if linearization.output.path else []
+    by_name = {c.name: c for c in system.mechanism.coordinates}
+    joints = [by_name[name] for name in reversed(posture_names(system)) if by_name[name] not in cyclic]
     left = state.numel() - z.numel()
+    count = left - len(cyclic) - len(along)
+    for others in combinations(joints, count) if 0 <= count <= len(joints) else ():
+        kept = [*cyclic, *reversed(others)]
+        T = ca.vertcat(z, *[c.symbol for c in kept])
+        if integrators.sampled(ca.jacobian(T, state), linearization.output).rank() == T.numel():
+            chart = Chart((*[sp.Symbol(c.name) for c in kept], *along), sp.Integer(1), True)
+            names = tuple(c.name for c in cyclic), tuple(c.name for c in reversed(others))
+            return ExtendedForm(decoupling, (chart,), None, *names, bool(along))
     raise ModelError(
         f"{decoupling.functions.name}: the dynamic extension leaves {left} states besides the outputs' derivatives, whose "
         f"zero dynamics are not decided: they are not {', '.join(c.name for c in (*cyclic, *joints)) or 'cyclic'} alone"
@@ -288,10 +299,11 @@ def _partial_form(decoupling: Decoupling) -> PartialForm:
     try:
         found = of_outputs(analyse_at_rest(system.mechanism), linearization)
     except ModelError as error:
-        judged = "not decided", str(error)
+        modes, judged = None, ("not decided", str(error))
     else:
-        judged = "not judged" if found.modes is None else f"at rest {listed(found.modes)} 1/s", found.verdict
-    return PartialForm(decoupling, (Chart(tuple(kept), sp.Integer(1), True),), None, *judged)
+        modes = found.modes
+        judged = "not judged" if modes is None else f"at rest {listed(modes)} 1/s", found.verdict
+    return PartialForm(decoupling, (Chart(tuple(kept), sp.Integer(1), True),), None, modes, *judged)
 
 
 def _charts(decoupling: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
@@ -329,26 +341,27 @@ def _along_a_path(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
     speed = next((k for k in decoupling.rates if _same(decoupling, decoupling.Phi.row(k), vehicle.forward)), None)
     if not followed or speed is None or decoupling.slopes[followed[0].row] is not None:
         return ()
-    arm, V = followed[0].arm, sp.Symbol("V")
+    arm, names = followed[0].arm, decoupling.names
+    s, V, bent = names["s"], sp.Symbol(names["V"]), names["chi"]
     if not arm.ahead:
         return ()  # beside the axle: Phi is singular where the heading is along the path
     lookahead, rate, chi = _factor(arm.ahead), -V / arm.ahead, decoupling.normal.chi
     stable_when = _stable_when(shape, V, arm.ahead)
     if arm.left:
-        reference, settles = "V along a straight path", "the heading is along it"
+        reference, settles = f"{V} along a straight path", "the heading is along it"
         equation = f"small deviations of the heading change at the rate {written(rate)}"
     else:
-        reference = "V along a path of small curvature" if shape.followers and chi != 0 else "V along the path"
-        equation = f"{lookahead}*s' = -V*(s - {lookahead}*chi)"
+        reference = f"{V} along a path of small curvature" if shape.followers and chi != 0 else f"{V} along the path"
+        equation = f"{lookahead}*{s}' = -{V}*({s} - {lookahead}*{bent})"
         if chi is None:
-            settles = f"s follows {lookahead}*chi, and |s| < 1 while |{lookahead}*chi| < 1"
+            settles = f"{s} follows {lookahead}*{bent}, and |{s}| < 1 while |{lookahead}*{bent}| < 1"
         elif not chi:
-            settles = "s -> 0 (chi = 0)"
+            settles = f"{s} -> 0 ({bent} = 0)"
         else:
-            settles = f"s -> {written(arm.ahead * chi)} (chi = {written(chi)}), which must be below 1 in size"
+            settles = f"{s} -> {written(arm.ahead * chi)} ({bent} = {written(chi)}), which must be below 1 in size"
     if not stable_when:
         settles = "never stable"
-    return (StraightMotion(reference, equation, settles, stable_when, rate, arm.ahead, shape),)
+    return (StraightMotion(reference, equation, settles, stable_when, rate, arm.ahead, shape, names),)
 
 
 def _point_moving(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
@@ -359,14 +372,15 @@ def _point_moving(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
     if not sp.Matrix([point.slope for point in points]).det():
         return ()
     ahead, heading, factor = points[0].arm.ahead, written(vehicle.heading), _factor(vehicle.heading)
-    equation = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})"
+    V, psi = decoupling.names["V"], decoupling.names["psi"]
+    equation = f"{_factor(ahead)}*{factor}' = {V}*sin({psi} - {factor})"
     forward, backward = map(_losing, map(shape.lost, (1, -1)))
-    settles = f"{heading} -> psi, driving forward{forward}; else {heading} -> psi + pi, driving in reverse{backward}"
+    settles = f"{heading} -> {psi}, driving forward{forward}; else {heading} -> {psi} + pi, driving in reverse{backward}"
     stable_when = f"{written(ahead)} > 0"
     if forward:
         stable_when, settles = "", f"for {stable_when} {settles}"
-    rate = -sp.Symbol("V") / ahead
-    return (StraightMotion("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, shape),)
+    rate, reference = -sp.Symbol(V) / ahead, f"{V} > 0 in the direction {psi}"
+    return (StraightMotion(reference, equation, settles, stable_when, rate, ahead, shape, decoupling.names),)
 
 
 def _heading_held(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
@@ -377,10 +391,10 @@ def _heading_held(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
     if not points or not turns:
         return ()
     (g_x, g_y), name = points[0].slope, decoupling.linearization.output.rows[points[0].row].name
-    speed = sp.Symbol("V") / readable(g_x * vehicle.cosine + g_y * vehicle.sine)
-    equation = f"forward speed = {written(speed)}"
+    V = decoupling.names["V"]
+    equation = f"forward speed = {written(sp.Symbol(V) / readable(g_x * vehicle.cosine + g_y * vehicle.sine))}"
     settles = "the other coordinate of P_l drifts, neither controlled nor bounded"
-    return (StraightMotion(f"{name} at V, heading held", equation, settles, shape=shape),)
+    return (StraightMotion(f"{name} at {V}, heading held", equation, settles, shape=shape, names=decoupling.names),)
 
 
 def _stable_when(shape: Shape, V: sp.Symbol, lookahead: sp.Expr) -> str:

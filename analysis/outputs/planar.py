@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import casadi as ca
 import sympy as sp
 
+from ...model.algebra.exact import canonical
+from ...model.linearization import Linearization
 from ...model.outputs import OutputRow, forward_speed, velocity
 from ...model.reduction import ReducedSystem
 from ..exact.functions import Functions
@@ -78,6 +80,25 @@ def arm(entries: list[sp.Expr], vehicle: Planar | None, functions: Functions) ->
     ahead, left = (_lowest(functions, entry) for entry in (entries[0] + vehicle.ahead, entries[1]))
     fixed = all(functions.is_constant(part) for each in (ahead, left) for part in functions.ratio(each))
     return Arm(ahead, left) if fixed else None
+
+
+def motion_quantities(linearization: Linearization) -> ca.SX:
+    """Return how the outputs of a law with a dynamic extension move, 3 x (n-m): the derivatives by nu of the velocity of their
+    point, 2 x (n-m), and of the speed that is held, zero if it is the point's. 0 x 0 unless these are two functions of q, or the
+    distance of a point from a path and a speed.
+    """
+    system, rows = linearization.system, linearization.output.rows
+    first, last = rows[0], rows[-1]
+    if not linearization.integrators or len(rows) != 2 or system.mechanism.carried:
+        return ca.SX(0, 0)
+    speed = ca.jacobian(last.expression, system.nu)
+    if first.through is not None and first.through.inner.shape == (2, 1) and not speed.is_zero():
+        point = first.through.inner
+    else:
+        point = ca.vertcat(first.expression, last.expression)
+    if ca.depends_on(ca.vertcat(point, ca.vec(speed)), system.nu):
+        return ca.SX(0, 0)
+    return ca.vertcat(canonical(ca.jacobian(point, system.mechanism.q) @ system.S), ca.densify(speed))
 
 
 def _axle(functions: Functions, sideways: sp.Matrix, yaw: sp.Matrix) -> sp.Expr | None:
