@@ -11,6 +11,7 @@ import casadi as ca
 from ..model.algebra.expression import as_text
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
+from ..model.vehicle import steered_axle
 from ..readers.kept import remembered
 from .adaptation.adaptation import adaptation_files
 from .dynamics import DynamicsProgram, compile_dynamics
@@ -35,8 +36,12 @@ def law_program(law: ControlLaw, target: str = "") -> Program:
 
 
 def has_follower(law: ControlLaw, target: str = "") -> bool:
-    """Return whether a follower is written for a law: its step reads position and heading relative to the path only."""
-    return is_followers(law) and FOLLOW in law_program(law, target).entries
+    """Return whether a follower is written for a law.
+
+    That of a steered vehicle calls the law with the whole state; that of two driven wheels requires a law which reads position
+    and heading relative to the path only.
+    """
+    return is_followers(law) and bool(steered_axle(law.system) or FOLLOW in law_program(law, target).entries)
 
 
 @lru_cache(maxsize=16)

@@ -580,7 +580,7 @@ def test_units_in_headers(tmp_path, bad_input):
     from noslip.readers.robots import find_robot, system_of
 
     system, random = system_of(find_robot("labmate")), np.random.default_rng(1)
-    rows = np.column_stack([np.arange(30) * 10.0, *random.normal(size=(5, 30))])
+    rows = np.column_stack([np.arange(30) * 10.0, *np.cumsum(0.1 * random.normal(size=(5, 30)), axis=1)])
     head = "t [ms],theta_r [deg],theta_l,x_c [cm],y_c,yaw [deg]"
     file = tmp_path / "log.csv"
     np.savetxt(file, rows, delimiter=",", header=head, comments="")
