@@ -67,7 +67,9 @@ class Step:
 
 @dataclass
 class Result:
-    """What became of a step; `reason`: why it failed or was skipped."""
+    """What became of a step. `seconds`: its part of the night, its duration times the part of the cores that it uses, so that
+    those of all steps add up to the night. `reason`: why it failed or was skipped.
+    """
 
     name: str
     status: str
@@ -168,8 +170,9 @@ class Night:
                     continue
                 time.sleep(0.05)
                 for one in [one for one in running if one.ended()]:
-                    del running[one]
-                    self._keep(one.result())
+                    result = one.result()
+                    result.seconds *= running.pop(one) / cores
+                    self._keep(result)
         finally:
             for one in running:
                 one.stop()
@@ -330,7 +333,7 @@ def page(found: Mapping) -> str:
     rows = sorted(found["steps"], key=lambda step: (order.index(step["status"]), -step["seconds"]))
     mutants = [{"source": path, **counts} for path, counts in found["mutation"]["files"].items()]
     parts = [
-        f"<h1>The night</h1><p>{counts}; {minutes:.0f} minutes of all steps together.</p>",
+        f"<h1>The night</h1><p>{counts}; {minutes:.0f} minutes.</p>",
         _table("Steps", rows, ("status", "name", "seconds", "reason")),
         _table("Tests that failed", found["failures"], ("test", "says")),
         _table("Mutants", mutants, ("source", "killed", "equivalent", "survived")),
