@@ -3,7 +3,6 @@
 import argparse
 import errno
 import importlib
-import json
 import os
 import re
 import sys
@@ -67,7 +66,9 @@ class PrintSchema(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         """Print the schema and exit."""
         assert callable(self.const)
-        print(json.dumps(self.const(), indent=1))
+        from ..readers.printing import as_json  # imports NumPy
+
+        print(as_json(self.const()))
         sys.stdout.flush()
         parser.exit()
 
@@ -106,11 +107,9 @@ def rendered(args: argparse.Namespace, text: Callable[[], str], values: Callable
     """Return the result of a command: with --json its values as JSON, SI, None for what is not finite; else the text."""
     if not args.json:
         return text()
-    import json
+    from ..readers.printing import as_json, plain  # imports NumPy
 
-    from ..readers.printing import plain  # imports NumPy
-
-    return json.dumps(plain(values()), indent=1, ensure_ascii=False, allow_nan=False)
+    return as_json(plain(values()))
 
 
 def show(args: argparse.Namespace, text: Callable[[], str], values: Callable[[], Any], output: str | None = None) -> None:

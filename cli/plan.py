@@ -2,7 +2,6 @@
 
 import argparse
 import itertools
-import json
 import math
 import re
 import sys
@@ -182,11 +181,11 @@ def _run_between(arguments: argparse.Namespace, segments: list["Segment"]) -> in
 def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: str, points: Sequence[Sequence[float]]) -> int:
     """Write a course and, if desired, its plot beside points, and describe it. Return 0."""
     from ..planning.points import reference_of  # slow to import
-    from ..readers.printing import toml
+    from ..readers.printing import as_json, toml
 
     reference = reference_of(course)
     if arguments.json:
-        written = json.dumps({"reference": reference}, indent=2) + "\n"
+        written = as_json({"reference": reference}) + "\n"
     else:
         written = "[reference]\n" + "".join(f"{name} = {toml(value)}\n" for name, value in reference.items())
     count, length, largest = len(course.lengths), course.way, max(map(abs, course.curvatures))

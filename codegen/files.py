@@ -1,7 +1,6 @@
 """Every file of a robot's C, as text: the same models give the same bytes."""
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -13,6 +12,7 @@ from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..model.vehicle import steered_axle
 from ..readers.kept import remembered
+from ..readers.printing import as_json
 from .adaptation.adaptation import adaptation_files
 from .dynamics import DynamicsProgram, compile_dynamics
 from .ekf.ekf import FilterC, FilterText
@@ -113,7 +113,7 @@ def robot_files(
             files.update(of_filter.files)
             manifest["ekf"] = {"scales": list(scaled), "operations": of_filter.operations}
     manifest["files"] = digests(files)
-    files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
+    files["manifest.json"] = as_json(manifest) + "\n"
     return dict(sorted(files.items()))
 
 

@@ -1,6 +1,5 @@
 """Composite paths in a file: reads and writes a table for each line or arc."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
@@ -126,7 +125,7 @@ def toml(segments: Sequence[Segment], closed: bool = False) -> str:
 def as_json(segments: Sequence[Segment], closed: bool = False) -> str:
     """Return the same path as JSON."""
     path = {"kind": "composite", **({"closed": True} if closed else {}), "segments": tables(segments)}
-    return json.dumps(path, indent=2) + "\n"
+    return printing.as_json(path) + "\n"
 
 
 def _rounded(segment: Segment, scalar: Scalar) -> Segment:

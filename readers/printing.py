@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+WIDTH = 110  # columns of a line of JSON
+
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return a line for each row, the first column aligned to the left, the others to the right."""
@@ -28,6 +30,28 @@ def plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
+
+
+def as_json(value: Any, indent: int = 0) -> str:
+    """Return a value that `plain` has given as JSON, in lines of at most WIDTH columns where its texts allow: what fits on one
+    line is on one, and lines are filled with members that fit on one.
+    """
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    if len(text) + indent < WIDTH or not value or not isinstance(value, Mapping | list | tuple):
+        return text
+    indent += 1
+    if isinstance(value, Mapping):
+        members = [f"{json.dumps(key, ensure_ascii=False)}: {as_json(member, indent)}" for key, member in value.items()]
+    else:
+        members = [as_json(member, indent) for member in value]
+    lines = [members[0]]
+    for member in members[1:]:
+        if "\n" in member + lines[-1] or indent + len(lines[-1]) + len(member) + 3 > WIDTH:
+            lines.append(member)
+        else:
+            lines[-1] += f", {member}"
+    start, end = "{}" if isinstance(value, Mapping) else "[]"
+    return f"{start}\n{' ' * indent}" + f",\n{' ' * indent}".join(lines) + f"\n{' ' * (indent - 1)}{end}"
 
 
 def toml(value: Any) -> str:
