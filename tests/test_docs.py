@@ -102,13 +102,13 @@ def test_the_recipe_for_a_pass(monkeypatch, capsys):
     assert after.endswith("(mul, #0, #1)]")
 
 
-def test_the_layout_of_the_readme_is_that_of_the_tree():
+def test_the_layout_is_that_of_the_tree():
     """Every folder with files in git has a row, and every row a folder; no folder but the tests imports one of bench."""
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
     if tracked.returncode:
         pytest.skip("no git checkout")
     folders = {name.split("/")[0] for name in tracked.stdout.splitlines() if "/" in name and not name.startswith(".")}
-    table = (ROOT / "README.md").read_text().partition("## How it is laid out")[2].partition("## ")[0]
+    table = (ROOT / "CONTRIBUTING.md").read_text().partition("## How it is laid out")[2].partition("## ")[0]
     rows = "".join(row.split("|")[1] for row in table.splitlines() if row.startswith("| `"))
     assert set(re.findall(r"`(\w+)/`", rows)) == folders
     imported = re.compile(r"^\s*from (?:noslip\.|\.\.)bench\b", re.M)

@@ -71,6 +71,7 @@ CONTRIBUTING
 docs/method
 codegen/derivation/README
 docs/faults
+bench/README
 guarantees/README
 guarantees/misra
 ```
