@@ -20,6 +20,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from _pytest.python_api import ApproxScalar
 ALLOWED = 0.1  # the part of a tolerance that a comparison may need
 NAMED = re.compile(r"toleranc|^tol$", re.IGNORECASE)
 TESTS = Path(__file__).parent
+COMPARE = rf"{re.escape(__file__)}$|/_pytest/|/numpy/|/contextlib"  # files whose functions compare for their caller
 needed: dict[str, dict[str, float]] = {}  # test -> place of a comparison -> largest part of its tolerance needed
 test = ""  # that runs now
 
@@ -113,6 +115,8 @@ class Measured(ast.NodeTransformer):
 
 def note(place: str, part: float) -> None:
     """Keep the largest part of a tolerance that a test needs at a place."""
+    if not place:
+        return
     places = needed.setdefault(test, {})
     places[place] = max(places.get(place, 0.0), part)
 
@@ -121,10 +125,12 @@ def measured_comparison(left: Any, right: Callable[[float], Any], strict: bool, 
     """Return left < right(1), or left <= right(1), and note the part of the tolerance that is needed where it holds."""
     limit = right(1.0)
     holds = left < limit if strict else left <= limit
+    with np.errstate(all="ignore"):
+        at_zero = right(0.0)
     try:
-        value, exact, allowed = (np.asarray(part, float) for part in (left, right(0.0), limit))
+        value, exact, allowed = (np.asarray(part, float) for part in (left, at_zero, limit))
     except (TypeError, ValueError):  # numbers of another kind, such as mpmath's
-        value, exact, allowed = (np.asarray(part, object) for part in (left, right(0.0), limit))
+        value, exact, allowed = (np.asarray(part, object) for part in (left, at_zero, limit))
     if np.all(holds):
         with np.errstate(all="ignore"):
             part = np.atleast_1d((value - exact) / (allowed - exact)).astype(float)
@@ -133,10 +139,12 @@ def measured_comparison(left: Any, right: Callable[[float], Any], strict: bool, 
 
 
 def place_of_caller() -> str:
-    """Return the place in the tests from which the present comparison is called."""
-    frame = sys._getframe(2)
-    while frame.f_back and (Path(frame.f_code.co_filename).parent != TESTS or frame.f_code.co_filename == __file__):
+    """Return the place in the tests from which the present comparison is called; empty if the product or a library calls it."""
+    frame: FrameType | None = sys._getframe(2)
+    while frame and re.search(COMPARE, frame.f_code.co_filename):
         frame = frame.f_back
+    if frame is None or Path(frame.f_code.co_filename).parent != TESTS:
+        return ""
     return f"{Path(frame.f_code.co_filename).name}:{frame.f_lineno}"
 
 

@@ -521,7 +521,7 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
     file = tmp_path / "cart.urdf"
     file.write_text(urdf.text.replace(CYLINDER, mesh, 1))
     layout = recognize(read(str(file)), Options())
-    assert [wheel.radius for wheel in layout.base.wheels] == pytest.approx([0.1, 0.1], rel=1e-5)
+    assert [wheel.radius for wheel in layout.base.wheels] == pytest.approx([0.1, 0.1], rel=1e-4)
     assert "mesh" in layout.base.wheels[0].source
     for scale, said in (
         ("0.002 0.001 0.001", "not round about the axle"),
@@ -546,7 +546,7 @@ def test_a_mirrored_mesh_is_mirrored(tmp_path):
         mesh = MESH.replace("/></", f' scale="{scale}"/></')
         file.write_text(two_wheels().text.replace(f'<origin xyz="0 0 {BESIDE}"/>', "").replace(CYLINDER, mesh))
         wheels = recognize(read(str(file)), Options()).base.wheels
-        assert [wheel.radius for wheel in wheels] == pytest.approx([0.1, 0.1], rel=1e-5)
+        assert [wheel.radius for wheel in wheels] == pytest.approx([0.1, 0.1], rel=1e-4)
         sides[scale] = [float(wheel.centre[1]) for wheel in wheels]
     joints = np.array([-0.2, 0.2]) - BESIDE
     assert sides["1 1 1"] == sides["-1 1 1"] == pytest.approx(joints + 0.03, abs=1e-7)

@@ -267,9 +267,9 @@ def test_joints_nearly_in_line_are_moved_into_line_and_said(off, angle, toe, imp
     )
     system, said, err = imported(made)
     moved, turned = re.search(r"joints were moved.*wheel_left_joint by (\S+) mm and (\S+) deg", err).groups()
-    # each joint by half of what they differ by; with toe the heading is the mean of both wheels'
-    assert float(moved) == pytest.approx(500 * off, rel=0.1, abs=toe * 1000 * angle * 0.2)
-    assert float(turned) == pytest.approx(np.degrees(angle) / (2 if toe else 1), rel=0.1)
+    # each joint by half of what they differ by; with toe the heading is the mean of both wheels', which are 0.2 m away
+    assert float(moved) == pytest.approx(500 * off + toe * 100 * angle, rel=0.02)
+    assert float(turned) == pytest.approx(np.degrees(angle) / (2 if toe else 1), rel=0.2)  # two digits
     assert said["mass_matrix_difference"] < 2 * off / 0.2 + 4 * angle
     size, other = (
         {p.name: p.default for p in each.mechanism.parameters} for each in (system, imported(straight)[0])

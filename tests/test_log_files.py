@@ -228,7 +228,7 @@ def compared(seed: int, folder) -> str | None:
         return f"{seed} {dialect}: {error}"
     expected = data - np.where(np.arange(6) == 0, data[0], 0.0)
     assert read_back.shape == expected.shape, (seed, dialect)
-    assert np.abs(read_back - expected).max() < 2e-6, (seed, dialect)
+    assert np.abs(read_back - expected).max() < 3e-6, (seed, dialect)
     file.unlink()
     return None
 
@@ -458,7 +458,7 @@ def test_parquet_of_dates_and_structs(tmp_path):
     columns |= {name: data[:, k] for k, name in enumerate(NAMES) if k > 2}
     parquet.write_table(pa.table(columns), tmp_path / "log")  # no suffix: the content tells
     log = read(tmp_path / "log", (), {"theta_r": "wheel.r", "theta_l": "wheel.l"})
-    assert read_columns(log) == pytest.approx(data, abs=1e-6)
+    assert read_columns(log) == pytest.approx(data, abs=3e-6)  # times of an epoch are doubles with steps of 2.4e-7 s
 
 
 # -- topics ----------------------------------------------------------------------------------------------------------------

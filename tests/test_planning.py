@@ -632,15 +632,15 @@ def test_points_of_other_programs_give_the_same_path(content, options, tmp_path,
 @pytest.mark.parametrize("seed", range(6))
 def test_waypoints_that_count_as_one_are_near_the_path(seed):
     """Crowds of points, all closer together than an eighth of the tolerance."""
-    rng, tolerance = np.random.default_rng(seed), 0.1
+    rng, allowed = np.random.default_rng(seed), 0.1
     base = rng.uniform(3.5, 4.5, 12) * np.exp(2j * PI / 12 * np.arange(12))
-    points = np.repeat(base, 5) + 0.04 * tolerance * (rng.uniform(-1, 1, 60) + 1j * rng.uniform(-1, 1, 60))
+    points = np.repeat(base, 5) + 0.04 * allowed * (rng.uniform(-1, 1, 60) + 1j * rng.uniform(-1, 1, 60))
     points = points.view(float).reshape(-1, 2)
     for closed in (False, True):
-        path = fit(points, tolerance, closed=closed)
-        assert cKDTree(dense(path, 1e-3)).query(points)[0].max() <= tolerance + 1e-3
+        path = fit(points, allowed, closed=closed)
+        assert cKDTree(dense(path, 1e-3)).query(points)[0].max() <= allowed + 0.001
         assert len(path) < 60
-    assert np.hypot(*(points[-1] - fit(points, tolerance)[-1].end[:2])) < CLOSE  # the last stays the end
+    assert np.hypot(*(points[-1] - fit(points, allowed)[-1].end[:2])) < CLOSE  # the last stays the end
 
 
 def test_c_far_from_the_origin_is_accepted_or_refused(tmp_path, capsys, bad_input):
