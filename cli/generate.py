@@ -24,7 +24,6 @@ DYNAMICS = "dynamics"  # written in addition to the laws
 FOLLOWER = "follower"  # with its law and the dynamics
 EKF = "ekf"  # the extended Kalman filter
 ADAPTATION = "adaptation"  # with the dynamics
-TARGETS = ("host", "cortex-m4f", "rv32", "soft")  # of codegen.costs
 PARTS = (DYNAMICS, EKF, ADAPTATION)  # are not laws
 DETERMINE = ("model", "codegen", "controllers", "verification", "readers", "runtime_c", "cli")  # folders whose code makes files
 
@@ -63,14 +62,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("--explain", action="store_true", help="write nothing; print the effect of each pass of the optimizer")
     add_balance(parser)
-    parser.add_argument(
-        "--for",
-        dest="target",
-        choices=TARGETS,
-        default="",
-        help="for each entry point of a law, choose the order of the optimizer's passes that costs least there, by estimated "
-        "cycles; results then differ by rounding between these choices (default: one order, which suits a Cortex-M4F)",
-    )
+    parser.add_argument("--for", dest="target", metavar="TARGET", help=argparse.SUPPRESS)
     parser.set_defaults(run=run)
 
 
@@ -120,6 +112,8 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip generate`. Return 1 if --check finds a difference, or if C and model differ; nothing is written then."""
+    if args.target is not None:
+        raise BadInput("--for is gone, since it saved nothing that could be measured: leave it out; the C suits all targets")
     if args.lqr:
         return _generate_balance(args)
     if args.limit is not None or args.without or args.effort is not None or args.motion:
@@ -128,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     if args.explain:
         from ..codegen.explain import explain
 
-        explained = {law.name: explain(law, args.target) for law in selected_laws(args)}
+        explained = {law.name: explain(law) for law in selected_laws(args)}
         show(args, lambda: "\n\n".join(explained.values()), lambda: explained)
         return 0
     if not args.check:
@@ -157,7 +151,7 @@ def _generate_balance(args: argparse.Namespace) -> int:
     from ..controllers.balance.steady import analyse_steady
     from ..readers.robots import find_robot
 
-    others = {"--output": args.output, "--check": args.check, "--explain": args.explain, "--for": args.target}
+    others = {"--output": args.output, "--check": args.check, "--explain": args.explain}
     others |= {"--scale": args.scale, "--adapt": args.adapt, "--scalar": args.scalar != "both"}
     if unused := [option for option, value in others.items() if value]:
         raise BadInput(f"--lqr does not go with {', '.join(unused)}: it writes one header, in double and float")
@@ -225,7 +219,7 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
     from ..readers.robots import find_robot
 
     robot = find_robot(args.robot)
-    chosen = [getattr(args, option, "") for option in ("output", "scale", "adapt", "scalar", "target")]
+    chosen = [getattr(args, option, "") for option in ("output", "scale", "adapt", "scalar")]
     key = ("files", TOOLS, robot.declared(), chosen, dynamics, lanes, compare and _compiled_by())
     make = partial(_selected_files, args, dynamics, compare, lanes)
     own = type(robot) is not Mechanism  # a class of the user's, of which `declared` may not tell all
@@ -268,10 +262,10 @@ def _selected_files(args: argparse.Namespace, dynamics: bool, compare: bool, lan
     with placed(robot), Progress() as progress:
         adapted = _adapted(args)
         dynamics = dynamics or bool(adapted)
-        scaled, target = _scaled(args, lanes and not args.output), getattr(args, "target", "")  # not of `noslip export`
-        asked = system, laws, scalars, dynamics, lanes, scaled, adapted, target
+        scaled = _scaled(args, lanes and not args.output)
+        asked = system, laws, scalars, dynamics, lanes, scaled, adapted
         files = generate(*asked, progress) if compare else robot_files(*asked)
-    return _Made(files, warnings(system), not compare or is_compared(system, laws, files, scaled, target))
+    return _Made(files, warnings(system), not compare or is_compared(system, laws, files, scaled))
 
 
 def _laws_of_files(args: argparse.Namespace) -> list["ControlLaw"]:

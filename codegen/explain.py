@@ -3,25 +3,23 @@
 import casadi as ca
 
 from ..model.law import ControlLaw
-from .costs import COSTS, DEFAULT, cycles
+from .costs import cycles
 from .derivation.stages import inner_velocities
 from .graph import count, executed
-from .optimize import ORDERS, Optimizer
+from .optimize import Optimizer
 from .program import STEP, compile_law
 
 COLUMNS = ("mul", "add", "sub", "neg", "div", "sqrt", "sincos")
 
 
-def explain(law: ControlLaw, target: str = "") -> str:
-    """A table of operations after every pass of a step, and what was found about the law. `target`: of COSTS, for which it is
-    optimized; then also the order of the passes that each entry point has.
-    """
+def explain(law: ControlLaw) -> str:
+    """Return a table of operations after every pass of a step, and what was found about the law."""
     plain, staged = (compile_law(law, stages=stages, optimize=False).entries[STEP].roots for stages in (False, True))
     program = compile_law(law, stages=True, optimize=False)
     rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
-    optimized = compile_law(law, target=target)
+    optimized = compile_law(law)
     before, after = program.entries[STEP], optimized.entries[STEP]
-    optimizer = Optimizer(program.graph, {}, ORDERS[after.order], before.kept if after.kept else ())
+    optimizer = Optimizer(program.graph, {}, before.kept if after.kept else ())
     rows += list(optimizer.passes(before.roots))
     rows.append(("in the C, where entry points share nodes", optimized.entries[STEP].roots))
     width = max(len(name) for name, _ in rows)
@@ -34,11 +32,8 @@ def explain(law: ControlLaw, target: str = "") -> str:
             "  " + name.ljust(width) + "".join(str(counted[column]).rjust(7) for column in COLUMNS) + str(total).rjust(7)
         )
     lines.append(f"  constants made by init: {len(optimized.constants)}")
-    for order, passes in enumerate(ORDERS if target else ()):
-        if entries := [entry.name for entry, body in optimized.entries.items() if body.order == order]:
-            lines.append(f"  passes of {', '.join(entries)}: {', '.join(name for name, _ in passes)}")
-    of_step, named = cycles(optimized.entries[STEP].roots, COSTS[target or DEFAULT]), target or DEFAULT
-    lines.append(f"  estimated cycles of a step on {named}, without sines, cosines and guards: {of_step:.0f}")
+    of_step = cycles(optimized.entries[STEP].roots)
+    lines.append(f"  estimated cycles of a step on cortex-m4f, without sines, cosines and guards: {of_step:.0f}")
     return "\n".join(lines)
 
 

@@ -29,19 +29,19 @@ from .versions import TOOLS
 
 
 @lru_cache(maxsize=64)
-def law_program(law: ControlLaw, target: str = "") -> Program:
-    """The law as a program, the same for both scalars, for a target of COSTS; derived once, and cached between runs."""
-    key = ("law", TOOLS, fingerprint(law.system, law), details(law), target)
-    return remembered(key, lambda: compile_law(law, target=target), law, law.system)
+def law_program(law: ControlLaw) -> Program:
+    """Return the law as a program, the same for both scalars; derived once, and cached between runs."""
+    key = ("law", TOOLS, fingerprint(law.system, law), details(law))
+    return remembered(key, lambda: compile_law(law), law, law.system)
 
 
-def has_follower(law: ControlLaw, target: str = "") -> bool:
+def has_follower(law: ControlLaw) -> bool:
     """Return whether a follower is written for a law.
 
     That of a steered vehicle calls the law with the whole state; that of two driven wheels requires a law which reads position
     and heading relative to the path only.
     """
-    return is_followers(law) and bool(steered_axle(law.system) or FOLLOW in law_program(law, target).entries)
+    return is_followers(law) and bool(steered_axle(law.system) or FOLLOW in law_program(law).entries)
 
 
 @lru_cache(maxsize=16)
@@ -73,19 +73,16 @@ def robot_files(
     lanes: bool = False,
     scaled: Sequence[str] | None = None,
     adapted: Sequence[str] = (),
-    target: str = "",
 ) -> dict[str, str]:
     """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
 
     `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one. `lanes` says whether
     the batch laws are, in a folder of their own; `scaled`, of what the filter estimates the scale (None: no filter);
-    `adapted`, the parameters that are learned, which requires the dynamics (empty: none). `target`: one of COSTS, for which the
-    laws are optimized; empty: for no particular one.
+    `adapted`, the parameters that are learned, which requires the dynamics (empty: none).
     """
     files: dict[str, str] = {}
     manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
-    manifest |= {"target": target} if target else {}
-    programs = [law_program(law, target) for law in laws]
+    programs = [law_program(law) for law in laws]
     plant = dynamics_program(system) if dynamics else None
     for scalar in (SCALARS[name] for name in scalars):
         files.update(shared_files(system, scalar))
@@ -101,7 +98,7 @@ def robot_files(
         if plant:
             of_plant = dynamics_text(plant, scalar)
             files.update(text_files(of_plant))
-            for program in (program for program in programs if has_follower(program.law, target)):
+            for program in (program for program in programs if has_follower(program.law)):
                 model = fingerprint(system, program.law)
                 files.update(follower_files(program.law, scalar, banner(model)))
                 files.update(telemetry_files(program.law, scalar, banner(model), model, files))
@@ -130,8 +127,7 @@ def shared_files(system: ReducedSystem, scalar: Scalar) -> dict[str, str]:
 
 def law_text(program: Program, scalar: Scalar) -> LawC:
     """The C of one law with its banner."""
-    optimized = [f"Optimized for {program.target}"] if program.target else []
-    return LawC(program, scalar, [*banner(fingerprint(program.law.system, program.law)), *optimized])
+    return LawC(program, scalar, banner(fingerprint(program.law.system, program.law)))
 
 
 def text_files(text: LawC | DynamicsC) -> dict[str, str]:

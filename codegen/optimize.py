@@ -70,13 +70,11 @@ class Optimizer:
         self,
         graph: Graph,
         labels: dict[Node, str],
-        order: "Sequence[NamedPass] | None" = None,
         kept: Container[Node] = (),
         totals: Container[Node] = (),
     ):
         self.graph = graph
         self.labels = labels
-        self.order = PASSES if order is None else order
         self.kept = kept
         self.totals = totals
         self._terms_of: dict[Product, tuple[Node | None, tuple[Node, ...]]] = {}
@@ -97,7 +95,7 @@ class Optimizer:
         """Yield the name of each pass and the roots after it, in operations of two operands."""
         signed = self.sums_of_products(roots)
         yield "sums of products", self.binary(signed)
-        for name, improve in self.order:
+        for name, improve in PASSES:
             signed = improve(self, signed)
             yield name, self.binary(signed)
 
@@ -477,16 +475,7 @@ FACTORS: NamedPass = ("factors in common", Optimizer.common_factors)
 PRODUCTS: NamedPass = ("products in common", Optimizer.common_products)
 TURNED: NamedPass = ("signs", Optimizer.turned)
 PASSES: tuple[NamedPass, ...] = (QUOTIENTS, SUMS, FACTORS, SUMS, PRODUCTS, TURNED)
-"""The passes in their order. Add new passes here, and to the other ORDERS."""
-ORDERS: tuple[Sequence[NamedPass], ...] = (
-    PASSES,
-    (QUOTIENTS, FACTORS, SUMS, PRODUCTS, TURNED),
-    (QUOTIENTS, PRODUCTS, SUMS, FACTORS, SUMS, TURNED),
-    (QUOTIENTS, SUMS, PRODUCTS, TURNED),
-    (FACTORS, SUMS, PRODUCTS, TURNED),
-    (SUMS, FACTORS, SUMS, PRODUCTS, TURNED),
-)
-"""Orders among which that of least cost is chosen for a target; the first is the one without a target."""
+"""The passes in their order. Add new passes here."""
 
 
 class Live:

@@ -12,7 +12,7 @@ from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
 from ..model.mechanism import Quantity
 from ..model.names import in_c
 from ..model.outputs import FOOT
-from .costs import COSTS, DEFAULT, cycles
+from .costs import cycles
 from .derivation.foot import at_foot_of, has_foot_form, place_names, plain_at_foot, staged_at_foot
 from .derivation.grip import plain_ground, staged_ground
 from .derivation.stages import Result, Stages, inner_velocities, staged
@@ -33,7 +33,7 @@ from .graph import (
     is_operation,
     reachable,
 )
-from .optimize import ORDERS, Optimizer
+from .optimize import Optimizer
 
 Matrix = list[list[Node]]
 
@@ -148,7 +148,6 @@ class EntryBody:
     quantities: dict[Result, Matrix]
     singular: tuple[Node, ...]
     margin: Node | None = None
-    order: int = 0  # index of ORDERS: that of the optimizer's passes
     kept: frozenset[Node] = frozenset()  # products that these leave together; before they ran, those that they may
     band: tuple[Node, ...] = ()
 
@@ -175,7 +174,6 @@ class Program:
     conditions: list[Node]  # functions of the configuration that must be positive
     regular: list[Node]  # functions of the parameters that must be positive, or Phi is singular everywhere
     graph: Graph
-    target: str = ""  # for which it is optimized, one of COSTS; empty: for no particular one
 
     @property
     def groups(self) -> dict[str, Sequence[Quantity]]:
@@ -214,12 +212,11 @@ def hidden_inputs(body: EntryBody) -> list[Leaf]:
     return [node for node in reachable(body.roots) if isinstance(node, Leaf) and node not in shown]
 
 
-def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = None, target: str = "") -> Program:
+def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = None) -> Program:
     """Build the graph of every entry point of the law and split off what init computes.
 
     `stages` says whether to write the law in short steps first, `optimize` whether to run the optimizer's passes; without
-    both, the expressions are the model's own, as they come out of CasADi. `target`, one of COSTS: of each entry point, the order
-    of passes that costs least there.
+    both, the expressions are the model's own, as they come out of CasADi.
     """
     graph = Graph()
     source = in_steps(law) if (optimize if stages is None else stages) else plain(law)
@@ -260,14 +257,14 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
         body = EntryBody(chosen, singular, kept=frozenset(kept))
         if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
-            entries[entry] = _optimized(graph, body, labels, target, totals) if optimize else body
+            entries[entry] = _optimized(graph, body, labels, totals) if optimize else body
             if near and entry.inverts and not entry.near:
                 entries[entry] = replace(entries[entry], band=_band(graph, given[Result.BAND], labels, optimize))
     entries = dict(sorted(entries.items(), key=lambda each: not each[0].near))  # the others call them
     conditions = [row[0] for row in quantities[Result.CONDITIONS]]
     regular = [row[0] for made in (quantities, at_foot) for row in made.get(Result.REGULAR, ())]
     constants = constants_of([root for body in entries.values() for root in body.roots], labels)
-    return Program(law, entries, constants, labels, conditions, list(dict.fromkeys(regular)), graph, target)
+    return Program(law, entries, constants, labels, conditions, list(dict.fromkeys(regular)), graph)
 
 
 def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
@@ -348,14 +345,12 @@ def _band(graph: Graph, band: Matrix, labels: dict[Node, str], optimize: bool) -
     return tuple(Optimizer(graph, labels).run(nodes) if optimize else nodes)
 
 
-def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: str, totals: Container[Node]) -> EntryBody:
-    """The body after the optimizer's passes, in the order of least cost on a target, with products kept or not, whichever costs
-    less; names follow the nodes of their value. `totals`: sums that stay as they are."""
-    orders = range(len(ORDERS) if target else 1)
-    keeps = dict.fromkeys((body.kept.intersection(reachable(body.roots)), frozenset[Node]()))
-    ways = [(order, kept) for order in orders for kept in keeps]
-    tried = [(named := dict(labels), Optimizer(graph, named, ORDERS[k], kept, totals).run(body.roots)) for k, kept in ways]
-    costs = [cycles(roots, COSTS[target or DEFAULT]) for _, roots in tried]
+def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], totals: Container[Node]) -> EntryBody:
+    """The body after the optimizer's passes, with products kept or not, whichever costs less; names follow the nodes of their
+    value. `totals`: sums that stay as they are."""
+    keeps = list(dict.fromkeys((body.kept.intersection(reachable(body.roots)), frozenset[Node]())))
+    tried = [(named := dict(labels), Optimizer(graph, named, kept, totals).run(body.roots)) for kept in keeps]
+    costs = [cycles(roots) for _, roots in tried]
     chosen = costs.index(min(costs))
     named, roots = tried[chosen]
     labels.update(named)
@@ -365,7 +360,7 @@ def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], target: s
     margin = _margin(graph, *singular[:2]) if singular else None
     if margin is not None:
         labels.setdefault(margin, MARGIN)
-    return EntryBody(quantities, singular, margin, *ways[chosen])
+    return EntryBody(quantities, singular, margin, keeps[chosen])
 
 
 def _margin(graph: Graph, one: Node, other: Node) -> Node | None:

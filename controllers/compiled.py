@@ -78,10 +78,9 @@ class _Compiled(InC, Generic[Text]):
 class Library(_Compiled[LawC]):
     """The compiled C of one law in one scalar."""
 
-    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str] | None = None, target: str = ""):
-        """`written`: files that are there already, by name, these among them; they make one library. `target`: for which they
-        are optimized, as for `law_program`."""
-        self._load(law.system, law_text(law_program(law, target), SCALARS[scalar]), written)
+    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str] | None = None):
+        """`written`: files that are there already, by name, these among them; they make one library."""
+        self._load(law.system, law_text(law_program(law), SCALARS[scalar]), written)
 
     def set_friction(self, instance, friction: Friction) -> None:
         """Set the friction of a law, as noslip_slip_grip does."""
@@ -93,9 +92,9 @@ class Library(_Compiled[LawC]):
 class BatchLibrary(Library):
     """The compiled C of one law and of its batch law in one scalar."""
 
-    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str], target: str = ""):
-        """`written` as for `Library`, the files of the batch law among them, and `target`."""
-        super().__init__(law, scalar, written, target)
+    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str]):
+        """`written` as for `Library`, the files of the batch law among them."""
+        super().__init__(law, scalar, written)
         self.ffi.cdef(LanesC(self.text.program, SCALARS[scalar], []).declarations())
 
 

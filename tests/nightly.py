@@ -80,7 +80,6 @@ NIGHTLY = {
     "test_codegen": (
         r"(keep_the_value_of_laws|steps_are_the_law|is_where_the_law_says)\[type_iv_(circle|ellipse)\]",
         r"the_same_bytes_everywhere\[all\]",
-        r"costs_least_there\[(host|cortex-m4f|soft)\]",
         r"name_of_a_parameter_gives_c\[(k2|t1|options)",
         r"name_of_an_output_gives_c\[(k1|h|reference)-",
     ),

@@ -319,7 +319,7 @@ def test_the_command_writes_the_feedback(tmp_path, capsys, bad_input):
         ([*LQR, "--limit", "-2"], "--limit -2: must be positive"),
         ([*LQR, "--output", "type_i"], "--lqr does not go with --output"),
         ([*LQR, "--check", "--explain"], "--lqr does not go with --check, --explain"),
-        ([*LQR, "--for", "soft", "--scalar", "float"], "--lqr does not go with --for, --scalar"),
+        ([*LQR, "--check", "--scalar", "float"], "--lqr does not go with --check, --scalar"),
         ([*LQR, "--scale", "r", "--adapt", "m_b"], "--lqr does not go with --scale, --adapt"),
         (["generate", "balancer", "--limit", "3"], "apply to --lqr"),
         (["generate", "balancer", "--effort", "1"], "apply to --lqr"),

@@ -21,16 +21,14 @@ def generate(
     lanes: bool = False,
     scaled: Sequence[str] | None = None,
     adapted: Sequence[str] = (),
-    target: str = "",
     progress: Reported = silent,
 ) -> dict[str, str]:
     """Return the C of control laws of a robot, compiled and compared with the model.
 
     `scalars` are the precisions to generate, "double" and "float"; `dynamics` adds the plant, nudot(q, nu, tau), `lanes` the
-    batch laws, which have the bits of the laws; `scaled` adds the filter, `adapted` what learns parameters, and
-    `target` is what the laws are optimized for (see `robot_files`).
-    Returns the text of each file by its name, `manifest.json` included; the files
-    also need those of runtime_c/ to compile. Units are SI. Every entry point is compared with the model at 200 random states, and
+    batch laws, which have the bits of the laws; `scaled` adds the filter, and `adapted` what learns
+    parameters. Returns the text of each file by its name, `manifest.json` included; the files also need those of runtime_c/ to
+    compile. Units are SI. Every entry point is compared with the model at 200 random states, and
     all files are compiled and linked; without a C compiler a warning on standard error says that nothing was compared. Raises
     Mismatch where the C differs from the model, or is rejected.
     """
@@ -39,11 +37,11 @@ def generate(
         """Derive and compare one law, or, after the last law, all that is not a law."""
         only = laws[k : k + 1]
         rest = (False, lanes, None, ()) if only else (dynamics, False, scaled, adapted)
-        differences(system, only, robot_files(system, only, scalars, *rest, target), silent, rest[2], target)
+        differences(system, only, robot_files(system, only, scalars, *rest), silent, rest[2])
 
     in_shares(share, len(laws) + (dynamics or scaled is not None), progress)
-    files = robot_files(system, laws, scalars, dynamics, lanes, scaled, adapted, target)
-    wrong = differences(system, laws, files, progress, scaled, target)
+    files = robot_files(system, laws, scalars, dynamics, lanes, scaled, adapted)
+    wrong = differences(system, laws, files, progress, scaled)
     if not wrong and (why := rejected({name: text for name, text in files.items() if "/" not in name})):
         wrong = [f"{system.mechanism.name}: {why}"]
     if wrong:

@@ -76,16 +76,15 @@ def differences(
     files: Mapping[str, str],
     progress: Reported = silent,
     scaled: Sequence[str] | None = None,
-    target: str = "",
 ) -> list[str]:
     """Return lines that describe where the C of `files` (name -> text) differs from the model; empty if it does not.
 
-    `scaled`: of what the filter estimates the scale; None: there is no filter. `target`: for which the laws are optimized.
+    `scaled`: of what the filter estimates the scale; None: there is no filter.
     Successful comparisons are cached. Without a C compiler for this machine, nothing is compared and a warning on standard error
     says so. Raises BadInput if the robot is regular at hardly any random state.
     """
     try:
-        parts = list(_not_compared_before(system, laws, files, scaled, target))
+        parts = list(_not_compared_before(system, laws, files, scaled))
         if parts:
             load(cffi.FFI(), {})  # the runtime's status: checks that the compiler builds for this machine
     except (BadInput, OSError) as reason:
@@ -99,23 +98,23 @@ def differences(
 
 
 def is_compared(
-    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None, target: str
+    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None
 ) -> bool:
     """Return whether the comparison of all `files` with the model is cached; arguments as of `differences`."""
     try:
-        return next(_not_compared_before(system, laws, files, scaled, target), None) is None
+        return next(_not_compared_before(system, laws, files, scaled), None) is None
     except (BadInput, OSError):
         return False
 
 
 def _not_compared_before(
-    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None, target: str
+    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None
 ) -> Iterator[tuple["_InC", dict[str, str], tuple]]:
     """Yield each law, the dynamics and the filter in each scalar of `files`, their files, and the key in the cache."""
     settings = (STATES, SEED, sorted(LIMIT.items()))
     for scalar in SCALARS:
         filters = [] if scaled is None else [_FilterInC(system, scaled, scalar)]
-        of_laws = [kind(law, scalar, target) for law in laws for kind in (_LawInC, _LanesInC)]
+        of_laws = [kind(law, scalar) for law in laws for kind in (_LawInC, _LanesInC)]
         for part in (*of_laws, _DynamicsInC(system, scalar), *filters):
             if part.names <= files.keys():
                 own = {Path(name).name: files[name] for name in sorted({*part.names, *part.beside}) if name in files}
@@ -231,9 +230,9 @@ def _listed(values: np.ndarray) -> str:
 class _LawInC(_InC):
     """A law."""
 
-    def __init__(self, law: ControlLaw, scalar: str, target: str = ""):
+    def __init__(self, law: ControlLaw, scalar: str):
         super().__init__(law.system.mechanism.name, law.name, scalar)
-        self.law, self.target = law, target
+        self.law = law
         self.answer = "command" if law.kinematic else "tau"
         batch = SCALARS[scalar].name(f"{law.system.mechanism.name}_{law.name}_steps")
         self.beside = {f"{LANES}/{batch}.{kind}" for kind in "ch"}  # one library is compiled for the law and its batch law
@@ -254,7 +253,7 @@ class _LawInC(_InC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
-        library = _library(self.law, self.scalar, tuple(files.items()), self.target)
+        library = _library(self.law, self.scalar, tuple(files.items()))
         random, singular = np.random.default_rng(SEED), 0
         for plant in _plants(self.law):
             params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
@@ -373,14 +372,14 @@ class _LawInC(_InC):
 class _LanesInC(_LawInC):
     """A law's batch law, each lane compared with a step, bit by bit. In its samples the step has the place of the model."""
 
-    def __init__(self, law: ControlLaw, scalar: str, target: str = ""):
-        super().__init__(law, scalar, target)
+    def __init__(self, law: ControlLaw, scalar: str):
+        super().__init__(law, scalar)
         self.names |= self.beside
         self.title += ", batch law"
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield lanes at random regular states and at arbitrary bits, without limits and with limits that many of them exceed."""
-        library, random = _library(self.law, self.scalar, tuple(files.items()), self.target), np.random.default_rng(SEED)
+        library, random = _library(self.law, self.scalar, tuple(files.items())), np.random.default_rng(SEED)
         for plant in _plants(self.law):
             params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
             numbers = {"params": params, "config": config, "gains": gains}
@@ -417,10 +416,10 @@ class _LanesInC(_LawInC):
 
 
 @lru_cache(maxsize=1)
-def _library(law: ControlLaw, scalar: str, files: tuple[tuple[str, str], ...], target: str) -> Library:
+def _library(law: ControlLaw, scalar: str, files: tuple[tuple[str, str], ...]) -> Library:
     """Return the law's compiled C of these files, with that of its batch law if it is there; one for both comparisons."""
     kind = BatchLibrary if any(name.endswith(("_steps.c", "_steps_f.c")) for name, _ in files) else Library
-    return kind(law, scalar, dict(files), target)
+    return kind(law, scalar, dict(files))
 
 
 @cache
