@@ -26,7 +26,6 @@ from noslip.codegen import program as program_module
 from noslip.codegen.costs import cycles
 from noslip.codegen.derivation.stages import inner_velocities
 from noslip.codegen.derivation.taylor import Taylor
-from noslip.codegen.explain import explain
 from noslip.codegen.files import fingerprint, law_program, law_text, robot_files, text_files
 from noslip.codegen.graph import Applied, Constant, Graph, Leaf, Operation, count, executed, from_casadi, is_constant, reachable
 from noslip.codegen.optimize import PASSES, Optimizer
@@ -296,19 +295,6 @@ def test_cycles_of_a_small_graph():
     sum_ = graph.apply(Operation.ADD, graph.apply(Operation.MUL, a, b), c)
     root = graph.apply(Operation.SQRT, graph.apply(Operation.DIV, c, d))
     assert cycles([sum_, root]) == 1 + (1 + 1) + 14 + (14 + 1) + 4 * 1.5
-
-
-@pytest.mark.nightly
-def test_explain_shows_the_order_of_the_target():
-    """The rows are the passes of the step in the order that it has on RV32, another than the usual one."""
-    law, usual = laws()["type_iv_line"], ", ".join(name for name, _ in PASSES)
-    text = explain(law, "rv32")
-    orders = {name: line for line in text.splitlines() if line.startswith("  passes of ") for name in re.findall(r"\w+", line)}
-    assert {entry.name for entry in compiled("type_iv_line").entries} <= set(orders)
-    shown = [line.strip() for line in text.splitlines() if re.match(rf"  ({'|'.join(name for name, _ in PASSES)})  ", line)]
-    order = orders["step"].partition(": ")[2]
-    assert order != usual and ", ".join(re.split("  +", line)[0] for line in shown) == order
-    assert "passes of" not in explain(law)
 
 
 def test_what_is_printed_or_compiled_is_in_the_key(monkeypatch):
