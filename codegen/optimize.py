@@ -7,9 +7,11 @@ The results are rounded in the order in which they are then written in C; nothin
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from heapq import heapify, heappop, heappush
 from itertools import combinations
 from math import prod
+from operator import and_
 
 from .graph import Applied, Constant, Graph, Node, Operation, is_constant, is_operation, reachable
 
@@ -62,9 +64,9 @@ class Term:
 
 
 class Optimizer:
-    """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value. `order`: of
-    the passes; by default that of PASSES. `kept`: products that stay together where they have several users; `totals`: sums that
-    are not merged with those that contain them, such as those from body to body along a chain."""
+    """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value. `kept`:
+    products that stay together where they have several users; `totals`: sums that are not merged with those that contain them,
+    such as those from body to body along a chain."""
 
     def __init__(
         self,
@@ -236,8 +238,8 @@ class Optimizer:
             terms = self._terms(node)
             for outer in only(terms):
                 over = [self._without(term, outer) for term in terms if outer in term.others]
-                shared = [each for each in self._factors(over[0]) if all(each in self._factors(term) for term in over)]
-                shared = [each for each in shared if not isinstance(each, Sum)]
+                common = reduce(and_, (Counter(self._factors(term)) for term in over))  # a factor as often as each term has it
+                shared = [each for each in common.elements() if not isinstance(each, Sum)]
                 inside: list[Term] = []
                 for term in over:
                     for factor in shared:

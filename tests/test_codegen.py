@@ -178,7 +178,8 @@ def test_a_quotient_in_a_quotient_is_one_division():
     add, mul, div = (functools.partial(graph.apply, operation) for operation in (Operation.ADD, Operation.MUL, Operation.DIV))
     one = div(mul(k, add(add(mul(a, v), w), div(b, c))), d)
     two = add(div(mul(k, mul(a, v)), d), div(mul(k, add(w, div(b, c))), d))
-    for root in (one, two):
+    squared = div(add(mul(mul(v, v), w), mul(v, div(b, c))), d)  # v twice in one term, once in the other
+    for root in (one, two, squared):
         values = {node: mpmath.mpf(place + 2) / 7 for place, node in enumerate((a, b, c, d, v, w, k))}
         (made,) = Optimizer(graph, {}).run([root])
         assert count(reachable([made]))[Operation.DIV] == 1
