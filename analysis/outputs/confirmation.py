@@ -13,8 +13,9 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 from scipy.linalg import null_space
+from scipy.optimize import linear_sum_assignment
 
-from ...controllers.balance.steady import analyse_at_rest
+from ...controllers.balance.steady import analyse_at_rest, listed
 from ...model.linearization import Linearization, linearize
 from ...model.names import LawName
 from ...model.outputs import forward_speed, output_map
@@ -198,13 +199,13 @@ class _Run:
         after = free.T @ (moved[:, :count] - moved[:, count:]) / (2 * DEVIATION)
         seen = np.log(np.linalg.eigvals(after).astype(complex)) / (h * STEPS)
         stated = np.concatenate([rates, np.zeros(max(0, count - len(rates)) * decided)])
+        off = np.abs(seen[:, None] - stated)
         if decided and len(stated) == count:
-            off = np.abs(np.sort_complex(seen) - np.sort_complex(stated))
+            off = off[linear_sum_assignment(off)]  # sorted, rates whose real parts are equal would be those of rounding
         else:
-            off = np.array([np.inf] if decided else [np.abs(seen - rate).min(initial=np.inf) for rate in stated])
+            off = np.array([np.inf]) if decided else off.min(axis=0, initial=np.inf)
         if not off.max(initial=0.0) <= AGREE * fastest:
-            shown = (", ".join(f"{rate.real:.4g}" for rate in np.sort_complex(each)) for each in (stated, seen))
-            raise _contradiction(self.form, *[f"rates {each} 1/s {where}" for each in shown])
+            raise _contradiction(self.form, *[f"rates {listed(each)} 1/s {where}" for each in (stated, seen)])
 
 
 def _contradiction(form: NormalForm, stated: str, seen: str) -> Contradiction:

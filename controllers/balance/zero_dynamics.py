@@ -13,6 +13,7 @@ from scipy.linalg import null_space
 
 from ...model.linearization import SINGULAR, Linearization
 from ...model.mechanism import values_of
+from ...model.reduction import ReducedSystem
 from .steady import STILL, Steady, listed, modes, refuse_undefined
 
 UNCOUPLED = 1e-9  # relative: a coupling at or below this is none
@@ -53,7 +54,7 @@ def of_velocities(rest: Steady, chosen: Sequence[int] = ()) -> ZeroDynamics:
     if not sizes.min() > UNCOUPLED * max(1.0, sizes.max()):
         return ZeroDynamics(None)
     held = system.nu[list(chosen)] if chosen else partial.velocities
-    return ZeroDynamics(_modes(rest, held, partial.acceleration(ca.SX.zeros(r), chosen)))
+    return ZeroDynamics(_modes(system, rest, held, partial.acceleration(ca.SX.zeros(r), chosen)))
 
 
 def of_outputs(rest: Steady, linearization: Linearization, config: Sequence[float] | None = None) -> ZeroDynamics:
@@ -71,12 +72,15 @@ def of_outputs(rest: Steady, linearization: Linearization, config: Sequence[floa
     measure = ca.Function("measure", [state, robot.p], [regular - SINGULAR * bound])
     if not float(measure(rest.state, rest.parameters)) > 0.0:
         return ZeroDynamics(None)
-    return ZeroDynamics(_modes(rest, held, u))
+    return ZeroDynamics(_modes(linearization.system, rest, held, u))
 
 
-def _modes(rest: Steady, held: ca.SX, u: ca.SX) -> np.ndarray:
-    """Return the modes of qdot = S nu, nudot = u on the states in which `held`, which u keeps constant, is as at rest."""
-    system, robot = rest.partial.system, rest.partial.system.mechanism
+def _modes(system: ReducedSystem, rest: Steady, held: ca.SX, u: ca.SX) -> np.ndarray:
+    """Return the modes of qdot = S nu, nudot = u on the states in which `held`, which u keeps constant, is as at rest.
+
+    `system` is the reduction in whose symbols `held` and u are: each reduction that chooses the quasi-velocities has its own.
+    """
+    robot = system.mechanism
     state = ca.vertcat(robot.q, system.nu)
     slopes = ca.Function("zero", [state, robot.p], [ca.jacobian(ca.vertcat(system.qdot, u), state), ca.jacobian(held, state)])
     A, D = (slope.full() for slope in slopes(rest.state, rest.parameters))
