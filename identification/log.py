@@ -20,7 +20,7 @@ from .smoothing import velocities
 GAP = 1.5  # times the usual interval: a longer one separates two stretches of inputs, which change between rows
 USUAL = 0.85  # of the intervals are at most the usual one: times may jitter
 FEWEST = 20  # rows
-COUNTS = 100  # whole numbers of an angle with a larger range may be counts of an encoder
+COUNTS = 100  # whole numbers of an angle with a larger range are counts of an encoder, or degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,11 +238,10 @@ def _columns(
     if len(topics) > 1:
         values, usual, more = joined(table, found, units, held, alone)
         return values, range(1, len(values["t"]) + 1), usual, [*remarks, *more]
-    remarks += [
-        f"{name} has whole numbers only; if they are counts, say --map '{name}={name} [turn/COUNTS]'"
-        for name, column in found.items()
-        if units[name] == "rad" and column.unit is None and _are_counts(column.numbers("rad"))
-    ]
+    unitless = [name for name, column in found.items() if units[name] == "rad" and column.unit is None]
+    if counts := [name for name in unitless if _are_counts(found[name].numbers("rad"))]:
+        said, example = (" ".join(f"--map '{name}={name} [{unit}]'" for name in counts) for unit in ("turn/COUNTS", "deg"))
+        raise BadInput(f"{table.file}: {', '.join(counts)}: whole numbers only, which are no rad; say {said}, or {example}")
     times, more = seconds(t)
     return {"t": times, **{n: found[n].numbers(units[n]) for n in found}}, t.rows, None, [*remarks, *more]
 

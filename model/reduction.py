@@ -229,12 +229,21 @@ class ReducedSystem:
         return canonical(B @ self.spread()) if self.redundant else B
 
     @cached_property
+    def inputs_change(self) -> bool:
+        """Whether the matrix that (12) inverts changes with q; at random states, if that is not seen in its entries."""
+        B, q = self.distribution, self.mechanism.q
+        if not ca.depends_on(B, q):
+            return False
+        size, slope = (_sampled(self.mechanism, each, "S'E") for each in (B, ca.jacobian(ca.vec(B), q)))
+        return slope.largest() > RANK_TOLERANCE * size.largest()
+
+    @cached_property
     def input_measure(self) -> tuple[ca.SX, ca.SX] | None:
         """Two nonnegative expressions: inputs reach every motion where the first exceeds SINGULAR times the second, in which
         sines and cosines are at their largest, so that an input that loses its effect shows. None if S'E does not change with q.
         """
         B = self.distribution
-        return regularity(B, largest(B)) if ca.depends_on(B, self.mechanism.q) else None
+        return regularity(B, largest(B)) if self.inputs_change else None
 
     def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
         """Return tau (12) that makes nudot = u (13), r x 1; `weight` as in `input_inverse`.

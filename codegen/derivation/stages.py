@@ -838,7 +838,7 @@ def inputs_singular(stages: Stages, system: ReducedSystem, inverse: ca.SX) -> ca
     does not change. `inverse`: of what (12) inverts, used above 2 x 2, where w is nu.
     """
     B = system.distribution
-    if not ca.depends_on(B, system.mechanism.q):
+    if not system.inputs_change:
         return ca.SX(0, 1)
     size = largest(B)
     if B.shape[0] > 2:
