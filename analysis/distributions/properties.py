@@ -14,6 +14,8 @@ SUSSMANN = (
     "M. Reyhanoglu, N. H. McClamroch, Control and stabilization of nonholonomic dynamic systems, IEEE TAC 37(11), 1992"
 )
 BROCKETT = "R. W. Brockett, Asymptotic stability and feedback stabilization, 1983"
+LINEARIZABLE = ("input_state_linearizable", "dynamic_feedback_linearizable")
+ONE_IS_STATIC = "B. Charlet, J. Levine, R. Marino, On dynamic feedback linearization, Systems & Control Letters 13, 1989"
 ISIDORI = "A. Isidori, Nonlinear Control Systems, 1989: the conditions for exact linearization by static feedback"
 TWO_INPUTS = "P. Martin, P. Rouchon, Feedback linearization and driftless systems, Math. Control Signals Systems 7, 1994"
 CODIMENSION_TWO = "P. Martin, P. Rouchon, Any (controllable) driftless system with m inputs and m+2 states is flat, IEEE CDC 1995"
@@ -112,14 +114,20 @@ def _underactuated(Delta: Distribution, check: Check, inputs: Actuation) -> Chec
         return replace(check, verdict=verdict, reason=reason, hypotheses=driven, reference=ACCESSIBILITY)
     if check.verdict is False and check.name in ("accessible", "controllable", "asymptotically_stabilizable"):
         return replace(check, hypotheses=check.hypotheses[1:])
-    if check.name in ("controllable", "input_state_linearizable") and reached is not None and reached < states:
+    if check.name in ("controllable", *LINEARIZABLE) and reached is not None and reached < states:
         return replace(check, verdict=False, reason="it is not accessible", hypotheses=driven, reference=ACCESSIBILITY)
     if check.name == "input_state_linearizable" and check.where == SPACE and Delta.holonomic:
         return replace(check, verdict=False, reason="it is not accessible", hypotheses=driven, reference=ACCESSIBILITY)
-    if check.name == "input_state_linearizable" and inputs.linearizable is not None:
+    if check.name in LINEARIZABLE and inputs.linearizable is not None:
         verdict, why = inputs.linearizable
+        if check.name == "dynamic_feedback_linearizable" and verdict:
+            return replace(check, verdict=True, reason="static feedback is sufficient", hypotheses=driven, reference=JAKUBCZYK)
+        if check.name == "dynamic_feedback_linearizable" and inputs.driven == 1:
+            why = f"{why}; with one input, dynamic feedback linearizes what static feedback does"
+            return replace(check, verdict=False, reason=f"{reason}; {why}", hypotheses=driven, reference=ONE_IS_STATIC)
         numbers = "at random states, at the default parameters"
-        return replace(check, verdict=verdict, reason=f"{reason}; {why}, {numbers}", hypotheses=driven, reference=JAKUBCZYK)
+        if check.name == "input_state_linearizable":
+            return replace(check, verdict=verdict, reason=f"{reason}; {why}, {numbers}", hypotheses=driven, reference=JAKUBCZYK)
     if check.name == "lagrange_stable" and inputs.momentum:
         moved = ", ".join(inputs.momentum)
         why = f"the momentum of a common displacement of {moved} is constant, and where it is not 0 a function of q grows with it"
