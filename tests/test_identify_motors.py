@@ -206,10 +206,10 @@ def test_parameters_that_are_seen_only_together_are_not_answered(resistance):
 NAMES = ["m_c", "I_c", "friction", "dry_friction"]
 
 
-def deviations(count: int) -> np.ndarray:
+def deviations(seeds: range) -> np.ndarray:
     """Errors in standard deviations, from currents and encoders of 4096 counts per turn."""
     dynamics, off = Dynamics.of(SYSTEM, "current", ["theta_r", "theta_l"]), []
-    for seed in range(count):
+    for seed in seeds:
         log = log_of("current", angles)
         counts = 2 * math.pi / 4096
         measured = counts * np.floor(log.outputs / counts + np.random.default_rng(seed).uniform(size=log.outputs.shape[1]))
@@ -220,16 +220,17 @@ def deviations(count: int) -> np.ndarray:
 
 
 def test_values_lie_within_their_deviations():
-    off = deviations(3)
+    off = deviations(range(3))
     assert np.abs(off).max() < 4.0 and off.std() > 0.2
 
 
 @pytest.mark.nightly
-def test_values_lie_in_their_intervals_in_most_logs():
-    """In 88 % of 200 logs or more: errors of counts are not quite independent. When this was written, it was 93 to 98 % of 60."""
-    inside = np.mean(np.abs(deviations(200)) < 1.96, axis=0)
+@pytest.mark.parametrize("first", [0, 250, 500, 750])
+def test_values_lie_in_their_intervals_in_most_logs(first):
+    """In 95 % of logs: of 1 000 in 96.9, 94.0, 96.5 and 94.4 %. Of 250, 90.5 to 98.5 % is within three standard deviations."""
+    inside = np.mean(np.abs(deviations(range(first, first + 250))) < 1.96, axis=0)
     print(dict(zip(NAMES, inside, strict=True)))
-    assert (inside > 0.88).all()
+    assert ((inside > 0.905) & (inside < 0.985)).all()
 
 
 # -- the command -----------------------------------------------------------------------------------------------------------
