@@ -36,8 +36,8 @@ Measured by `python -m noslip.guarantees faults`, which fails if the measurement
 
 Laws of the LABMATE in float, limits {limit:g} N m, {states} random states; each of the {bits} bits of each number of the
 state is flipped in turn. "Same" means that no torque changes by more than {same:.0%} of the limit. No torque is NaN or exceeds
-its limit, and with every error the torques are zero. A law cannot distinguish a wrong number from a correct one: faults in the
-column "other" can only be detected by plausibility checks before the law, such as those of the vehicle in `firmware/`.
+its limit, and with every error the torques are zero. Faults in the column "other" can only be detected by plausibility
+checks before the law, such as those of the vehicle in `firmware/`.
 
 | law | same | other, within limits | nonfinite | range | singular |
 |---|---|---|---|---|---|
@@ -54,10 +54,8 @@ are finite and within the supply voltage, and they are zero after a stop.
 |---|---|---|---|---|---|
 {ends}
 
-Missed ticks within the tolerance cost accuracy, not safety. An undetected error of the clock makes every rate wrong. Rates above
-`fastest` are rejected; below it, the vehicle assumes that it is faster than it is. A law does not divide by the mass matrix: if
-that is singular, the law returns torques that move nothing, and the generated plant returns `singular`. Faults that the counters
-do not show, such as a slipping or lifted wheel, are not detected.
+An undetected error of the clock makes every rate wrong. Rates above `fastest` are rejected. A singular mass matrix makes
+the law return torques that move nothing. A slipping or lifted wheel is not detected.
 """
 
 
