@@ -30,14 +30,16 @@ REASONS = ("runs", "stops: an error", "stops: too many strikes", "stops: a wheel
 
 TEXT = """# Response to faults
 
-Measured by `python -m noslip.guarantees faults`, which fails if the measurements differ from this page; `--update` rewrites it.
+Measured by `python -m noslip.guarantees faults`, which fails if the measurements differ from this page;
+`--update` rewrites it.
 
 ## One flipped bit in the input of a law
 
-Laws of the LABMATE in float, limits {limit:g} N m, {states} random states; each of the {bits} bits of each number of the
-state is flipped in turn. "Same" means that no torque changes by more than {same:.0%} of the limit. No torque is NaN or exceeds
-its limit, and with every error the torques are zero. Faults in the column "other" can only be detected by plausibility
-checks before the law, such as those of the vehicle in `firmware/`.
+Laws of the LABMATE in float, limits {limit:g} N m, {states} random states; each of the {bits} bits of
+each number of the state is flipped in turn. "Same" means that no torque changes by more than {same:.0%}
+of the limit. No torque is NaN or exceeds its limit, and with every error the torques are zero. Faults
+in the column "other" can only be detected by plausibility checks before the law, such as those of the
+vehicle in `firmware/`.
 
 | law | same | other, within limits | nonfinite | range | singular |
 |---|---|---|---|---|---|
@@ -45,17 +47,18 @@ checks before the law, such as those of the vehicle in `firmware/`.
 
 ## The vehicle of firmware/ on its path
 
-Ticks of 10 ms, 1 m/s, counters of 16 bits. The fault begins at tick {begin}, a fault in the settings at the start. The watchdog
-holds the last torques for up to 3 bad or missed ticks, then stops. "After" and "rolled" count from the fault to the stop. "Error"
-is the position error of the true vehicle at the end, from dead reckoning and path following together. At every tick the commands
-are finite and within the supply voltage, and they are zero after a stop.
+Ticks of 10 ms, 1 m/s, counters of 16 bits. The fault begins at tick {begin}, a fault in the settings at
+the start. The watchdog holds the last torques for up to 3 bad or missed ticks, then stops. "After" and
+"rolled" count from the fault to the stop. "Error" is the position error of the true vehicle at the end,
+from dead reckoning and path following together. At every tick the commands are finite and within the
+supply voltage, and they are zero after a stop.
 
 | fault | statuses | the vehicle | after, ticks | rolled, m | error, mm |
 |---|---|---|---|---|---|
 {ends}
 
-An undetected error of the clock makes every rate wrong. Rates above `fastest` are rejected. A singular mass matrix makes
-the law return torques that move nothing. A slipping or lifted wheel is not detected.
+An undetected error of the clock makes every rate wrong. Rates above `fastest` are rejected. A singular
+mass matrix makes the law return torques that move nothing. A slipping or lifted wheel is not detected.
 """
 
 
