@@ -17,7 +17,7 @@
 # make firmware the images of every target whose tools are here, into build/firmware
 # make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
 # make guarantees   what holds of the C and what shows it, checked; see guarantees/README.md
-# make dist    wheel, sdist, and a zip of the C that is committed, into dist/
+# make dist    wheel, sdist, and a zip of the C that is committed, as users get it, into dist/
 # make clean   leaves what git has
 PYTHON ?= python3
 VENV := .venv
@@ -177,9 +177,12 @@ dist: $(READY_DEV)
 
 # The same bytes wherever it is made: the times in it are those of the commit, in UTC.
 dist/noslip-c-%.zip:
-	@mkdir -p dist
-	TZ=UTC0 git -c core.autocrlf=false archive --format=zip --prefix=noslip-c-$*/ -o $@ HEAD LICENSE README.md docs/paths.md \
-	  docs/firmware.md generated runtime_c
+	@rm -rf build/zip && mkdir -p dist build/zip
+	git -c core.autocrlf=false archive HEAD codegen/runtime.py runtime_c | tar -x -C build/zip
+	$(PYTHON) build/zip/codegen/runtime.py build/zip/for_users
+	TZ=UTC0 git -c core.autocrlf=false archive --format=zip -o $@ --prefix=noslip-c-$*/runtime_c/ \
+	  $$(printf -- '--add-file=%s ' build/zip/for_users/*) --prefix=noslip-c-$*/ HEAD LICENSE README.md docs/paths.md \
+	  docs/firmware.md generated
 
 clean:
 	rm -rf dist build $(VENV) *.egg-info .pytest_cache .ruff_cache

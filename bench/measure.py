@@ -10,13 +10,13 @@ from pathlib import Path
 
 import cases
 from counting import count_calls, run, symbols_of
+from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD, flags
 from noslip.guarantees.callgraph import call_graph, deepest, reached
 from noslip.guarantees.cycles import write_costs
 from programs import Program, main_text
 
 BENCH = Path(__file__).resolve().parent
-RUNTIME = BENCH.parent / "runtime_c"
 COMMON = [*STANDARD[1:], "-ffunction-sections", "-fcallgraph-info=su,da", "-w"]
 LANGUAGE = {"c": [STANDARD[0]], "c++": ["-std=c++14", "-fno-exceptions", "-fno-rtti"]}
 M4F = flags("cortex-m4f")

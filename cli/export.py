@@ -152,8 +152,8 @@ def _export_fmu(args: argparse.Namespace) -> int:
 
 
 def _runtime(scalar: str) -> dict[str, str]:
-    """Return the hand-written C for a scalar ("double", "float" or "both"), by file name."""
-    from ..controllers.build import runtime_files
+    """Return the C runtime for a scalar ("double", "float" or "both"), by file name."""
+    from ..codegen.runtime import runtime_files
 
     files = runtime_files()
     twins = {name: name.removesuffix(".c") + "_f.c" for name in files if name.removesuffix(".c") + "_f.c" in files}

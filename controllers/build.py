@@ -9,25 +9,18 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+from ..codegen.runtime import runtime_files
 from ..codegen.targets import STANDARD
 from ..readers.errors import BadInput
 from ..readers.files import work_folder
 from ..readers.kept import folder_of_results, keep, kept
 
-RUNTIME = Path(__file__).resolve().parent.parent / "runtime_c"
 FLAGS = (*STANDARD, "-fPIC", "-shared", "-Wall", "-Wextra")
 QUICK, OPTIMIZED = ("-O0",), ("-O2",)  # appended; the bits are the same, QUICK compiles four times as fast
 
 
 class DoesNotCompile(BadInput):
     """The compiler rejects the C."""
-
-
-def runtime_files() -> dict[str, str]:
-    """Return the hand-written C on which generated laws depend: file name -> text, without the .inc files of headers."""
-    compiled = [path for path in sorted(RUNTIME.iterdir()) if path.suffix in (".h", ".c", ".inc")]
-    made_from = {path for path in compiled if path.suffix == ".inc" and path.with_suffix(".h") in compiled}
-    return {path.name: path.read_text(encoding="utf-8") for path in compiled if path not in made_from}
 
 
 def compiler() -> list[str]:

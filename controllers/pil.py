@@ -25,11 +25,12 @@ from typing import IO
 import cffi
 import numpy as np
 
+from ..codegen.runtime import runtime_files
 from ..codegen.targets import STANDARD
 from ..model.law import ControlLaw
 from ..readers.errors import BadInput
 from ..readers.files import children
-from .build import built, compiler, runtime_files
+from .build import built, compiler
 from .compiled import DynamicsLibrary, Library, dynamics_library, library
 from .controller import ON_TARGET, Friction
 from .runtime import Runtime, runtime

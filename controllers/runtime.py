@@ -15,8 +15,9 @@ from pycparser import CParser
 from pycparser.c_generator import CGenerator
 
 from ..codegen.printing.scalar import SCALARS
+from ..codegen.runtime import RUNTIME
 from ..readers.errors import BadInput
-from .build import RUNTIME, compiler, shared_library
+from .build import compiler, shared_library
 
 # The headers define everything static inline; here it is needed as functions of a library.
 SOURCE = """#include <float.h>

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..codegen.files import digests, law_program, law_text, shared_files
 from ..codegen.printing.scalar import SCALARS
-from ..controllers.build import runtime_files
+from ..codegen.runtime import runtime_files
 from ..controllers.odometry import vehicle_wheels
 from ..model.law import ControlLaw
 from ..model.mechanism import Mechanism

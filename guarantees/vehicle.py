@@ -7,7 +7,7 @@ from pathlib import Path
 import cffi
 import numpy as np
 
-from ..controllers.build import RUNTIME
+from ..codegen.runtime import RUNTIME
 from ..controllers.runtime import InC, declarations, load
 from ..readers.files import write_folder
 

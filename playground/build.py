@@ -18,6 +18,7 @@ import noslip
 from noslip.codegen.derivation.grip import can_grip
 from noslip.codegen.files import law_program, law_text, shared_files
 from noslip.codegen.printing.scalar import SCALARS
+from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD
 from noslip.controllers.odometry import wheels_function
 from noslip.controllers.targets import WASM, require
@@ -105,11 +106,10 @@ def module(files: dict[str, str]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         for name, text in {**WASM.files(), "math.h": MATH, **files}.items():
             Path(folder, name).write_text(text, encoding="utf-8")
-        runtime = ROOT / "runtime_c"
-        fixed = [HERE / "playground.c", runtime / "noslip_path.c", runtime / "noslip_status.c"]
+        fixed = [HERE / "playground.c", RUNTIME / "noslip_path.c", RUNTIME / "noslip_status.c"]
         compiled = [*map(str, fixed), *WASM.start, *(name for name in files if name.endswith(".c"))]
         link = ["-nostdlib", "-Wl,--no-entry,--strip-all", *(f"-Wl,--export={name}" for name in EXPORTS)]
-        command = [*WASM.compile("clang"), *STANDARD, "-O2", "-I.", f"-I{runtime}", *compiled, *link, "-o", "loop.wasm"]
+        command = [*WASM.compile("clang"), *STANDARD, "-O2", "-I.", f"-I{RUNTIME}", *compiled, *link, "-o", "loop.wasm"]
         result = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
         if result.returncode:
             raise BadInput(f"clang cannot compile the playground: {result.stderr}")

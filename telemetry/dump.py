@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ..codegen.printing.scalar import SCALARS
+from ..codegen.runtime import runtime_files
 from ..codegen.telemetry.members import Structs
-from ..codegen.telemetry.telemetry import RUNTIME
 from ..readers.errors import BadInput
 from ..readers.files import read_input
 
@@ -76,7 +76,7 @@ class Dump:
 @lru_cache
 def record_type(scalar: str) -> np.dtype:
     """Return the type of a record in a frame: the members of noslip_record in their order, little-endian."""
-    header = [(RUNTIME / f"noslip_{name}.h").read_text(encoding="utf-8") for name in ("telemetry", "odometry")]
+    header = [runtime_files()[f"noslip_{name}.h"] for name in ("telemetry", "odometry")]
     real = "<f8" if scalar == "double" else "<f4"
     unsigned = ("tick", "missed", "counts")
     fields = []

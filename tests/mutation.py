@@ -30,8 +30,6 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from noslip.guarantees.headers import header
-
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = "tests/mutation_equivalent.toml"
 LEAST, SEED, SAMPLE = 0.97, 1992, 15
@@ -219,19 +217,6 @@ def _closing(code: str, start: int) -> int:
     raise ValueError("a parenthesis is not closed")
 
 
-def _header(root: Path, path: str) -> Path | None:
-    """The header that is made from a source, if one is."""
-    made = (root / path).with_suffix(".h")
-    return made if path.endswith(".inc") and made.is_file() else None
-
-
-def _write(root: Path, path: str, text: str) -> None:
-    """Writes a source, and what is made from it."""
-    (root / path).write_text(text)
-    if made := _header(root, path):
-        made.write_text(header(root / path))
-
-
 def _units(path: str) -> list[str]:
     """What compiles a source in C: texts of translation units."""
     name = Path(path).name
@@ -263,8 +248,6 @@ def _is_c(root: Path, path: str) -> bool:
 
 def _active(root: Path, path: str) -> set[int]:
     """Numbers of the lines that the compiler sees on this host."""
-    if _header(root, path):
-        return set(range(1, (root / path).read_text().count("\n") + 2))
     seen, here, number = set(), False, 0
     for line in (_compiled(root, path, "-E") or "").splitlines():
         if marker := re.match(r'# (\d+) "(.*?)"', line):
@@ -446,7 +429,7 @@ class Copy:
             if (before, after) in listed:
                 found[mutant] = Outcome(*place, "equivalent")
                 continue
-            _write(self.tree, path, mutant.of(text))
+            (self.tree / path).write_text(mutant.of(text))
             if python or _is_c(self.tree, path):
                 end = "survived" if self.passes(source.tests) else "killed"
                 if end == "survived" and not python and _optimized(self.tree, path) == plain:
@@ -455,7 +438,7 @@ class Copy:
                 found[mutant] = Outcome(*place, end)
                 if end == "survived":
                     print(f"survived: {found[mutant]}", flush=True)
-            _write(self.tree, path, text)
+            (self.tree / path).write_text(text)
             for new in self.kept() - compiled:
                 new.unlink()
         return list(found.values())

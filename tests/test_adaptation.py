@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from noslip.cli.main import main
 from noslip.codegen.files import shared_files
-from noslip.controllers.build import RUNTIME
+from noslip.codegen.runtime import runtime_files
 from noslip.controllers.estimation import adaptation
 from noslip.controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from noslip.controllers.runtime import runtime
@@ -220,7 +220,7 @@ def test_a_sweep_finds_bounds_that_are_no_use_and_c_without_bounds(monkeypatch):
     assert abs(good["final.distance"]) < 0.1 and good["outside"] == 0.0 and good["learned.m_c"] == pytest.approx(120.0)
     clamped = "estimate[i] > 0 ? (estimate[i] < 1 ? estimate[i] : 1) : 0"
 
-    text = (RUNTIME / HEADER).read_text()
+    text = runtime_files()[HEADER]
     assert clamped in text and "value > most ? most : value" in text
     text = text.replace(clamped, "estimate[i]").replace("value > most ? most : value", "value")
     monkeypatch.setattr(adaptation, "shared_files", lambda *given: {**shared_files(*given), HEADER: text})

@@ -19,8 +19,9 @@ from noslip.codegen.files import law_program, law_text, shared_files
 from noslip.codegen.printing.law_c import runtime_types
 from noslip.codegen.printing.robot_c import robot_declarations
 from noslip.codegen.printing.scalar import SCALARS
+from noslip.codegen.runtime import runtime_files
 from noslip.controllers.backends import make_controller
-from noslip.controllers.build import built, runtime_files
+from noslip.controllers.build import built
 from noslip.controllers.compiled import CompiledController, Library
 from noslip.controllers.pil import target_library
 from noslip.controllers.symbolic import step_function

@@ -16,12 +16,13 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD
 from noslip.controllers.targets import CONSOLE, HOST, TARGETS, required
 from noslip.tests.tools import HOST_CC
 
 ROOT = Path(__file__).resolve().parent.parent
-RUNTIME, GENERATED, DRIVERS = ROOT / "runtime_c", ROOT / "generated" / "labmate", ROOT / "tests" / "c"
+GENERATED, DRIVERS = ROOT / "generated" / "labmate", ROOT / "tests" / "c"
 DIGEST = [DRIVERS / "law_digest.c", *sorted((GENERATED / "lanes").glob("*.c"))]  # with the batch laws
 SOURCES = [*DIGEST, *sorted(RUNTIME.glob("*.c")), *sorted(GENERATED.glob("*.c"))]
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, GENERATED, DRIVERS)]

@@ -9,7 +9,7 @@ import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
-from noslip.controllers.build import RUNTIME
+from noslip.codegen.runtime import runtime_files
 from noslip.controllers.runtime import SOURCE, Runtime, load, runtime
 from noslip.planning import course_tracker, reeds_shepp
 from noslip.planning.course import SmoothCurve
@@ -372,7 +372,7 @@ DEFECTS = {  # what is changed in the C, in double
 def test_a_planted_defect_is_found(name, monkeypatch):
     """By the walk along the course: it is given the changed C."""
     old, new = DEFECTS[name]
-    text = (RUNTIME / "noslip_course.h").read_text()
+    text = runtime_files()["noslip_course.h"]
     assert old in text
     planted = Runtime.__new__(Runtime)
     planted.ffi = runtime("noslip_course.h").ffi

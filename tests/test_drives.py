@@ -12,6 +12,7 @@ import control
 import noslip
 import numpy as np
 import pytest
+from noslip.codegen.runtime import RUNTIME
 from noslip.controllers.odometry import vehicle_wheels
 from noslip.controllers.runtime import runtime
 from noslip.controllers.velocity import CompiledVelocity, ReferenceVelocity, VelocityLimits, make_acceleration
@@ -235,7 +236,7 @@ def test_page(tmp_path):
     flags = (
         "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-equal -Wshadow -Wstrict-prototypes -Werror"
     )
-    folders = [f"-I{ROOT / 'runtime_c'}", f"-I{ROOT / 'generated/labmate'}"]
+    folders = [f"-I{RUNTIME}", f"-I{ROOT / 'generated/labmate'}"]
     subprocess.run([HOST_CC, *flags.split(), *folders, "-c", source, "-o", tmp_path / "tick.o"], check=True)
     assert len(prototypes) == 3
     system = law_of(find_robot("labmate"), "type_iv_line").system

@@ -17,7 +17,8 @@ from noslip.codegen.printing.dynamics_c import DynamicsC
 from noslip.codegen.printing.law_c import runtime_types
 from noslip.codegen.printing.robot_c import robot_declarations
 from noslip.codegen.printing.scalar import SCALARS
-from noslip.controllers.build import compiler, runtime_files
+from noslip.codegen.runtime import runtime_files
+from noslip.controllers.build import compiler
 from noslip.controllers.runtime import load
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.recursion import cancelled

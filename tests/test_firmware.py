@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import makefile
-from noslip.controllers.build import RUNTIME
 from noslip.controllers.targets import QUIET, TARGETS
 from noslip.guarantees.vehicle import HOLD, PERIOD, ROOT, RUN, STOP, Firmware, FirmwareLoop, change
 from noslip.readers.robots import find_robot, system_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from noslip.codegen.files import has_follower, robot_files
 from noslip.codegen.follower.follower import LAW, _has_wheels, why_no_follower
-from noslip.controllers.build import runtime_files
+from noslip.codegen.runtime import RUNTIME, runtime_files
 from noslip.guarantees.vehicle import HOLD, PERIOD, ROOT, RUN, STOP, Firmware, FirmwareLoop, SettingsRefused
 from noslip.readers.files import write_folder
 from noslip.readers.robots import find_robot, law_of, system_of
@@ -17,7 +17,7 @@ from noslip.tests.tools import COMPILERS, HOST_CC
 
 FLAGS = "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wfloat-conversion -Wfloat-equal -Wshadow -Werror"
 STRICT = [*FLAGS.split(), "-Wdouble-promotion", "-Wundef", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wvla"]
-INCLUDE = [f"-I{ROOT / 'runtime_c'}", f"-I{ROOT / 'generated/labmate'}"]
+INCLUDE = [f"-I{RUNTIME}", f"-I{ROOT / 'generated/labmate'}"]
 SCALARS = {"float": "_f", "double": ""}
 
 
@@ -31,8 +31,8 @@ def laps(folder: Path, scalar: str, ticks: int, speed: float, planted: tuple[str
     suffix, generated = SCALARS[scalar], ROOT / "generated/labmate"
     names = [f"labmate{part}{suffix}" for part in ("", "_dynamics", "_type_iv_segment")]
     (folder / "follower.c").write_text((generated / f"labmate_follower{suffix}.c").read_text().replace(*planted))
-    sources = [generated / f"{name}.c" for name in names] + [ROOT / f"runtime_c/noslip_path{suffix}.c", folder / "follower.c"]
-    sources += [ROOT / f"runtime_c/noslip_{name}.c" for name in ("status", "watchdog")]
+    sources = [generated / f"{name}.c" for name in names] + [RUNTIME / f"noslip_path{suffix}.c", folder / "follower.c"]
+    sources += [RUNTIME / f"noslip_{name}.c" for name in ("status", "watchdog")]
     defines = {"REAL": scalar, "SUFFIX": suffix, "HEADER": f'"labmate_follower{suffix}.h"', "TICKS": ticks, "SPEED": speed}
     flags = ["-std=c99", "-O2", "-ffp-contract=off", *INCLUDE, *(f"-D{name}={value}" for name, value in defines.items())]
     program = folder / "laps"

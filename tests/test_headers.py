@@ -5,7 +5,7 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from noslip.controllers.build import RUNTIME
+from noslip.codegen.runtime import RUNTIME
 from noslip.controllers.runtime import declarations
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
 from noslip.tests.tools import COMPILERS, HOST_CC, need

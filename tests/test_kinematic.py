@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from noslip.codegen.files import law_program, law_text, robot_files
 from noslip.codegen.printing.scalar import SCALARS as C_SCALARS
+from noslip.codegen.runtime import RUNTIME
 from noslip.controllers.backends import make_controller
 from noslip.controllers.compiled import library
 from noslip.controllers.controller import Limits
@@ -550,7 +551,7 @@ def test_page(tmp_path):
     flags = (
         "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-equal -Wshadow -Wstrict-prototypes -Werror"
     )
-    folders = [f"-I{tmp_path}", f"-I{ROOT / 'runtime_c'}", f"-I{ROOT / 'generated/labmate'}"]
+    folders = [f"-I{tmp_path}", f"-I{RUNTIME}", f"-I{ROOT / 'generated/labmate'}"]
     for source in ("tick.c", "labmate_type_iv_line_kinematic_f.c"):
         subprocess.run([HOST_CC, *flags.split(), *folders, "-c", tmp_path / source, "-o", tmp_path / "a.o"], check=True)
     assert len(prototypes) == 2

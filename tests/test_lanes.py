@@ -13,6 +13,7 @@ from noslip.codegen.printing.lanes_c import FOLDER, LanesC
 from noslip.codegen.printing.law_c import runtime_types
 from noslip.codegen.printing.robot_c import robot_declarations
 from noslip.codegen.printing.scalar import SCALARS
+from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.robots import find_robot, law_of
@@ -43,8 +44,8 @@ class Batch:
         files = {**shared_files(self.law.system, self.scalar), **text.files(), **written}
         for file, content in files.items():
             (folder / file).write_text(content)
-        sources = [*(file for file in files if file.endswith(".c")), str(ROOT / "runtime_c/noslip_status.c")]
-        flags = [*STANDARD, *STRICT, "-O3", *vectors(), "-fno-math-errno", "-fPIC", "-shared", f"-I{ROOT / 'runtime_c'}"]
+        sources = [*(file for file in files if file.endswith(".c")), str(RUNTIME / "noslip_status.c")]
+        flags = [*STANDARD, *STRICT, "-O3", *vectors(), "-fno-math-errno", "-fPIC", "-shared", f"-I{RUNTIME}"]
         subprocess.run([need(cc), *flags, *sources, "-o", "batch.so"], cwd=folder, check=True)
         self.ffi.cdef(runtime_types(self.scalar))
         self.ffi.cdef(robot_declarations(self.law.system, self.scalar) + text.declarations() + lanes.declarations())

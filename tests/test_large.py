@@ -11,7 +11,7 @@ import pytest
 from casadi import cos, sin
 from noslip.codegen.files import shared_files
 from noslip.codegen.printing.scalar import SCALARS
-from noslip.controllers.build import runtime_files
+from noslip.codegen.runtime import runtime_files
 from noslip.controllers.compiled import CompiledController, library
 from noslip.controllers.controller import Limits
 from noslip.controllers.direct import Direct

@@ -14,6 +14,7 @@ from noslip.codegen.printing import law_c
 from noslip.codegen.printing.rolled import Rolled, WrongLoop, numbered, write_constants
 from noslip.codegen.printing.scalar import DOUBLE
 from noslip.codegen.printing.statements import Statements
+from noslip.codegen.runtime import RUNTIME
 
 LINKS = 9
 
@@ -224,7 +225,6 @@ def test_laws_with_loops_have_the_bits_of_those_without(tmp_path, monkeypatch) -
 
 
 def _run(folder) -> str:
-    runtime = importlib.import_module("noslip").__path__[0] + "/runtime_c"
     (folder / "main.c").write_text("""#include <stdio.h>
 #include "tractor_trailer_12_type_i.h"
 int main(void)
@@ -264,6 +264,6 @@ int main(void)
     return 0;
 }
 """)
-    sources = [*sorted(path.name for path in folder.glob("*.c")), f"{runtime}/noslip_status.c"]
-    subprocess.run(["cc", "-std=c99", "-O1", "-I.", f"-I{runtime}", *sources, "-o", "run"], cwd=folder, check=True)
+    sources = [*sorted(path.name for path in folder.glob("*.c")), f"{RUNTIME}/noslip_status.c"]
+    subprocess.run(["cc", "-std=c99", "-O1", "-I.", f"-I{RUNTIME}", *sources, "-o", "run"], cwd=folder, check=True)
     return subprocess.run(["./run"], cwd=folder, check=True, capture_output=True, text=True).stdout

@@ -5,6 +5,7 @@ import subprocess
 from collections.abc import Callable
 
 import pytest
+from noslip.codegen.runtime import RUNTIME
 from noslip.guarantees.vehicle import ROOT, STOP, Firmware, FirmwareLoop, SettingsRefused
 from noslip.tests.tools import need
 
@@ -129,7 +130,7 @@ def test_compiler_sees(tmp_path, name):
     change, flags, said = COMPILED.get(name, (("", ""), (), ""))
     (tmp_path / "main.c").write_text('#include "labmate_type_iv_circle.h"\n' + PROGRAM.replace(*change))
     compiler = need("clang" if "enum" in said else "gcc")
-    command = [compiler, "-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{ROOT / 'runtime_c'}"]
+    command = [compiler, "-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{RUNTIME}"]
     command += [f"-I{ROOT / 'generated/labmate'}", *flags, "-c", "main.c", "-o", "main.o"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (done.returncode != 0) == bool(name) and said in done.stderr, done.stderr

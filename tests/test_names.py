@@ -7,7 +7,8 @@ import casadi as ca
 import pytest
 from noslip.codegen.files import robot_files
 from noslip.codegen.program import ENTRIES
-from noslip.controllers.build import compiler, runtime_files
+from noslip.codegen.runtime import runtime_files
+from noslip.controllers.build import compiler
 from noslip.model import Mechanism, config, control_law
 from noslip.model.errors import ModelError
 from noslip.model.mechanism import quantity

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import noslip
 import pytest
+from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD
 from noslip.tests.tools import HOST_CC, need
 
@@ -24,7 +25,7 @@ def sources(tmp_path_factory):
 
 
 def copied(folder: Path) -> Path:
-    shutil.copytree(ROOT / "runtime_c", folder, dirs_exist_ok=True)
+    shutil.copytree(RUNTIME, folder, dirs_exist_ok=True)
     for path in (ROOT / "generated" / "labmate").glob("*_f.*"):
         shutil.copy(path, folder)
     return folder

@@ -20,7 +20,7 @@ import pytest
 from noslip.cli.main import main
 from noslip.codegen.printing.law_c import runtime_types
 from noslip.codegen.printing.scalar import SCALARS
-from noslip.controllers.build import runtime_files
+from noslip.codegen.runtime import RUNTIME, runtime_files
 from noslip.controllers.targets import TARGETS
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.robots import find_robot, law_of
@@ -189,10 +189,9 @@ def test_readme_robot(scalar, tolerance, outputs, cart, tmp_path):
     folder, suffix = tmp_path / "cart", "_f" if scalar == "float" else ""
     laws = json.loads((folder / "manifest.json").read_text())["laws"]
     assert set(laws) == set(outputs)
-    runtime = ROOT / "runtime_c"
     library = tmp_path / "cart.so"
-    sources = [*folder.glob("*.c"), runtime / "noslip_status.c"]
-    run([HOST_CC, *STRICT, "-fPIC", "-shared", f"-I{runtime}", f"-I{folder}", *sources, "-o", library])
+    sources = [*folder.glob("*.c"), RUNTIME / "noslip_status.c"]
+    run([HOST_CC, *STRICT, "-fPIC", "-shared", f"-I{RUNTIME}", f"-I{folder}", *sources, "-o", library])
     ffi = cffi.FFI()
     ffi.cdef(runtime_types(SCALARS[scalar]))
     for path in sorted(folder.glob("*.h"), key=lambda path: len(path.name)):
@@ -262,8 +261,8 @@ def test_export_holds_what_was_asked_for(exported):
         "example.c",
     }
     for name in names - {"manifest.json", "Makefile", "README.md", "example.c"}:
-        original = next(f / name for f in (ROOT / "runtime_c", ROOT / "generated" / "labmate") if (f / name).exists())
-        assert (exported / name).read_bytes() == original.read_bytes()
+        original = runtime_files().get(name) or (ROOT / "generated" / "labmate" / name).read_text()
+        assert (exported / name).read_text() == original
     assert oct(exported.stat().st_mode & 0o777) == oct(0o777 & ~umask()), "readable by others as any new folder"
 
 

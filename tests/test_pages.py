@@ -11,6 +11,7 @@ import noslip
 import pytest
 from noslip import Mechanism
 from noslip.cli.main import main
+from noslip.codegen.runtime import RUNTIME
 from noslip.simulation.specification.vary import read_varied
 
 ROOT = Path(noslip.__file__).parent
@@ -111,10 +112,7 @@ def test_c_compiles(page, tmp_path):
         file = tmp_path / f"page{number}.c"
         declared = "" if "int status" in piece.text else "int status = 0;\n"
         file.write_text(f"{DECLARED[page]}\nint page(void);\nint page(void)\n{{\n{declared}{piece.text}return status;\n}}\n")
-        folders = [
-            f"-I{folder}"
-            for folder in (tmp_path / "labmate", tmp_path / "balancer", ROOT / "generated/labmate", ROOT / "runtime_c")
-        ]
+        folders = [f"-I{folder}" for folder in (tmp_path / "labmate", tmp_path / "balancer", ROOT / "generated/labmate", RUNTIME)]
         run = subprocess.run(
             ["cc", "-std=c99", "-Wall", "-Wno-unused", "-Werror", "-fsyntax-only", *folders, file], capture_output=True
         )

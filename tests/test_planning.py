@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.codegen.printing.scalar import SCALARS
+from noslip.codegen.runtime import RUNTIME
 from noslip.controllers.tracking import CompiledTracker, TrackerOptions
 from noslip.model.segments import Segment
 from noslip.planning import dubins, fit, reeds_shepp, segments_from_tables
@@ -541,7 +542,7 @@ def test_c_is_read_back_and_compiles(scalar, capsys, tmp_path):
     first = f"const noslip_segment{suffix} *first(void);\nconst noslip_segment{suffix} *first(void) {{ return path; }}\n"
     (tmp_path / "path.c").write_text(f'#include "noslip_path.h"\n{text}{first}')
     flags = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror -fsyntax-only"
-    subprocess.run([HOST_CC, *flags.split(), f"-I{ROOT / 'runtime_c'}", tmp_path / "path.c"], check=True)
+    subprocess.run([HOST_CC, *flags.split(), f"-I{RUNTIME}", tmp_path / "path.c"], check=True)
 
 
 @pytest.mark.parametrize("kind", ["png", "svg"])

@@ -12,16 +12,16 @@ import cffi
 import noslip
 import numpy as np
 import pytest
+from noslip.codegen.runtime import RUNTIME, runtime_files
 from noslip.codegen.targets import STANDARD
 from noslip.controllers.runtime import declarations, runtime
-from noslip.guarantees.headers import headers
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.robots import find_robot, law_of
 from noslip.tests.tools import HOST_CC, need
 from noslip.verification.sampling import random_plants
 
 ROOT = Path(noslip.__file__).parent
-RUNTIME, GENERATED, DRIVERS = ROOT / "runtime_c", ROOT / "generated" / "labmate", ROOT / "tests" / "c"
+GENERATED, DRIVERS = ROOT / "generated" / "labmate", ROOT / "tests" / "c"
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, GENERATED, DRIVERS)]
 SOURCES = sorted(str(path) for folder in (RUNTIME, GENERATED) for path in folder.glob("*.c"))
 FLOAT_SOURCES = [source for source in SOURCES if source.endswith("_f.c")]
@@ -667,17 +667,30 @@ def test_controllers_do_not_touch_each_other(program):
     assert len({str(answers) for answers in alone}) == len(alone)
 
 
-def test_headers_are_current():
-    """Those made from one text for both scalars are what that text says."""
-    made = headers()
-    assert len(made) == 21
-    for path, text in made.items():
-        assert path.read_text() == text, f"{path.name}: python -m noslip.guarantees.headers"
+def test_users_get_the_c_that_is_written_by_hand(tmp_path):
+    """Headers for users, with both scalars written out, are to a compiler those in which one text is included
+    for each scalar; no macro of the scalar is left behind."""
+    files = runtime_files()
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    headers = sorted(name for name in files if name.endswith(".h"))
+    assert headers == sorted(path.name for path in RUNTIME.glob("*.h"))
+    source = "".join(f'#include "{name}"\n' for name in headers)
+
+    def preprocessed(folder: Path, kind: str) -> str:
+        command = [need(HOST_CC), "-std=c99", "-E", kind, f"-I{folder}", "-x", "c", "-"]
+        return subprocess.run(command, input=source, capture_output=True, text=True, check=True).stdout
+
+    tokens = preprocessed(RUNTIME, "-P").split()
+    assert tokens == preprocessed(tmp_path, "-P").split() and "noslip_nearest_angle_f" in "".join(tokens)
+    macros = preprocessed(RUNTIME, "-dM").splitlines()
+    assert sorted(macros) == sorted(preprocessed(tmp_path, "-dM").splitlines())
+    assert not [text for text in (*macros, *map(files.get, headers)) if re.search(r"\bNOSLIP_(?:REAL|NAME|MODULE)\b", text)]
 
 
 def test_each_public_name_is_in_a_header():
-    """Each function that the runtime's library has stands in a header by its whole name, in double and in float."""
-    text = "".join(path.read_text() for path in RUNTIME.glob("*.h"))
+    """Each function that the runtime's library has stands in a header for users by its whole name, in double and in float."""
+    text = "".join(text for name, text in runtime_files().items() if name.endswith(".h"))
     for header in ("angle", "disturbance", "integral", "odometry", "path", "reversing", "solve"):
         names = re.findall(r"\b(noslip_\w+)\(", declarations(f"noslip_{header}.h"))
         assert {name + "_f" for name in names} & set(names)

@@ -13,6 +13,7 @@ import mpmath
 import noslip
 import numpy as np
 import pytest
+from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD, flags
 from noslip.controllers.controller import STATUS
 from noslip.controllers.runtime import runtime
@@ -21,7 +22,7 @@ from noslip.model.segments import Segment
 from noslip.tests.tools import COMPILERS, HOST_CC, need
 
 ROOT = Path(noslip.__file__).parent
-RUNTIME, DRIVERS = ROOT / "runtime_c", ROOT / "tests" / "c"
+DRIVERS = ROOT / "tests" / "c"
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, DRIVERS)]
 FLAGS = list(STANDARD)
 TURN = 2 * math.pi

@@ -27,7 +27,8 @@ from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
 from ..codegen.printing.lanes_c import FOLDER as LANES
 from ..codegen.printing.scalar import SCALARS
 from ..codegen.program import EVALUATE, FOLLOW, STEP
-from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity, runtime_files
+from ..codegen.runtime import runtime_files
+from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity
 from ..controllers.compiled import BatchLibrary, CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from ..controllers.controller import Limits
 from ..controllers.direct import Direct

@@ -3,16 +3,14 @@
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
-from pathlib import Path
 
 from ...model.law import ControlLaw
 from ...readers.templates import render
 from ..follower.follower import NAME, fitted, measured_names
 from ..printing.scalar import Scalar
+from ..runtime import runtime_files
 from .members import Member, Structs, described, joined
 
-RUNTIME = Path(__file__).resolve().parents[2] / "runtime_c"
 IN_USE = ("params.", "gains.", "limits.")  # what the follower's `update` changes: members of config and follower alike
 HEAD = 28  # bytes of an image beside its numbers, see noslip_image.h
 
@@ -50,18 +48,12 @@ def telemetry_files(
 
 def layout(robot: str, scalar: Scalar, files: Mapping[str, str]) -> tuple[list[Member], list[Member]]:
     """Return the members of the follower's config and those of a segment, in the order of an image."""
-    own = [text for name, text in files.items() if name.endswith(".h")]
-    structs = Structs([*_runtime(), *own])
+    structs = Structs([text for name, text in {**runtime_files(), **files}.items() if name.endswith(".h")])
     config = [
         replace(each, count=0) if each.path == "count" else each  # the number of segments, which the image has anyway
         for each in structs.members(scalar.name(f"{robot}_{NAME}_config"))
     ]
     return config, list(structs.members(scalar.name("noslip_segment")))
-
-
-@lru_cache
-def _runtime() -> tuple[str, ...]:
-    return tuple(path.read_text(encoding="utf-8") for path in sorted(RUNTIME.glob("*.h")))
 
 
 def _bytes(members: Sequence[Member], scalar: Scalar) -> int:

@@ -18,6 +18,7 @@ import noslip
 from lessons import rendered
 from noslip.cli import COMMANDS
 from noslip.cli.commands import parser_of, run
+from noslip.codegen.runtime import runtime_files
 from noslip.evidence.catalogue import FIGURES
 from noslip.evidence.framework import SPECS, Case
 from noslip.readers.printing import toml
@@ -49,12 +50,12 @@ def python_page() -> str:
     return "\n".join([*lines, "```"])
 
 
-def c_page(title: str, files: list[Path]) -> str:
-    """The headers: what each is for, then its types and functions in double; those in float have the suffix _f."""
+def c_page(title: str, headers: Mapping[str, str]) -> str:
+    """The headers (name -> text): what each is for, its types and functions in double; in float they end in _f."""
     parts = [f"# {title}", "Everything exists for `double` and, with the suffix `_f`, for `float`."]
-    for file in files:
-        head, _, text = BODY.sub(";", file.read_text(encoding="utf-8")).removeprefix("/*").partition("*/")
-        parts += [f"## {file.name}", _fenced("text", _comment(head))]
+    for file, content in headers.items():
+        head, _, text = BODY.sub(";", content).removeprefix("/*").partition("*/")
+        parts += [f"## {file}", _fenced("text", _comment(head))]
         parts += [_fenced("c", f"/*{note}*/\n{code}" if note else code) for note, code in TYPE.findall(text) if "_f;" not in code]
         for note, code, name in FUNCTION.findall(text):
             if not name.endswith("_f"):
@@ -191,10 +192,12 @@ def main(folder: Path) -> None:
     shutil.copytree(figures(), folder / "figures")
     shutil.copytree(films(), folder / "films", ignore=shutil.ignore_patterns("*.csv"))
     generated = [path for path in sorted((ROOT / "generated/labmate").glob("*.h")) if not path.stem.endswith("_f")]
+    labmate = {path.name: path.read_text(encoding="utf-8") for path in generated}
+    runtime = {name: text for name, text in runtime_files().items() if name.endswith(".h")}
     pages = {
         "reference/python": python_page(),
-        "reference/c_labmate": c_page("C of the LABMATE", generated),
-        "reference/c_runtime": c_page("C of the runtime", sorted((ROOT / "runtime_c").glob("*.h"))),
+        "reference/c_labmate": c_page("C of the LABMATE", labmate),
+        "reference/c_runtime": c_page("C of the runtime", runtime),
         "reference/command_line": command_line_page(),
         "reference/spec": spec_page(),
         "reference/citing": f"# How to cite\n\n{_fenced('yaml', (ROOT / 'CITATION.cff').read_text(encoding='utf-8'))}",
