@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import MARK, check_folder, write_folder
 from ..readers.progress import Progress
 from .commands import show
@@ -286,10 +286,8 @@ def _scaled(args: argparse.Namespace, everything: bool) -> list[str] | None:
     system = system_of(find_robot(args.robot))
     if not asked and not args.scale and why_no_filter(system):
         return None
-    try:
+    with naming(f"--output {EKF}", ModelError):
         check_scales(system, args.scale)
-    except ModelError as error:
-        raise BadInput(f"--output {EKF}: {error}") from error
     return args.scale
 
 
@@ -305,10 +303,8 @@ def _adapted(args: argparse.Namespace) -> list[str]:
         return []
     if not args.adapt:
         raise BadInput(f"--output {ADAPTATION} requires --adapt NAME: a parameter that changes, such as the mass")
-    try:
+    with naming(f"--output {ADAPTATION}", ModelError):
         adapted_parameters(system_of(find_robot(args.robot)), args.adapt)
-    except ModelError as error:
-        raise BadInput(f"--output {ADAPTATION}: {error}") from error
     return args.adapt
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..controllers import DRIVES
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import check_folder, write_folder
 from ..readers.progress import Progress
 from ..readers.quantities import in_range, quantity
@@ -181,6 +181,7 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
 
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
+    from ..codegen.loop.stages import check
     from ..model.names import KINEMATIC, without_kinematic
     from ..outer.setting import BANDWIDTH, SPEED, as_kinematic, default_spec, with_speed
     from ..readers.robots import find_robot, law_of
@@ -196,8 +197,8 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
     spec = read_varied(args.spec, {"simulation.backend": "casadi"})
-    if spec.feedback:
-        raise BadInput(f"{args.spec}: [feedback] has no outer loop: its gains are those of an LQR, see docs/underactuated.md")
+    with naming(args.spec):
+        check(spec, "noslip outer-loop")
     for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.law)):
         if value is not None and value != own:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")
@@ -206,10 +207,8 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     if args.period is not None and args.period > 0 and not spec.simulation.period:
         spec = replace(spec, simulation=replace(spec.simulation, period=args.period))
     law = law_of(find_robot(spec.robot), spec.law)
-    try:
+    with naming(args.spec):
         make_loop(spec)  # refuses what `noslip simulate` refuses
-    except BadInput as error:
-        raise BadInput(f"{args.spec}: {error}") from error
     return law, _placed(spec if args.speed is None else with_speed(spec, args.speed), args.L)
 
 

@@ -3,7 +3,8 @@
 import difflib
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,6 +13,15 @@ from urllib.parse import unquote, urlsplit
 
 class BadInput(Exception):
     """User input that cannot be used. The message is one line: what is wrong, where, and what to do."""
+
+
+@contextmanager
+def naming(what: object, kinds: type[Exception] | tuple[type[Exception], ...] = BadInput) -> Iterator[None]:
+    """Raise BadInput with `what` before the message of an error of these kinds, by default a BadInput, that is raised inside."""
+    try:
+        yield
+    except kinds as error:
+        raise BadInput(f"{what}: {error}") from error
 
 
 class Mismatch(Exception):

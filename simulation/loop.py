@@ -75,9 +75,7 @@ class Learning:
     """Parameters of the controller that are learned at its calls; `believed` are those in use, which it changes in place."""
 
     def __init__(self, law: ControlLaw, believed: np.ndarray, section: AdaptationSection, simulation: Simulation):
-        """Raises BadInput for parameters that cannot be learned, and for a backend other than c, cf and casadi."""
-        if simulation.backend not in ("casadi", *SCALAR):
-            raise BadInput(f"[adaptation] does not run on backend {simulation.backend}: use {', '.join(SCALAR)}")
+        """Raises BadInput for parameters that cannot be learned."""
         options = AdaptationOptions(**{field.name: getattr(section, field.name) for field in fields(section)})
         self.adaptation = Adaptation(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
         self.believed, self._t = believed, 0.0
@@ -407,22 +405,11 @@ def _vehicle_limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> Vehicl
 
 def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction:
     ki = integral_entries(law, spec.gains)
-    if spec.limits is None:
-        return IntegralAction(law, gains, ki)
-    if any(ki.values()) and not spec.simulation.period:
-        raise BadInput(
-            "[limits] with a gain ki requires [simulation] period > 0: "
-            "at each call, the status of the previous one decides whether the integral may grow"
-        )
-    return IntegralAction(law, gains, ki, spec.limits.integral)
+    return IntegralAction(law, gains, ki, *([spec.limits.integral] if spec.limits else []))
 
 
 def _observers(spec: Spec, law: ControlLaw, gains: list[float]) -> DisturbanceObservers:
     ko = observer_entries(law, spec.gains)
-    if any(ko.values()) and not spec.simulation.period:
-        raise BadInput("gains: ko requires [simulation] period > 0: an observer compares what v did between two calls")
-    if any(ko.values()) and spec.drive and spec.drive.takes_velocity and not spec.kinematic:
-        raise BadInput(f'gains: ko does not go with [drive] kind = "{spec.drive.kind}": v acts later than it is given')
     return DisturbanceObservers(law, gains, ko, spec.limits.disturbance if spec.limits else (0.0,))
 
 

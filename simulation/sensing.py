@@ -263,8 +263,6 @@ class Estimating(Sensing):
             gate=estimator.gate,
             memory=math.ceil(fixes.delay / simulation.period) + 2 if fixes else 0,
         )
-        if simulation.backend not in ("casadi", *SCALAR):
-            raise BadInput(f"[estimator] does not run on backend {simulation.backend}: use {', '.join(SCALAR)}")
         self.filter = Filter(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
         self._errors = Noise(sensors.seed + ERRORS, 4)  # of gyro and measured pose
         self._true_heading = float(self.reckoned[2])

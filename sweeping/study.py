@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..codegen.files import fingerprint
+from ..codegen.loop.stages import broken
 from ..readers.errors import BadInput
 from ..readers.robots import suggestion
 from ..simulation.loop import make_loop
@@ -110,7 +111,7 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
     try:
         spec = as_sampled(spec_of(text, name))
         sweep = sweep_of(spec)
-        runs = Simulated if spec.simulated else Batch
+        runs = Simulated if broken(spec, "the C of a sweep") else Batch
         batch = runs(spec, band=sweep.band, instants=instants)
         return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch), instants)
     except BadInput as error:

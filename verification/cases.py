@@ -11,9 +11,9 @@ from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..model.errors import ModelError
 from ..model.law import GAINS, SHORT_GAINS, ControlLaw
 from ..model.mechanism import Mechanism, Quantity
-from ..model.names import TYPES, LawName
+from ..model.names import INTEGRAL, OBSERVER, TYPES, LawName
 from ..model.paths import PATHS
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import file_or_shipped, read_input, write_whole
 from ..readers.reading import DRAFT, Schema, ref
 from ..readers.robots import beside, find_robot, law_of, suggestion
@@ -66,7 +66,6 @@ MEANING = {  # of the keys, for the schema
     "v": "virtual input (20), in SI units",
 }
 DECIMAL = r"^\s*[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
-INTEGRAL, OBSERVER = "ki", "ko"
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,10 +212,8 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
     _check_keys(case, CASE_KEYS, NEEDED, where)
     output = _table(case["output"], f"{where}: output")
     name, config = read_output(output, f"{where}: output")
-    try:
+    with naming(where, (BadInput, ModelError)):
         law = law_of(robot, name)
-    except (BadInput, ModelError) as error:
-        raise BadInput(f"{where}: {error}") from error
     params = _table(case["params"], f"{where}: params")
     gains = gain_entries(law, _table(case["gains"], f"{where}: gains"), f"{where}: gains")
     for name in case["gains"]:
