@@ -149,14 +149,15 @@ def _generate_balance(args: argparse.Namespace) -> int:
     from ..controllers.balance.feedback import design
     from ..controllers.balance.in_c import ROUNDING, differences, header
     from ..controllers.balance.steady import analyse_steady
+    from ..readers.reading import number
     from ..readers.robots import find_robot
 
     others = {"--output": args.output, "--check": args.check, "--explain": args.explain}
     others |= {"--scale": args.scale, "--adapt": args.adapt, "--scalar": args.scalar != "both"}
     if unused := [option for option, value in others.items() if value]:
         raise BadInput(f"--lqr does not go with {', '.join(unused)}: it writes one header, in double and float")
-    if args.limit is not None and not 0 < args.limit < float("inf"):
-        raise BadInput(f"--limit {args.limit:g}: must be positive and finite; leave it out for no limit")
+    if args.limit is not None:
+        number("positive")(args.limit, "--limit")
     effort = 1.0 if args.effort is None else args.effort
     steady = analyse_steady(find_robot(args.robot), _named("--motion", args.motion, "speed=0.5"))
     weights = _named("--lqr", args.lqr, "pitch=10")

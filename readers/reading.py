@@ -7,13 +7,12 @@ import dataclasses
 import inspect
 import math
 import operator
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..model.mechanism import SIGNS
-from .errors import BadInput
+from .errors import BadInput, check_named
 from .quantities import LARGEST, PLAIN, QUANTITY, SMALLEST, Measured, check_unit, in_range, measured
-from .robots import suggestion
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -73,14 +72,19 @@ def check_keys(keys: Iterable[str], allowed: Iterable[str], where: str) -> None:
     """Raise BadInput for a key that is not allowed, suggesting the nearest one that is."""
     allowed = list(allowed)
     for key in keys:
-        if key not in allowed:
-            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, allowed)}")
+        check_named(key, allowed, f"{where}: unknown key")
 
 
 def number(
-    sign: str = "any", unit: str | None = None, below: float | None = None, least: float | None = None, most: float | None = None
+    sign: str = "any",
+    unit: str | None = None,
+    above: float | None = None,
+    below: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
 ) -> Reader:
-    """Return a reader of a finite number with a sign: any, positive or nonnegative; `below` a number, or from `least` to `most`.
+    """Return a reader of a finite number with a sign: any, positive or nonnegative; between `above` and `below`, and from `least`
+    to `most`.
 
     A number may be given as a string with a unit and is returned in SI; without `unit`, as Measured: the robot or the law
     decides by `check_unit` whether it is the right one.
@@ -90,6 +94,7 @@ def number(
     limits = {
         kind: (within, limit, words)
         for kind, within, limit, words in (
+            ("exclusiveMinimum", operator.gt, above, "above"),
             ("exclusiveMaximum", operator.lt, below, "below"),
             ("minimum", operator.ge, least, "at least"),
             ("maximum", operator.le, most, "at most"),
@@ -157,6 +162,19 @@ def row(form: str, *readers: Reader) -> Reader:
     return Reader(read_all, lambda: {**schema, "description": f"{form} in {', '.join(dict.fromkeys(units))}"}, units)
 
 
+def ascending(item: Reader, form: str = "[a, b]") -> Reader:
+    """Return a reader of two numbers, the first below the second."""
+    pair = row(form, item, item)
+
+    def read(value: Any, where: str) -> tuple[float, ...]:
+        first, second = pair(value, where)
+        if not first < second:
+            raise BadInput(f"{where} = [{first:g}, {second:g}]: the first must be below the second")
+        return first, second
+
+    return dataclasses.replace(pair, read=read)
+
+
 point = row("[x, y]", number(unit="m"), number(unit="m"))
 pose = row("[x, y, heading]", number(unit="m"), number(unit="m"), angle)
 
@@ -184,6 +202,18 @@ def numbers_of(item: Reader, empty: str = "") -> Reader:
 numbers = numbers_of(number())  # those with a unit are Measured: the robot or law checks it
 
 
+def one_for_each(values: Sequence[float], names: Sequence[str], where: str, of_all: bool = True) -> tuple[float, ...]:
+    """Return as many values as names; a single one is for all of them, if it may be `of_all`. Raises BadInput for another number
+    of values.
+    """
+    if len(values) == len(names):
+        return tuple(values)
+    if len(values) == 1 and of_all:
+        return tuple(values) * len(names)
+    count = f"1 or {len(names)}" if of_all else str(len(names))
+    raise BadInput(f"{where} has {len(values)} numbers; it must have {count}: {', '.join(names) or 'there is none'}")
+
+
 @reads({"type": "string"})
 def text(value: Any, where: str) -> str:
     """Read a string."""
@@ -204,15 +234,18 @@ def one_of(*words: str) -> Reader:
     return read
 
 
-def whole(least: int) -> Reader:
-    """Return a reader of an integer that is at least `least`."""
+def whole(least: int, most: int | None = None) -> Reader:
+    """Return a reader of an integer from `least` to `most`."""
+    maximum = {} if most is None else {"maximum": most}
 
-    @reads({"type": "integer", "minimum": least})
+    @reads({"type": "integer", "minimum": least, **maximum})
     def read(value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
             raise BadInput(f"{where} = {value!r} is not an integer")
         if value < least:
             raise BadInput(f"{where} = {value} must be {least} or more")
+        if most is not None and value > most:
+            raise BadInput(f"{where} = {value} must be at most {most}")
         return value
 
     return read

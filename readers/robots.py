@@ -31,7 +31,7 @@ from ..model.names import (
 from ..model.outputs import COURSE, STANDARD, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import SHIPPED
-from .errors import BadInput, naming, suggestion
+from .errors import BadInput, check_named, naming, suggestion
 from .files import SHIPPED as SPECS
 from .files import file_or_shipped, read_input
 
@@ -122,7 +122,7 @@ def check_law(robot: Mechanism, law_name: str) -> None:
     names, plain = output_names(robot), without_extension(in_time)
     exact = without_damping(plain)
     if exact not in names and without_offset(exact) not in STANDARD:
-        raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, names)}")
+        check_named(law_name, names, "unknown output")
     if in_time != dynamic and in_time != COURSE:
         raise BadInput(f"{law_name}: only {COURSE}{ARCLENGTH} is along the way")
     if plain != in_time and dynamic != law_name:

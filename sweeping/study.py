@@ -10,8 +10,7 @@ import numpy as np
 from .. import __version__
 from ..codegen.files import fingerprint
 from ..codegen.loop.stages import broken
-from ..readers.errors import BadInput
-from ..readers.robots import suggestion
+from ..readers.errors import BadInput, check_named
 from ..simulation.loop import make_loop
 from ..simulation.specification.distributions import Sweep
 from ..simulation.specification.spec import Spec, spec_of
@@ -151,8 +150,8 @@ def _criterion(sweep: Sweep, batch: Batch | Simulated) -> Criterion:
     status = bool(given.pop("status", True))
     limits = {long: limit for name, limit in given.items() for long in _in_full(name, batch)}
     for name in limits:
-        if name not in batch.outcomes or name in ("status", "steps", "order"):
-            raise BadInput(f"[sweep] fails: {name!r} is not an outcome{suggestion(name, batch.outcomes)}")
+        outcomes = [each for each in batch.outcomes if each not in ("status", "steps", "order")]
+        check_named(name, outcomes, "[sweep] fails: unknown outcome")
     return Criterion(status, limits, batch.outcomes)
 
 

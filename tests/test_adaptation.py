@@ -291,7 +291,7 @@ def test_init_refuses():
 
 BAD = {
     "nothing": ({"noise": 0.2}, "bounds"),
-    "least above most": ({"bounds": {"m_c": [3.0, 2.0]}, "noise": 0.2}, "the least below the most"),
+    "least above most": ({"bounds": {"m_c": [3.0, 2.0]}, "noise": 0.2}, "the first must be below the second"),
     "one bound": ({"bounds": {"m_c": [3.0]}, "noise": 0.2}, "[least, most]"),
     "empty": ({"bounds": {}, "noise": 0.2}, "is empty"),
     "not a parameter": ({"bounds": {"m": [1.0, 2.0]}, "noise": 0.2}, "'m' is not a parameter"),

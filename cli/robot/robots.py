@@ -7,6 +7,9 @@ from ..commands import show
 EXAMPLE_OF_ROBOTS = """example:
   noslip robots
   noslip laws labmate     the control laws of a robot"""
+EXAMPLE_OF_STAGES = """example:
+  noslip stages
+  noslip stages --json"""
 EXAMPLE_OF_LAWS = """example:
   noslip laws labmate
   noslip laws path/to/robot.py:cart --json"""
@@ -33,6 +36,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "stages",
         help="list the stages of a closed loop",
         description="List the stages of a closed loop: sections of a SPEC, signals, columns, and what goes together and why.",
+        epilog=EXAMPLE_OF_STAGES,
     )
     parser.set_defaults(run=list_stages)
 

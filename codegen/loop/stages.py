@@ -588,7 +588,10 @@ STAGES = (
         ),
     ),
 )
-RULES = tuple(rule for stage in STAGES for rule in stage.rules)
+# What contradicts each other is said before what is missing.
+RULES = tuple(
+    sorted((rule for stage in STAGES for rule in stage.rules), key=lambda r: (isinstance(r, Needs), r.option != "a run"))
+)
 
 
 def broken(spec: object, user: str = "") -> str:

@@ -22,7 +22,7 @@ from ...model.mechanism import Mechanism
 from ...model.reduction import counted
 from ...model.underactuated import PartialLinearization, at_rest, partial_linearization
 from ...model.vehicle import point_on_body
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, check_named
 
 RESTS = 1e-9  # N, N m, or the unit of a rate: what is left at an equilibrium
 REACHED = 1e-9  # relative: singular values at or below this count as zero
@@ -156,8 +156,8 @@ class Steady:
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise BadInput for a name that is not that of a state."""
-        if unknown := [name for name in names if name not in self.names]:
-            raise BadInput(f"lqr: unknown state {unknown[0]!r}; states are {', '.join(self.names)}")
+        for name in names:
+            check_named(name, self.names, "lqr: unknown state")
 
     def without(self, K: np.ndarray, *names: str) -> np.ndarray:
         """Return gains, r x (2n-m), that do the same to what the inputs reach and do not use these states, such as the angles of

@@ -27,6 +27,7 @@ from ...readers.reading import (
     Schema,
     Section,
     angle,
+    ascending,
     check_keys,
     entry,
     flag,
@@ -505,6 +506,7 @@ class MeasuredPose:
     delay: float = entry(number("nonnegative", "s"), 0.0, "from the measurement to its arrival, which the estimator is told")
 
 
+_least_most = ascending(number(), "[least, most]")
 _deviations = row("[x, y, heading]", number(unit="m"), number(unit="m"), number(unit="rad"))
 
 
@@ -541,12 +543,7 @@ class EstimatorSection:
 )
 def _bounds(value: Any, where: str) -> dict[str, tuple[float, float]]:
     """Read a table of least and most by name."""
-    bounds = {}
-    for name, pair in table(value, where).items():
-        least_most = numbers(pair, f"{where} {name}")
-        if len(least_most) != 2 or not least_most[0] < least_most[1]:
-            raise BadInput(f"{where} {name}: give [least, most], the least below the most")
-        bounds[name] = (least_most[0], least_most[1])
+    bounds = {name: _least_most(pair, f"{where} {name}") for name, pair in table(value, where).items()}
     if not bounds:
         raise BadInput(f"{where} is empty: name a parameter with its least and most")
     return bounds
