@@ -155,7 +155,7 @@ def test_a_course_that_is_wrong_is_refused(name, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("extension = true", 'near_singular = "damped"', "does not go with a course"),
+        ("extension = true", 'near_singular = "damped"', "does not go with .output. path = { kind"),
         ("[simulation]", '[simulation]\nbackend = "m4f"', "backend"),
         ("L = -0.3", "L = 0.0", "is for a P_l on the axle"),
         ('kind = "course"', 'kind = "course", A = 1.0', "A"),

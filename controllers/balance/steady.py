@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import solve_continuous_are
 
 from ...model.errors import ModelError
 from ...model.mechanism import Mechanism
@@ -145,6 +144,8 @@ class Steady:
         T = T @ reached_and_lost(self.A[np.ix_(kept, kept)], self.B[kept])[0]
         Q = T.T @ np.diag([weights.get(name, 0.0) for name in self.names]) @ T
         A, B = T.T @ self.A @ T, T.T @ self.B
+        from scipy.linalg import solve_continuous_are  # slow to import
+
         try:
             X = solve_continuous_are(A, B, Q, np.diag(R))
         except (np.linalg.LinAlgError, ValueError) as error:
