@@ -626,7 +626,7 @@ def test_start_values_are_those_of_the_reference():
     given = dataclasses.replace(spec, initial=dataclasses.replace(spec.initial, extension=(0.25,)))
     np.testing.assert_array_equal(make_loop(given).extension, [0.25])
     many = dataclasses.replace(spec, initial=dataclasses.replace(spec.initial, extension=(0.25, 0.0)))
-    with pytest.raises(BadInput, match="extension has 2 numbers; type_i_extended has 1 states: forward_speed_rate"):
+    with pytest.raises(BadInput, match="extension has 2 numbers; it must have 1: forward_speed_rate"):
         make_loop(many)
 
 
