@@ -8,6 +8,7 @@ from typing import Any
 
 import sympy as sp
 
+from ..codegen.loop.stages import check
 from ..controllers.balance.steady import analyse_at_rest
 from ..model.errors import ModelError
 from ..model.law import default_gains, gain_names
@@ -18,9 +19,9 @@ from ..model.outputs import output_map, output_names
 from ..model.reduction import ReducedSystem
 from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth, rolling_growth
 from ..model.rolling.kinematics import Kinematics
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.progress import Reported, silent
-from ..readers.robots import check_law, find_robot, placed, refuse_damping, refuse_extension, system_of
+from ..readers.robots import check_law, find_robot, placed, system_of
 from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
 from ..simulation.loop import make_loop
@@ -189,26 +190,19 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
     of it.
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
-    try:
+    with naming(file, (BadInput, ModelError)):
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
-        if spec.feedback:
-            raise BadInput("[feedback]: starts are certified for laws of outputs; noslip analyse ROBOT judges its steady motions")
-        if (kind := spec.reference.moves) and not spec.output.extension:
-            raise BadInput(f"[reference] {kind}: starts are certified along lines and paths; leave it out")
+        check(spec, "analyse --start")
         loop = make_loop(spec)
         return certify(loop, spec, of_each(uncertainty, loop))
-    except (BadInput, ModelError) as error:
-        raise BadInput(f"{file}: {error}") from error
 
 
 def start_rolling(file: str) -> Grip:
     """Whether the wheels roll in the run of a SPEC, as `noslip simulate` states it. Raises BadInput if it cannot be run."""
     spec = read_varied(file, {"simulation.backend": "casadi"})
-    try:
+    with naming(file, (BadInput, ModelError)):
         return grip(simulate(spec))
-    except (BadInput, ModelError) as error:
-        raise BadInput(f"{file}: {error}") from error
 
 
 def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Reported = silent) -> Offsets:
@@ -217,12 +211,8 @@ def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, pro
     Raises BadInput for a file that is not a SPEC, and for a path without such a table.
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
-    try:
-        refuse_extension(spec.law, "analyse --table")
-        refuse_damping(spec.law, "analyse --table")
+    with naming(file, (BadInput, ModelError)):
         return safe_offsets(spec, of_each(uncertainty, make_loop(spec)), progress=progress)
-    except (BadInput, ModelError) as error:
-        raise BadInput(f"{file}: {error}") from error
 
 
 def as_json(answer: Answer) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from ..controllers.controller import RUNNING
 from ..model.mechanism import Quantity
 from ..model.reduction import counted
 from ..readers.errors import BadInput
+from ..readers.reading import number, whole
 from ..simulation.plant import Plant
 
 if TYPE_CHECKING:
@@ -123,8 +124,8 @@ class Region:
             axes.plot(
                 *self.boundary(first, second).T, color="black", label=f"level {self.level:.3g}: all samples inside returned"
             )
-        for label, number in ((axes.set_xlabel, first), (axes.set_ylabel, second)):
-            label(f"{quantities[number].name} ({quantities[number].unit})")
+        for label, place in ((axes.set_xlabel, first), (axes.set_ylabel, second)):
+            label(f"{quantities[place].name} ({quantities[place].unit})")
         figure.legend(loc="outside lower center", ncols=3)
         return figure
 
@@ -156,8 +157,7 @@ class Confirmed:
         """Return a lower bound, with this confidence, of the share of all these starts that return (C. J. Clopper and
         E. S. Pearson, 1934): with all of N returned, the N-th root of 1 - confidence. Raises BadInput unless 0 < confidence < 1.
         """
-        if not 0.0 < confidence < 1.0:
-            raise BadInput(f"confidence = {confidence:g} must be between 0 and 1")
+        number("positive", below=1.0)(confidence, "confidence")
         fell = self.count - self.returned
         return float(betaincinv(self.returned, fell + 1, 1.0 - confidence)) if self.returned else 0.0
 
@@ -168,10 +168,8 @@ def confirm(balanced: Balanced, X: np.ndarray, level: float, count: int, duratio
 
     Raises BadInput for a level that is not positive and finite, and for fewer than one start.
     """
-    if not 0.0 < level < np.inf:
-        raise BadInput(f"confirm: the level is {level:g}; it must be positive and finite")
-    if count < 1:
-        raise BadInput(f"confirm: {count} starts; at least one is needed")
+    number("positive")(level, "confirm: level")
+    whole(1)(count, "confirm: starts")
     rest, random = balanced.steady, np.random.default_rng(seed)
     T = rest.reached
     root = np.linalg.cholesky(T.T @ X @ T)

@@ -4,6 +4,7 @@ DIFFERS, BAD_INPUT, INTERNAL, READER_GONE = 1, 2, 70, 141  # exit codes; those o
 COMMANDS = (
     "robots",
     "laws",
+    "stages",
     "import",
     "generate",
     "check",
@@ -27,6 +28,7 @@ COMMANDS = (
 MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {
     "robots": "robot.robots",
     "laws": "robot.robots",
+    "stages": "robot.robots",
     "view": "log",
     "import": "robot.urdf",
     "identify": "robot.identify",

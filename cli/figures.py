@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from ..readers.errors import BadInput, installing
+from ..readers.errors import installing
 from ..readers.files import check_folder, write_folder
 from ..readers.progress import Progress
 from .commands import show
@@ -45,9 +45,9 @@ def run(args: argparse.Namespace) -> int:
     from ..evidence.catalogue import chosen, left_out  # slow to import
     from ..evidence.production import Made, produce
     from ..evidence.report import as_json, by_whom, report, summary
+    from ..readers.reading import whole
 
-    if args.jobs < 1:
-        raise BadInput(f"--jobs {args.jobs} must be 1 or more")
+    whole(1)(args.jobs, "--jobs")
     figures = chosen(args.only, args.all)
     if args.all and (missing := left_out()):
         print(f"left out, for want of a physics engine: {', '.join(missing)}; {installing('physics')}", file=sys.stderr)

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import MARK, check_folder, write_folder
 from ..readers.progress import Progress
 from .commands import show
@@ -149,14 +149,15 @@ def _generate_balance(args: argparse.Namespace) -> int:
     from ..controllers.balance.feedback import design
     from ..controllers.balance.in_c import ROUNDING, differences, header
     from ..controllers.balance.steady import analyse_steady
+    from ..readers.reading import number
     from ..readers.robots import find_robot
 
     others = {"--output": args.output, "--check": args.check, "--explain": args.explain}
     others |= {"--scale": args.scale, "--adapt": args.adapt, "--scalar": args.scalar != "both"}
     if unused := [option for option, value in others.items() if value]:
         raise BadInput(f"--lqr does not go with {', '.join(unused)}: it writes one header, in double and float")
-    if args.limit is not None and not 0 < args.limit < float("inf"):
-        raise BadInput(f"--limit {args.limit:g}: must be positive and finite; leave it out for no limit")
+    if args.limit is not None:
+        number("positive")(args.limit, "--limit")
     effort = 1.0 if args.effort is None else args.effort
     steady = analyse_steady(find_robot(args.robot), _named("--motion", args.motion, "speed=0.5"))
     weights = _named("--lqr", args.lqr, "pitch=10")
@@ -286,10 +287,8 @@ def _scaled(args: argparse.Namespace, everything: bool) -> list[str] | None:
     system = system_of(find_robot(args.robot))
     if not asked and not args.scale and why_no_filter(system):
         return None
-    try:
+    with naming(f"--output {EKF}", ModelError):
         check_scales(system, args.scale)
-    except ModelError as error:
-        raise BadInput(f"--output {EKF}: {error}") from error
     return args.scale
 
 
@@ -305,10 +304,8 @@ def _adapted(args: argparse.Namespace) -> list[str]:
         return []
     if not args.adapt:
         raise BadInput(f"--output {ADAPTATION} requires --adapt NAME: a parameter that changes, such as the mass")
-    try:
+    with naming(f"--output {ADAPTATION}", ModelError):
         adapted_parameters(system_of(find_robot(args.robot)), args.adapt)
-    except ModelError as error:
-        raise BadInput(f"--output {ADAPTATION}: {error}") from error
     return args.adapt
 
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import check_targets, write_whole
 from .commands import show
 
@@ -110,10 +110,8 @@ def _view_table(args: argparse.Namespace) -> int:
     if not args.spec:
         raise BadInput(f"{args.dump} is a table, which does not say what was followed: give --spec SPEC, or the dump of bytes")
     spec = read_varied(args.spec, {})
-    try:
+    with naming(args.spec, ModelError):
         run = run_of_table(read_table(args.dump), spec, args.dump)
-    except ModelError as error:
-        raise BadInput(f"{args.spec}: {error}") from error
     write_whole(args.output, encoded(draw(run), Path(args.output).suffix[1:]))
     head = _head(run, "row", run.t[-1] - run.t[0])
     values = {

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..controllers import DRIVES
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, check_named, naming
 from ..readers.files import check_folder, write_folder
 from ..readers.progress import Progress
 from ..readers.quantities import in_range, quantity
@@ -102,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
     from ..outer.design import positive
     from ..outer.report import OuterLoopReport
     from ..outer.robustness import Loops
+    from ..readers.reading import number
 
     law, spec = _law_and_spec(args)
     if args.period is None and args.spec and spec.simulation.period:
@@ -116,12 +117,9 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"--{'delay' if args.delay else 'discrete-poles'} needs --period")
     elif drive:
         raise BadInput(f"{drive} need --period: commands are given at calls")
-    if not 0 < args.wrong < 1:
-        raise BadInput(f"--wrong {args.wrong:g} must be between 0 and 1")
-    if args.gain_margin > 1000:
-        raise BadInput(f"--gain-margin {args.gain_margin:g} dB is out of range; give at most 1000")
+    number("positive", below=1.0)(args.wrong, "--wrong")
     required = Required(
-        gain=10 ** (positive("gain margin", args.gain_margin, "--gain-margin") / 20),
+        gain=10 ** (number("positive", most=1000.0)(args.gain_margin, "--gain-margin") / 20),
         phase=math.radians(positive("phase margin", args.phase_margin, "--phase-margin")),
         Ms=positive("peak", args.peak, "--peak"),
     )
@@ -181,14 +179,16 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
 
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
+    from ..codegen.loop.stages import check
     from ..model.names import KINEMATIC, without_kinematic
     from ..outer.setting import BANDWIDTH, SPEED, as_kinematic, default_spec, with_speed
+    from ..readers.reading import number
     from ..readers.robots import find_robot, law_of
     from ..simulation.loop import make_loop
     from ..simulation.specification.vary import read_varied
 
-    if args.speed is not None and not (math.isfinite(args.speed) and args.speed):
-        raise BadInput(f"--speed {args.speed:g} must be finite and not zero: the steady motion is along the path")
+    if args.speed is not None and not number()(args.speed, "--speed"):
+        raise BadInput("--speed must not be zero: the steady motion is along the path")
     if args.spec is None:
         if args.output is None:
             raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
@@ -196,8 +196,8 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
     spec = read_varied(args.spec, {"simulation.backend": "casadi"})
-    if spec.feedback:
-        raise BadInput(f"{args.spec}: [feedback] has no outer loop: its gains are those of an LQR, see docs/underactuated.md")
+    with naming(args.spec):
+        check(spec, "noslip outer-loop")
     for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.law)):
         if value is not None and value != own:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")
@@ -206,20 +206,18 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     if args.period is not None and args.period > 0 and not spec.simulation.period:
         spec = replace(spec, simulation=replace(spec.simulation, period=args.period))
     law = law_of(find_robot(spec.robot), spec.law)
-    try:
+    with naming(args.spec):
         make_loop(spec)  # refuses what `noslip simulate` refuses
-    except BadInput as error:
-        raise BadInput(f"{args.spec}: {error}") from error
     return law, _placed(spec if args.speed is None else with_speed(spec, args.speed), args.L)
 
 
 def _placed(spec: "Spec", L: float | None) -> "Spec":
     """Return the SPEC with another L (m). Raises BadInput if L is not finite."""
+    from ..readers.reading import number
+
     if L is None:
         return spec
-    if not math.isfinite(L):
-        raise BadInput(f"--L {L:g} is not finite")
-    return replace(spec, output=replace(spec.output, L=L))
+    return replace(spec, output=replace(spec.output, L=number()(L, "--L")))
 
 
 def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[str, "Gains"]:
@@ -286,8 +284,8 @@ def _by_row(texts: Sequence[str], rows: Sequence[str], option: str) -> dict[str,
     special: dict[str, list[complex]] = {}
     for text in texts:
         row, equals, values = text.rpartition("=")
-        if equals and row not in rows:
-            raise BadInput(f"{option} {text}: unknown output {row!r}; known are {', '.join(rows)}")
+        if equals:
+            check_named(row, rows, f"{option} {text}: unknown output")
         try:
             numbers = [complex(value) for value in values.split(",")]
         except ValueError as error:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import check_targets, write_whole
 from ..readers.quantities import Measured, quantity
 from .commands import add_columns, show
@@ -161,10 +161,8 @@ def _run_course(arguments: argparse.Namespace) -> int:
 
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], [arguments.points])
     points, headings = _waypoints(arguments)
-    try:
+    with naming(arguments.points):
         course = fit_course(points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings)
-    except BadInput as error:
-        raise BadInput(f"{arguments.points}: {error}") from error
     return _hand_out_course(arguments, course, "course", points)
 
 
@@ -236,10 +234,8 @@ def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], 
     from ..planning import fit  # slow to import
 
     points, headings = _waypoints(arguments)
-    try:
+    with naming(arguments.points):
         return fit(points, arguments.tolerance, headings, arguments.closed, arguments.min_radius), points
-    except BadInput as error:
-        raise BadInput(f"{arguments.points}: {error}") from error
 
 
 def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:

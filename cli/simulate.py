@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import check_targets, write_whole
 from ..readers.progress import Progress
 from .commands import PrintSchema, show
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_film(Path(arguments.animate).suffix)
     changes = dict(map(change, arguments.set))
     spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
-    try:
+    with naming(arguments.spec, (BadInput, ModelError)):
         scene = _scene(spec, Path(arguments.write_scene)) if arguments.write_scene else ""
         with Progress() as shown:
 
@@ -112,8 +112,6 @@ def run(arguments: argparse.Namespace) -> int:
             drawn[arguments.animate] = film(completed, Path(arguments.animate).suffix)
         if arguments.write_scene:
             drawn[arguments.write_scene] = scene
-    except (BadInput, ModelError) as error:
-        raise BadInput(f"{arguments.spec}: {error}") from error
     written: dict[str, str | bytes] = {arguments.output: completed.csv()}
     written |= {arguments.record: record} if arguments.record else {}
     written |= drawn
@@ -164,18 +162,14 @@ def _recorded(spec: "Spec", simulated: Callable[[], "Run"]) -> tuple["Run", str]
     """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target, and for
     [feedback], as a record names a law.
     """
-    from ..controllers.controller import ON_TARGET
+    from ..codegen.loop.stages import check
     from ..controllers.pil import recorded
     from ..simulation.loop import make_loop
     from ..simulation.replay import record_text
 
-    backend = spec.simulation.backend
-    if backend not in ON_TARGET:
-        raise BadInput(f"--record: backend {backend!r} has no target; set [simulation] backend to {' or '.join(ON_TARGET)}")
-    if spec.feedback:
-        raise BadInput("--record: a record is of a law, and [feedback] is none; leave --record out")
+    check(spec, "--record")
     law = make_loop(spec).law
-    with recorded(law, backend) as calls:
+    with recorded(law, spec.simulation.backend) as calls:
         completed = simulated()
     return completed, record_text(spec.robot, law, calls)
 

@@ -82,10 +82,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Raise BadInput for errors that would otherwise occur only after a long run."""
+    from ..readers.reading import whole  # slow to import
+
     for option in ("samples", "jobs", "indices", "verify"):
-        value = getattr(args, option)
-        if value is not None and value < 1:
-            raise BadInput(f"--{option} {value} must be 1 or more")
+        if (value := getattr(args, option)) is not None:
+            whole(1)(value, f"--{option}")
     if args.output == "-":
         raise BadInput("-o -: a sweep is resumed from its file; give a file name")
     check_targets([args.output], inputs=[args.spec])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, check_named
 from . import SCALAR
 from .controller import BACKENDS, ON_TARGET, Controller, Limits, Numbers, ParameterRefused
 from .runtime import Runtime, runtime
@@ -26,8 +26,7 @@ def make_controller(
     Raises BadInput for an unknown backend or `limits` that the law cannot have, ParameterRefused for an invalid number:
     the same in all backends.
     """
-    if backend not in (*BACKENDS, *ON_TARGET):
-        raise BadInput(f"unknown backend {backend!r}; known are {', '.join((*BACKENDS, *ON_TARGET))}")
+    check_named(backend, (*BACKENDS, *ON_TARGET), "unknown backend")
     check_parameters(law, params, config, gains)
     if limits is not None:
         limits.check(law)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, check_named
+from ..readers.reading import one_for_each
 from . import BACKENDS as BACKENDS
 from . import ON_TARGET as ON_TARGET
 
@@ -63,14 +64,11 @@ class Limits:
     def check(self, law: ControlLaw) -> None:
         """Raise BadInput if the law cannot have these limits."""
         inputs = law.inputs
-        if len(self.torque) != len(inputs):
-            names = ", ".join(q.name for q in inputs)
-            raise BadInput(f"limits: torque has {len(self.torque)} values; give {len(inputs)}, for {names}")
+        one_for_each(self.torque, [q.name for q in inputs], "limits: torque", of_all=False)
         for q, value in zip(inputs, self.torque, strict=True):
             if not value >= 0:
                 raise BadInput(f"limits: torque of {q.name} is {value}; give a positive number of {q.unit}, or 0 for no limit")
-        if self.mode not in ON_LIMIT:
-            raise BadInput(f"limits: unknown mode {self.mode!r}; known are {', '.join(ON_LIMIT)}")
+        check_named(self.mode, ON_LIMIT, "limits: unknown mode")
         if self.mode == "slow" and law.speed_row is None:
             raise BadInput(f'limits: {law.name} has no speed to reduce, as mode "slow" requires; use Type IV, or mode "cut"')
         if self.mode == "grip":

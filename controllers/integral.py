@@ -11,6 +11,7 @@ import numpy as np
 
 from ..model.law import gain_names
 from ..readers.errors import BadInput
+from ..readers.reading import one_for_each
 from .controller import Evaluation
 
 if TYPE_CHECKING:
@@ -128,14 +129,10 @@ class ActingRows:
         """Set the limits: one, or one for each of the rows. Raises BadInput if they are negative, or as many as neither."""
         if any(given) and not self.rows:
             raise BadInput(f"[limits] {where} requires {requires}")
-        if len(given) not in (1, len(self.rows)):
-            raise BadInput(
-                f"[limits] {where} has {len(given)} numbers; it must have 1 or {len(self.rows)}: {', '.join(self.rows)}"
-            )
+        self.limit = list(one_for_each(given, self.rows, f"[limits] {where}"))
         for value in given:
             if not value >= 0:
                 raise BadInput(f"[limits] {where} = {value:g} must be nonnegative; 0 means no limit")
-        self.limit = [*given] * (len(self.rows) if len(given) == 1 else 1)
 
 
 class IntegralAction(ActingRows):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..model.algebra.trigonometry import sine, unit
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, check_named
 from .angles import nearest_angle
 from .controller import Numbers
 
@@ -213,6 +213,5 @@ def arm_function(system: ReducedSystem) -> ca.Function:
 
 
 def _mode(name: str) -> int:
-    if name not in MODES:
-        raise BadInput(f"unknown correction mode {name!r}; known are {', '.join(MODES)}")
+    check_named(name, MODES, "unknown correction mode")
     return MODES[name]

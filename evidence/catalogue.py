@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from importlib.util import find_spec
 
-from ..readers.errors import BadInput, installing
-from ..readers.robots import suggestion
+from ..readers.errors import BadInput, check_named, installing
 from .figures import (
     beyond,
     circle,
@@ -50,8 +49,7 @@ def chosen(names: Sequence[str], every: bool = False) -> list[Figure]:
     """
     known = [figure.name for figure in FIGURES]
     for name in names:
-        if name not in known:
-            raise BadInput(f"--only: unknown figure {name!r}{suggestion(name, known)}")
+        check_named(name, known, "--only: unknown figure")
     missing = left_out()
     for name in sorted({*names} & {*missing}):
         raise BadInput(f"--only: figure {name!r} is made in a physics engine; {installing('physics')}")

@@ -15,6 +15,7 @@ DAMPED = "_damped"  # suffix of the name of a law whose inverse is damped where 
 EXTENDED = "_extended"  # suffix of the name of a law with a dynamic extension
 ARCLENGTH = "_arclength"  # suffix of the name of a law whose errors along a course decay with the way, not with time
 KINEMATIC = "_kinematic"  # suffix of the name of a law that commands quasi-velocities
+INTEGRAL, OBSERVER = "ki", "ko"  # gains of integral action and of disturbance observers, beside those of the law
 TYPES = ("I", "II", "III", "IV")
 FLOAT = "_f"  # suffix of every name in float
 

@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 
 from ..model.law import GAINS, ORDINAL, gain_names
 from ..readers.errors import BadInput
+from ..readers.reading import number
 from .exponential import exponential
 
 SETTLED = 0.02  # an error has settled if it stays within this part of its initial value
@@ -267,11 +268,7 @@ def sampled_chain(degree: int, period: float, integral: bool = False) -> tuple[n
 
 def positive(name: str, value: float, where: str) -> float:
     """Return the value. Raises BadInput unless it is a positive finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        raise BadInput(f"{where}: {name} = {value!r} is not a number")
-    if not (math.isfinite(value) and value > 0):
-        raise BadInput(f"{where}: {name} = {value:g} must be positive and finite")
-    return float(value)
+    return number("positive")(value.item() if isinstance(value, np.number) else value, f"{where}: {name}")
 
 
 def by_speed(poles: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..codegen.loop.stages import check
 from ..model.law import ControlLaw
 from ..model.mechanism import values_of
 from ..model.names import LawName
@@ -18,7 +19,6 @@ from .motion import Setting, path_frame
 
 SPEED = 1.0  # m/s, default
 BANDWIDTH, PERIOD = 5.0, 0.01  # Hz and s, of a kinematic law in a SPEC that does not say
-KINDS = ("line", "circle", "segment")  # paths of constant curvature
 
 
 def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
@@ -56,13 +56,8 @@ def as_kinematic(spec: Spec, bandwidth: float) -> Spec:
 
 def setting_of(spec: Spec) -> Setting:
     """Return the numbers of the SPEC's loop, with its start moved onto the path. Raises BadInput if there is no steady motion."""
+    check(spec, "noslip outer-loop")
     path = spec.output.path
-    if path is not None and path.kind not in KINDS:
-        raise BadInput(
-            f"[output] path of kind {path.kind}: its curvature changes, there is no steady motion; take {', '.join(KINDS)}"
-        )
-    if kind := spec.reference.moves:
-        raise BadInput(f"[reference] {kind}: the steady motion is along a line, or on a path of Type IV; leave it out")
     if spec.sensors or spec.limits or spec.drive:
         spec = replace(spec, sensors=None, correction=None, limits=None, drive=spec.drive if spec.kinematic else None)
     called = replace(spec.simulation, backend="casadi", period=spec.simulation.period or PERIOD)  # only what is held is used

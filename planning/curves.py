@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import SupportsIndex
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from ..model.algebra.trigonometry import phase, product, size, unit
 from ..readers.errors import BadInput
@@ -100,6 +99,8 @@ def through(
             if prescribed[end] is None:
                 velocities[end] = 2 * units[end] - velocities[neighbour]
     knots = np.concatenate([[0.0], np.cumsum(lengths)])
+    from scipy.interpolate import CubicHermiteSpline  # slow to import, and needed for waypoints only
+
     spline = CubicHermiteSpline(knots, ring, velocities)
 
     def called(time: float) -> str:

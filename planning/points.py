@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, naming
 from ..readers.files import read_input
 from ..readers.reading import MOST_ANGLE
 from ..readers.tables import Column, listed, picked, read_table
@@ -35,10 +35,8 @@ def read_reference(file: str | Path) -> dict[str, Any]:
         from .smooth import fit_course  # slow to import
 
         read_points = read_waypoints(file)
-        try:
+        with naming(file):
             return reference_of(fit_course(read_points.points, TOLERANCE, headings=read_points.headings))
-        except BadInput as error:
-            raise BadInput(f"{file}: {error}") from error
     read = {".json": json.loads, ".toml": tomllib.loads}.get(kind)
     if read is None:
         raise BadInput(f"{file}: a course is read from .json, .toml or .csv; see noslip plan course --help")

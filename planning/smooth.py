@@ -1,12 +1,12 @@
 """Fits a course, a curve of continuous curvature, to sampled points, splines and other curves within a tolerance."""
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..model.algebra.trigonometry import phase, product
 from ..readers.errors import BadInput
+from ..readers.reading import number
 from .chain import check_length
 from .course import SmoothCurve
 from .curves import Samples, check_bends, of_function, sampled, through
@@ -35,8 +35,7 @@ def fit_course(
     """
     check_length("tolerance", tolerance)
     check_length("speed", speed, "m/s")
-    if not 0 <= rounding < math.inf:
-        raise BadInput(f"rounding = {rounding:g} m is negative or not finite; 0: no clothoids")
+    number("nonnegative")(rounding, "rounding")
     if callable(curve):
         samples = sampled(of_function(curve, domain), tolerance)
     else:

@@ -3,15 +3,26 @@
 import difflib
 import json
 import sys
-from collections.abc import Iterable
-from importlib import metadata
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from urllib.parse import unquote, urlsplit
 
 
 class BadInput(Exception):
     """User input that cannot be used. The message is one line: what is wrong, where, and what to do."""
+
+
+@contextmanager
+def naming(what: object, kinds: type[Exception] | tuple[type[Exception], ...] = BadInput) -> Iterator[None]:
+    """Raise BadInput with `what` before the message of an error of these kinds, by default a BadInput, that is raised inside."""
+    try:
+        yield
+    except kinds as error:
+        raise BadInput(f"{what}: {error}") from error
 
 
 class Mismatch(Exception):
@@ -27,6 +38,21 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     names = list(names)
     near = difflib.get_close_matches(name, names, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(names) or 'none'}"
+
+
+def check_named(name: str, names: Iterable[str], what: str) -> None:
+    """Raise BadInput unless the name is one of `names`; `what` it is begins the message."""
+    names = list(names)
+    if name not in names:
+        raise BadInput(f"{what} {name!r}{suggestion(name, names)}")
+
+
+def library(name: str, what: str, extra: str) -> ModuleType:
+    """Return a module that an extra of noslip installs. Raises BadInput that says `what` needs it, and how it is installed."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise BadInput(f"{what}; {installing(extra)}") from error
 
 
 def installing(extra: str) -> str:

@@ -6,13 +6,13 @@ Each also knows its unit and its JSON Schema: what it reads is declared once.
 import dataclasses
 import inspect
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..model.mechanism import SIGNS
-from .errors import BadInput
+from .errors import BadInput, check_named
 from .quantities import LARGEST, PLAIN, QUANTITY, SMALLEST, Measured, check_unit, in_range, measured
-from .robots import suggestion
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -32,13 +32,15 @@ class Reader:
     """A reader of a value: `read(value, where)` returns the value or raises BadInput.
 
     `schema()` returns its JSON Schema. `unit` is that of a number, or of each number of a list, in SI; None where it depends on
-    the robot. `kind` is the dataclass that a table is read into.
+    the robot. `kind` is the dataclass that a table is read into. `check(value, where)` raises BadInput for a number beyond the
+    bounds of the reader.
     """
 
     read: Callable[[Any, str], Any]
     schema: Callable[[], Schema]
     unit: str | tuple[str, ...] | None = None
     kind: "type[DataclassInstance] | None" = None
+    check: Callable[[Any, str], None] = lambda value, where: None
 
     def about(self, meaning: str) -> "Reader":
         """Return the same reader; its schema says what the value means, before unit and form."""
@@ -54,9 +56,11 @@ class Reader:
         return self.read(value, where)
 
 
-def reads(schema: Schema | Callable[[], Schema], unit: str | None = None) -> Callable[[Callable[[Any, str], Any]], Reader]:
-    """Return a decorator that makes a function a Reader of values with this schema."""
-    return lambda read: Reader(read, schema if callable(schema) else lambda: schema, unit)
+def reads(
+    schema: Schema | Callable[[], Schema], unit: str | None = None, **options: Any
+) -> Callable[[Callable[[Any, str], Any]], Reader]:
+    """Return a decorator that makes a function a Reader of values with this schema, with further `options` of Reader."""
+    return lambda read: Reader(read, schema if callable(schema) else lambda: schema, unit, **options)
 
 
 def ref(name: str) -> Schema:
@@ -68,20 +72,43 @@ def check_keys(keys: Iterable[str], allowed: Iterable[str], where: str) -> None:
     """Raise BadInput for a key that is not allowed, suggesting the nearest one that is."""
     allowed = list(allowed)
     for key in keys:
-        if key not in allowed:
-            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, allowed)}")
+        check_named(key, allowed, f"{where}: unknown key")
 
 
-def number(sign: str = "any", unit: str | None = None) -> Reader:
-    """Return a reader of a finite number with a sign: any, positive or nonnegative.
+def number(
+    sign: str = "any",
+    unit: str | None = None,
+    above: float | None = None,
+    below: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+) -> Reader:
+    """Return a reader of a finite number with a sign: any, positive or nonnegative; between `above` and `below`, and from `least`
+    to `most`.
 
     A number may be given as a string with a unit and is returned in SI; without `unit`, as Measured: the robot or the law
     decides by `check_unit` whether it is the right one.
     """
     holds, requirement = SIGNS[sign]
     described = SI if unit is None else "a number without unit" if unit in PLAIN else f"in {unit}"
+    limits = {
+        kind: (within, limit, words)
+        for kind, within, limit, words in (
+            ("exclusiveMinimum", operator.gt, above, "above"),
+            ("exclusiveMaximum", operator.lt, below, "below"),
+            ("minimum", operator.ge, least, "at least"),
+            ("maximum", operator.le, most, "at most"),
+        )
+        if limit is not None
+    }
+    bounds = BOUNDS[sign] | {kind: limit for kind, (_, limit, _) in limits.items()}
 
-    @reads({"anyOf": [{"type": "number", **BOUNDS[sign]}, ref("quantity")], "description": described}, unit)
+    def check(size: float, where: str) -> None:
+        for within, limit, words in limits.values():
+            if not within(size, limit):
+                raise BadInput(f"{where} = {size:g} must be {words} {limit:g}")
+
+    @reads({"anyOf": [{"type": "number", **bounds}, ref("quantity")], "description": described}, unit, check=check)
     def read(value: Any, where: str) -> float:
         if isinstance(value, str):
             value = measured(value, where, unit)
@@ -99,6 +126,7 @@ def number(sign: str = "any", unit: str | None = None) -> Reader:
             raise BadInput(f"{where} = {size:g} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
         if not holds(size):
             raise BadInput(f"{where} = {size:g} must be {requirement}")
+        check(size, where)
         return value if unit is None and isinstance(value, Measured) else size
 
     return read
@@ -134,16 +162,56 @@ def row(form: str, *readers: Reader) -> Reader:
     return Reader(read_all, lambda: {**schema, "description": f"{form} in {', '.join(dict.fromkeys(units))}"}, units)
 
 
+def ascending(item: Reader, form: str = "[a, b]") -> Reader:
+    """Return a reader of two numbers, the first below the second."""
+    pair = row(form, item, item)
+
+    def read(value: Any, where: str) -> tuple[float, ...]:
+        first, second = pair(value, where)
+        if not first < second:
+            raise BadInput(f"{where} = [{first:g}, {second:g}]: the first must be below the second")
+        return first, second
+
+    return dataclasses.replace(pair, read=read)
+
+
 point = row("[x, y]", number(unit="m"), number(unit="m"))
 pose = row("[x, y, heading]", number(unit="m"), number(unit="m"), angle)
 
 
-@reads({"type": "array", "items": number().schema(), "description": SI})
-def numbers(value: Any, where: str) -> tuple[float, ...]:
-    """Read a list of finite numbers. Those with a unit are Measured: the robot or law checks it."""
-    if not isinstance(value, list):
-        raise BadInput(f"{where} = {value!r} is not a list of numbers")
-    return tuple(number()(item, f"{where}[{k}]") for k, item in enumerate(value))
+def numbers_of(item: Reader, empty: str = "") -> Reader:
+    """Return a reader of a list of numbers; an `empty` one is refused with what to do, if that is said."""
+
+    def check(values: Iterable[float] | None, where: str) -> None:
+        for k, value in enumerate(values or ()):
+            item.check(value, f"{where}[{k}]")
+
+    least = {"minItems": 1} if empty else {}
+
+    @reads({"type": "array", "items": item.schema(), **least, "description": SI}, check=check)
+    def read(value: Any, where: str) -> tuple[float, ...]:
+        if not isinstance(value, list):
+            raise BadInput(f"{where} = {value!r} is not a list of numbers")
+        if empty and not value:
+            raise BadInput(f"{where} is empty: {empty}")
+        return tuple(item(each, f"{where}[{k}]") for k, each in enumerate(value))
+
+    return read
+
+
+numbers = numbers_of(number())  # those with a unit are Measured: the robot or law checks it
+
+
+def one_for_each(values: Sequence[float], names: Sequence[str], where: str, of_all: bool = True) -> tuple[float, ...]:
+    """Return as many values as names; a single one is for all of them, if it may be `of_all`. Raises BadInput for another number
+    of values.
+    """
+    if len(values) == len(names):
+        return tuple(values)
+    if len(values) == 1 and of_all:
+        return tuple(values) * len(names)
+    count = f"1 or {len(names)}" if of_all else str(len(names))
+    raise BadInput(f"{where} has {len(values)} numbers; it must have {count}: {', '.join(names) or 'there is none'}")
 
 
 @reads({"type": "string"})
@@ -166,15 +234,18 @@ def one_of(*words: str) -> Reader:
     return read
 
 
-def whole(least: int) -> Reader:
-    """Return a reader of an integer that is at least `least`."""
+def whole(least: int, most: int | None = None) -> Reader:
+    """Return a reader of an integer from `least` to `most`."""
+    maximum = {} if most is None else {"maximum": most}
 
-    @reads({"type": "integer", "minimum": least})
+    @reads({"type": "integer", "minimum": least, **maximum})
     def read(value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
             raise BadInput(f"{where} = {value!r} is not an integer")
         if value < least:
             raise BadInput(f"{where} = {value} must be {least} or more")
+        if most is not None and value > most:
+            raise BadInput(f"{where} = {value} must be at most {most}")
         return value
 
     return read
@@ -188,10 +259,18 @@ def flag(value: Any, where: str) -> bool:
     return value
 
 
-@reads({"anyOf": [*number().schema()["anyOf"], numbers.schema()], "description": SI})
-def one_or_more(value: Any, where: str) -> tuple[float, ...]:
-    """Read a number or a list of numbers."""
-    return numbers(value, where) if isinstance(value, list) else (number()(value, where),)
+def one_or_each(item: Reader, empty: str = "") -> Reader:
+    """Return a reader of a number, or a list of them as `numbers_of` reads it."""
+    several = numbers_of(item, empty)
+
+    @reads({"anyOf": [*item.schema()["anyOf"], several.schema()], "description": SI}, check=several.check)
+    def read(value: Any, where: str) -> tuple[float, ...]:
+        return several(value, where) if isinstance(value, list) else (item(value, where),)
+
+    return read
+
+
+one_or_more = one_or_each(number())
 
 
 @reads({"type": "object", "additionalProperties": number().schema(), "description": SI})
@@ -227,6 +306,14 @@ def section(kind: "type[DataclassInstance]") -> Reader:
         return {"description": inspect.cleandoc(kind.__doc__ or ""), **base}
 
     return Reader(read, schema, kind=kind)
+
+
+class Section:
+    """A section whose numbers are within the bounds of their readers, also where it is made in Python."""
+
+    def __post_init__(self) -> None:
+        for e in dataclasses.fields(self):  # type: ignore[arg-type]
+            e.metadata["read"].check(getattr(self, e.name), e.name)
 
 
 def list_of(kind: "type[DataclassInstance]", example: str) -> Reader:

@@ -31,7 +31,7 @@ from ..model.names import (
 from ..model.outputs import COURSE, STANDARD, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import SHIPPED
-from .errors import BadInput, suggestion
+from .errors import BadInput, check_named, naming, suggestion
 from .files import SHIPPED as SPECS
 from .files import file_or_shipped, read_input
 
@@ -80,10 +80,8 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
     numbers = [int(number) for number in whole[len(text) :].split(":")[1:]]
     if text in SHIPPED:
         _check_numbers(whole, SHIPPED[text], numbers)
-        try:
+        with naming(f"robot {whole!r}", ModelError):
             return SHIPPED[text](*numbers)
-        except ModelError as error:
-            raise BadInput(f"robot {whole!r}: {error}") from error
     if "\0" in text:
         raise BadInput(f"robot {text!r} is not a valid file name")
     file, colon, name = text.rpartition(":")
@@ -124,7 +122,7 @@ def check_law(robot: Mechanism, law_name: str) -> None:
     names, plain = output_names(robot), without_extension(in_time)
     exact = without_damping(plain)
     if exact not in names and without_offset(exact) not in STANDARD:
-        raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, names)}")
+        check_named(law_name, names, "unknown output")
     if in_time != dynamic and in_time != COURSE:
         raise BadInput(f"{law_name}: only {COURSE}{ARCLENGTH} is along the way")
     if plain != in_time and dynamic != law_name:
@@ -132,12 +130,6 @@ def check_law(robot: Mechanism, law_name: str) -> None:
     if plain != law_name and exact != plain:
         other = "kinematic" if plain == dynamic else "extended"
         raise BadInput(f"{law_name}: a damped law cannot be {other}: it damps accelerations, without integrators; take {plain}")
-
-
-def refuse_extension(law_name: str, where: str) -> None:
-    """Raise BadInput for a law with a dynamic extension; `where` names the command that does not support one."""
-    if without_extension(law_name) != law_name:
-        raise BadInput(f"{where}: {law_name!r} has a dynamic extension; it is not supported here: see docs/extension.md")
 
 
 def refuse_course(law_names: Iterable[str], where: str) -> None:
@@ -149,12 +141,6 @@ def refuse_course(law_names: Iterable[str], where: str) -> None:
                 f"{where}: the config of {law_name} is the nearest point of a course, new at each step; take its C alone, from "
                 "noslip generate, and see docs/extension.md"
             )
-
-
-def refuse_damping(law_name: str, where: str) -> None:
-    """Raise BadInput for a damped law; `where` names the command that does not support one."""
-    if without_damping(law_name) != law_name:
-        raise BadInput(f"{where}: {law_name!r} is damped near the normal to the path; take {without_damping(law_name)!r}")
 
 
 @cache

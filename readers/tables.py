@@ -8,14 +8,12 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from .errors import BadInput, installing, suggestion
+from .errors import BadInput, library, suggestion
 from .files import read_input
 from .quantities import in_base_units, is_unit, scaled_units
 from .text_tables import DECIMAL_COMMA, entries_of, text_table
@@ -271,7 +269,7 @@ def _spellings(name: str, table: Table) -> Iterator[str]:
 
 
 def _parquet(file: str | Path, data: bytes) -> Table:
-    pq = _library("pyarrow.parquet", "Parquet needs pyarrow", "sweep")
+    pq = library("pyarrow.parquet", "Parquet needs pyarrow", "sweep")
     import pyarrow
 
     try:
@@ -281,9 +279,7 @@ def _parquet(file: str | Path, data: bytes) -> Table:
     table = Table(file)
     for name, column in zip(arrow.column_names, arrow.columns, strict=True):
         dated = pyarrow.types.is_timestamp(column.type)  # nanoseconds are no datetime of Python
-        plain = (
-            column.cast(pyarrow.timestamp("ns", column.type.tz)).cast(pyarrow.int64()) if dated else column
-        )
+        plain = column.cast(pyarrow.timestamp("ns", column.type.tz)).cast(pyarrow.int64()) if dated else column
         _add(table, name, plain.to_pylist(), range(1, len(column) + 1), stated="ns" if dated else None)
     return table
 
@@ -294,7 +290,7 @@ def _mcap(file: str | Path, data: bytes) -> Table:
     With several topics a column is TOPIC:FIELD. The times of a topic are its field t, a time stamp in its
     messages, or the times of the log, from its start, in s.
     """
-    reader = _library("mcap.reader", "MCAP needs the library mcap", "logs")
+    reader = library("mcap.reader", "MCAP needs the library mcap", "logs")
     from mcap.exceptions import McapError
 
     topics: dict[str, list[tuple[int, dict[str, Any]]]] = {}
@@ -335,13 +331,6 @@ def _mcap(file: str | Path, data: bytes) -> Table:
     return table
 
 
-def _library(name: str, what: str, extra: str) -> ModuleType:
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise BadInput(f"{what}; {installing(extra)}") from error
-
-
 @dataclass(frozen=True, eq=False)
 class Written:
     """A column to write: its name, unit, what it is, and its numbers or texts."""
@@ -358,9 +347,9 @@ def check_format(file: str) -> None:
     if suffix not in FORMATS and file != "-":
         raise BadInput(f"{file}: a log is written as {', '.join(FORMATS)}")
     if suffix == ".parquet":
-        _library("pyarrow.parquet", "Parquet needs pyarrow", "sweep")
+        library("pyarrow.parquet", "Parquet needs pyarrow", "sweep")
     if suffix == ".mcap":
-        _library("mcap.writer", "MCAP needs the library mcap", "logs")
+        library("mcap.writer", "MCAP needs the library mcap", "logs")
 
 
 def table_bytes(columns: Sequence[Written], suffix: str, topic: str, about: Mapping[str, str]) -> str | bytes:

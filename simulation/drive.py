@@ -15,6 +15,7 @@ from ..controllers.velocity import VehicleLimits, make_acceleration, make_veloci
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
+from ..readers.reading import one_for_each
 from .plant import Plant, motion
 from .specification.given import Given
 
@@ -96,8 +97,8 @@ class VelocityDrive:
         system, period = plant.system, simulation.period
         names = [v.name for v in system.quasi_velocities]
         self.delay, self.commands = section.delay, len(names)
-        speed = _each("most_speed", section.most_speed, names)
-        acceleration = _each("most_acceleration", section.most_acceleration, names)
+        speed = one_for_each(section.most_speed, names, "[drive] most_speed")
+        acceleration = one_for_each(section.most_acceleration, names, "[drive] most_acceleration")
         limits = velocity_limits(speed, acceleration, section.lag + period, vehicle)
         self._velocity = make_velocity(simulation.backend, limits, period, law)
         self._acceleration = None if section.kinematic else make_acceleration(simulation.backend, law, believed)
@@ -177,10 +178,3 @@ def whole_periods(delay: float, period: float) -> tuple[int, float]:
     """Return a delay (s) as a number of whole periods and the rest, above 0 and up to a period, or 0."""
     whole = max(0, math.ceil(delay / period - 1e-9) - 1)
     return whole, delay - whole * period
-
-
-def _each(name: str, given: tuple[float, ...], of: list[str]) -> tuple[float, ...]:
-    """Return one limit for each quasi-velocity."""
-    if len(given) not in (1, len(of)):
-        raise BadInput(f"[drive] {name} has {len(given)} numbers; it must have 1 or {len(of)}: {', '.join(of)}")
-    return given * len(of) if len(given) == 1 else given

@@ -34,7 +34,7 @@ from ..planning.course import SmoothCurve
 from ..planning.course_tracker import CourseOptions, CourseTracker
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
-from ..readers.reading import check_keys
+from ..readers.reading import check_keys, one_for_each
 from ..readers.robots import find_robot, law_of
 from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .contact import check_share, friction_accelerations
@@ -75,9 +75,7 @@ class Learning:
     """Parameters of the controller that are learned at its calls; `believed` are those in use, which it changes in place."""
 
     def __init__(self, law: ControlLaw, believed: np.ndarray, section: AdaptationSection, simulation: Simulation):
-        """Raises BadInput for parameters that cannot be learned, and for a backend other than c, cf and casadi."""
-        if simulation.backend not in ("casadi", *SCALAR):
-            raise BadInput(f"[adaptation] does not run on backend {simulation.backend}: use {', '.join(SCALAR)}")
+        """Raises BadInput for parameters that cannot be learned."""
         options = AdaptationOptions(**{field.name: getattr(section, field.name) for field in fields(section)})
         self.adaptation = Adaptation(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
         self.believed, self._t = believed, 0.0
@@ -407,22 +405,11 @@ def _vehicle_limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> Vehicl
 
 def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction:
     ki = integral_entries(law, spec.gains)
-    if spec.limits is None:
-        return IntegralAction(law, gains, ki)
-    if any(ki.values()) and not spec.simulation.period:
-        raise BadInput(
-            "[limits] with a gain ki requires [simulation] period > 0: "
-            "at each call, the status of the previous one decides whether the integral may grow"
-        )
-    return IntegralAction(law, gains, ki, spec.limits.integral)
+    return IntegralAction(law, gains, ki, *([spec.limits.integral] if spec.limits else []))
 
 
 def _observers(spec: Spec, law: ControlLaw, gains: list[float]) -> DisturbanceObservers:
     ko = observer_entries(law, spec.gains)
-    if any(ko.values()) and not spec.simulation.period:
-        raise BadInput("gains: ko requires [simulation] period > 0: an observer compares what v did between two calls")
-    if any(ko.values()) and spec.drive and spec.drive.takes_velocity and not spec.kinematic:
-        raise BadInput(f'gains: ko does not go with [drive] kind = "{spec.drive.kind}": v acts later than it is given')
     return DisturbanceObservers(law, gains, ko, spec.limits.disturbance if spec.limits else (0.0,))
 
 
@@ -517,24 +504,21 @@ def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
             raise BadInput(f"[output] path {missing[0]} is missing; a {path.kind} has {', '.join(names)}")
         given |= path.parameters
         if (poles := spec.output.poles) is not None:
-            if len(poles) != len(along):
-                raise BadInput(f"[output] poles has {len(poles)} numbers; {law.name} has {len(along)} of this robot")
+            one_for_each(poles, along, "[output] poles", of_all=False)
             given |= dict(zip(along, polynomial.polyfromroots(poles)[:-1].tolist(), strict=True))
     return np.array(values_of(list(law.config), given, "[output]"))
 
 
 def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     """Return the function from t to the reference, in the order of law.reference."""
-    rows, degrees = len(law.output.rows), law.linearization.relative_degree
+    rows, degrees = [row.name for row in law.output.rows], law.linearization.relative_degree
     position, velocity = spec.reference.position or (), spec.reference.velocity
     if spec.output.type == "IV":
         position = (0.0, spec.desired_speed)
     if velocity is None:
-        velocity = (0.0,) * rows
+        velocity = (0.0,) * len(rows)
     for name, given in (("position", position), ("velocity", velocity)):
-        if len(given) != rows:
-            needed = ", ".join(row.name for row in law.output.rows)
-            raise BadInput(f"[reference] {name} has {len(given)} numbers; it must have {rows}: {needed}")
+        one_for_each(given, rows, f"[reference] {name}", of_all=False)
     offset, slope = [], []
     for degree, start, rate in zip(degrees, position, velocity, strict=True):
         offset += [start, rate, *[0.0] * (degree - 1)][: degree + 1]
@@ -562,9 +546,7 @@ def _oscillating(oscillation: OscillationSection, law: ControlLaw) -> Callable[[
     rows, degrees = law.output.rows, law.linearization.relative_degree
     angles = (0.0,) * len(rows) if oscillation.angle is None else oscillation.angle
     for name, given in (("amplitude", oscillation.amplitude), ("angle", angles)):
-        if len(given) != len(rows):
-            needed = ", ".join(row.name for row in rows)
-            raise BadInput(f"[reference] oscillation {name} has {len(given)} numbers; it must have {len(rows)}: {needed}")
+        one_for_each(given, [row.name for row in rows], f"[reference] oscillation {name}", of_all=False)
 
     def at(t: float) -> np.ndarray:
         parts = []
@@ -680,9 +662,8 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
     n, dof, known = len(system.mechanism.coordinates), system.dof, at_start(system.mechanism, plant.given)
     if initial.q is not None:
         nu = (0.0,) * dof if initial.nu is None else initial.nu
-        for name, given, needed in (("q", initial.q, n), ("nu", nu, dof)):
-            if len(given) != needed:
-                raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {needed}")
+        for key, given, needed in (("q", initial.q, system.state[:n]), ("nu", nu, system.state[n:])):
+            one_for_each(given, [q.name for q in needed], f"[initial] {key}", of_all=False)
         for k, value in known.items():
             if initial.q[k] not in (0.0, value):
                 name = system.mechanism.coordinates[k].name
@@ -703,10 +684,8 @@ def _extension(law: ControlLaw, spec: Spec, believed: np.ndarray, guidance: Guid
     """Return the states of the dynamic extension at t = 0: as given, else as the reference desires; empty without one."""
     given = spec.initial.extension if spec.initial else None
     if given is not None:
-        if len(given) != len(law.extension):
-            needed = ", ".join(f"{q.name} ({q.unit})" for q in law.extension) or "none: the law has no dynamic extension"
-            raise BadInput(f"[initial] extension has {len(given)} numbers; {law.name} has {len(law.extension)} states: {needed}")
-        return np.array(given)
+        states = [f"{q.name} ({q.unit})" for q in law.extension]
+        return np.array(one_for_each(given, states, "[initial] extension", of_all=False))
     desired = guidance.reference(0.0, start)
     return extension_starts(law, believed[None], guidance.leg.config[None], start[None], desired[None])[0]
 

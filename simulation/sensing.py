@@ -16,6 +16,7 @@ from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..model.vehicle import point_on_body
 from ..readers.errors import BadInput
+from ..readers.reading import one_for_each
 from .guidance import Number, vehicle_motion
 from .noise import Noise
 from .specification.spec import Correction, EstimatorSection, LimitsSection, Sensors, Simulation
@@ -35,9 +36,11 @@ class NoisyRates:
 
     def __init__(self, sensors: Sensors, system: ReducedSystem, start: np.ndarray):
         """Raises BadInput for a wrong number of means or deviations."""
-        dof = system.dof
+        dof, names = system.dof, [q.name for q in system.quasi_velocities]
         self._sensors = sensors
-        self._mean, self._sd = (_each(values, dof) for values in (sensors.noise.mean, sensors.noise.sd))
+        self._mean, self._sd = (
+            np.array(one_for_each(values, names, "[sensors] noise")) for values in (sensors.noise.mean, sensors.noise.sd)
+        )
         self._random = Noise(sensors.seed, dof) if self._sd.any() else None  # without, no C is needed
         self._rates = slice(len(start) - dof, len(start))
         self._noise, self._drawn = self._draw(), 0.0
@@ -201,7 +204,7 @@ def slip_options(sensors: Sensors, limits: LimitsSection, mu: float, turn: np.nd
     """Return the options of noticing slip: errors of the sensors as the SPEC has them. `turn` (2,) is that of the wheels."""
     notice, gyro, accelerometer = limits.notice_slip, sensors.gyro, sensors.accelerometer
     assert notice and gyro, "checked by the SPEC"
-    mean, sd = (_each(values, 2) for values in (sensors.noise.mean, sensors.noise.sd))
+    mean, sd = (np.broadcast_to(values, 2) for values in (sensors.noise.mean, sensors.noise.sd))
     count = 2 * math.pi / sensors.counts if sensors.counts else 0.0
     return SlipOptions(
         window=notice.window,
@@ -253,7 +256,7 @@ class Estimating(Sensing):
         fixes = estimator.pose
         self._estimator, self._names = estimator, [q.name for q in law.system.quasi_velocities]
         options = FilterOptions(
-            noise=_each(estimator.noise, law.system.dof, "[estimator] noise"),
+            noise=np.array(one_for_each(estimator.noise, self._names, "[estimator] noise")),
             start=self.reckoned,
             start_sd=estimator.start_sd,
             gyro_noise=estimator.gyro_noise,
@@ -263,8 +266,6 @@ class Estimating(Sensing):
             gate=estimator.gate,
             memory=math.ceil(fixes.delay / simulation.period) + 2 if fixes else 0,
         )
-        if simulation.backend not in ("casadi", *SCALAR):
-            raise BadInput(f"[estimator] does not run on backend {simulation.backend}: use {', '.join(SCALAR)}")
         self.filter = Filter(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
         self._errors = Noise(sensors.seed + ERRORS, 4)  # of gyro and measured pose
         self._true_heading = float(self.reckoned[2])
@@ -303,12 +304,6 @@ class Estimating(Sensing):
 def _count(t: float, period: float) -> float:
     """How many periods have gone by; with none, every instant counts."""
     return math.floor(t / period + 1e-9) if period else t
-
-
-def _each(values: tuple[float, ...], count: int, where: str = "[sensors] noise") -> np.ndarray:
-    if len(values) not in (1, count):
-        raise BadInput(f"{where} has {len(values)} numbers, it must have 1 or {count}")
-    return np.array(values * count if len(values) == 1 else values)
 
 
 def pose_coordinates(system: ReducedSystem) -> list[int]:

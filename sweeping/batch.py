@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..codegen.derivation.grip import is_wide
+from ..codegen.loop.stages import check
 from ..controllers import SCALAR
 from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
@@ -68,14 +69,8 @@ class Batch:
 
         Raises BadInput and ModelError as `simulate` does, for a SPEC that is not sampled and for a backend other than c and cf.
         """
-        if not spec.simulation.period:
-            raise BadInput("[simulation] period = 0: a sweep runs sampled controllers; give the time between two calls in s")
-        if spec.simulation.backend not in SCALAR:
-            raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
-        if kind := spec.reference.moves:
-            raise BadInput(f"[reference] {kind}: a sweep does not have it yet; use noslip simulate, or leave it out")
-        if spec.simulated:
-            raise BadInput(f"[{spec.simulated[0]}] is not in the C of a sweep: `Simulated` runs it")
+        check(spec, "noslip sweep")
+        check(spec, "the C of a sweep")
         self.loop = make_loop(spec)
         self._notices = spec.limits is not None and spec.limits.notice_slip is not None
         self.law = law = self.loop.law

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from ..readers.errors import BadInput, installing
+from ..readers.errors import BadInput, library
 from .runner import AHEAD, in_flight
 from .study import Study, outcomes_of
 
@@ -21,10 +21,7 @@ class Cluster:
 
     def __init__(self, address: str, study: Study):
         """Raises BadInput if distributed is not installed, no scheduler answers, or it has no workers."""
-        try:
-            import distributed
-        except ImportError as error:
-            raise BadInput(f"--scheduler needs distributed; {installing('cluster')}") from error
+        distributed = library("distributed", "--scheduler needs distributed", "cluster")
         for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # this module reports errors itself
         self._distributed, self._study = distributed, study

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..model.law import ControlLaw
 from ..model.mechanism import values_of
-from ..readers.errors import BadInput
-from ..readers.robots import suggestion
+from ..readers.errors import check_named
 from ..simulation.loop import Loop, axle_at, initial_of
 from ..simulation.specification.spec import NoiseSection, OutputSection, Spec
 from ..verification.cases import gain_entries, integral_entries, observer_entries
@@ -43,8 +42,7 @@ class SampleInputs:
         """Return a table (count, inputs) from given columns by name; the others follow or are nominal. Raises BadInput for
         unknown names."""
         for name in columns:
-            if name not in self.nominal:
-                raise BadInput(f"{name!r} is not a number of this SPEC that a sample can have{suggestion(name, self.names)}")
+            check_named(name, self.names, "not a number of this SPEC that a sample can have:")
         made = np.empty((count, len(self.nominal)))
         for k, (name, value) in enumerate(self.nominal.items()):
             source = name if name in columns else self.follows.get(name, name)

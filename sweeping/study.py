@@ -9,8 +9,8 @@ import numpy as np
 
 from .. import __version__
 from ..codegen.files import fingerprint
-from ..readers.errors import BadInput
-from ..readers.robots import suggestion
+from ..codegen.loop.stages import broken
+from ..readers.errors import BadInput, check_named
 from ..simulation.loop import make_loop
 from ..simulation.specification.distributions import Sweep
 from ..simulation.specification.spec import Spec, spec_of
@@ -110,7 +110,7 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
     try:
         spec = as_sampled(spec_of(text, name))
         sweep = sweep_of(spec)
-        runs = Simulated if spec.simulated else Batch
+        runs = Simulated if broken(spec, "the C of a sweep") else Batch
         batch = runs(spec, band=sweep.band, instants=instants)
         return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch), instants)
     except BadInput as error:
@@ -150,8 +150,8 @@ def _criterion(sweep: Sweep, batch: Batch | Simulated) -> Criterion:
     status = bool(given.pop("status", True))
     limits = {long: limit for name, limit in given.items() for long in _in_full(name, batch)}
     for name in limits:
-        if name not in batch.outcomes or name in ("status", "steps", "order"):
-            raise BadInput(f"[sweep] fails: {name!r} is not an outcome{suggestion(name, batch.outcomes)}")
+        outcomes = [each for each in batch.outcomes if each not in ("status", "steps", "order")]
+        check_named(name, outcomes, "[sweep] fails: unknown outcome")
     return Criterion(status, limits, batch.outcomes)
 
 

@@ -291,14 +291,14 @@ def test_init_refuses():
 
 BAD = {
     "nothing": ({"noise": 0.2}, "bounds"),
-    "least above most": ({"bounds": {"m_c": [3.0, 2.0]}, "noise": 0.2}, "the least below the most"),
+    "least above most": ({"bounds": {"m_c": [3.0, 2.0]}, "noise": 0.2}, "the first must be below the second"),
     "one bound": ({"bounds": {"m_c": [3.0]}, "noise": 0.2}, "[least, most]"),
     "empty": ({"bounds": {}, "noise": 0.2}, "is empty"),
     "not a parameter": ({"bounds": {"m": [1.0, 2.0]}, "noise": 0.2}, "'m' is not a parameter"),
     "not affine": ({"bounds": {"d": [0.1, 0.2]}, "noise": 0.2}, "not affine in d"),
     "not told apart": ({"bounds": {"I_c": [1.0, 20.0], "I_m": [0.0, 1.0]}, "noise": 0.2}, "no motion tells I_c, I_m"),
     "not within": ({"bounds": {"m_c": [50.0, 60.0]}, "noise": 0.2}, "must lie within its bounds"),
-    "not smoothed": ({"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.2, "window": 0.01}, "5 periods"),
+    "not smoothed": ({"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.2, "window": 0.01}, "at least 5 times [simulation] period"),
     "no noise": ({"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.0}, "noise"),
 }
 
@@ -310,7 +310,7 @@ def test_a_bad_section_is_refused():
             pytest.fail(name)
         assert "\n" not in str(error.value)
     section = {"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.1}
-    with pytest.raises(BadInput, match="goes neither with a delay"):
+    with pytest.raises(BadInput, match="requires .simulation. period > 0"):
         spec_of_table({**SPEC, "simulation": {"duration": 1.0}, "adaptation": section}, Path("none.toml"))
 
 

@@ -128,11 +128,11 @@ WRONG = {
     "other kind": ('course = "points.xml"', "points.xml: a course is read from .json, .toml or .csv"),
     "not JSON": ('course = "bad.json"', "bad.json: not JSON"),
     "no course": ('course = "empty.json"', r"empty.json has no \[reference\]"),
-    "a circle": ("circle = { radius = 1.0, rate = 1.0 }", "circle does not apply to type IV"),
-    "nothing": ("speed = 1.0", r"\[reference\] course is missing"),
+    "a circle": ("circle = { radius = 1.0, rate = 1.0 }", "requires .reference. course"),
+    "nothing": ("speed = 1.0", "requires .reference. course"),
     "three numbers": (
         "position = [0, 0, 0]\ncourse = { speed = 1, lengths = [1], curvatures = [0, 0] }",
-        "position has 3 numbers",
+        "a position that is no point",
     ),
     "far": (
         "position = [9, 0]\ncourse = { speed = 1, lengths = [1], curvatures = [0.111112, 0.111112], heading = 1.5707963 }",
@@ -155,7 +155,7 @@ def test_a_course_that_is_wrong_is_refused(name, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("extension = true", 'near_singular = "damped"', "does not go with a course"),
+        ("extension = true", 'near_singular = "damped"', "does not go with .output. path = { kind"),
         ("[simulation]", '[simulation]\nbackend = "m4f"', "backend"),
         ("L = -0.3", "L = 0.0", "is for a P_l on the axle"),
         ('kind = "course"', 'kind = "course", A = 1.0', "A"),
@@ -267,10 +267,10 @@ def test_the_rear_axle_along_the_way():
 @pytest.mark.parametrize(
     ("new", "says"),
     [
-        ("arclength = true\nextension = true", "without extension"),
-        ("arclength = true\npoles = [1.0, -1.0]", "poles must be negative"),
+        ("arclength = true\nextension = true", "arclength does not go with .output. extension"),
+        ("arclength = true\npoles = [1.0, -1.0]", "poles.0. = 1 must be below 0"),
         ("arclength = true\npoles = [-1.0]", "poles has 1 numbers"),
-        ("poles = [-1.0]", "poles requires arclength"),
+        ("poles = [-1.0]", "poles requires .output. arclength"),
     ],
 )
 def test_poles_along_the_way_that_are_wrong(new, says):
@@ -287,9 +287,9 @@ NEEDS_THE_COURSE = {
     "outer loop": (["outer-loop", "labmate", "--output", ALONG], "has no default course"),
     "kinematic outer loop": (["outer-loop", "labmate", "--output", ALONG, "--drive", "kinematic"], "has no default course"),
     "table": (["analyse", "labmate", "--start", SPEC, "--table"], "not supported"),
-    "record": (["simulate", SPEC, "--record", "r"], "has no target"),
-    "Cortex-M4F": (["simulate", SPEC, "--set", 'simulation.backend="m4f"'], "does not go with"),
-    "RISC-V": (["simulate", SPEC, "--set", 'simulation.backend="rv32"'], "does not go with"),
+    "record": (["simulate", SPEC, "--record", "r"], "--record requires [simulation] backend"),
+    "Cortex-M4F": (["simulate", SPEC, "--set", 'simulation.backend="m4f"'], "emulated processors have no courses"),
+    "RISC-V": (["simulate", SPEC, "--set", 'simulation.backend="rv32"'], "emulated processors have no courses"),
 }
 
 

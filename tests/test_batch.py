@@ -335,7 +335,7 @@ def test_a_plant_is_what_is_believed_unless_it_is_said():
 def test_a_sweep_refuses_what_it_cannot_run():
     with pytest.raises(BadInput, match="period = 0"):
         Batch(spec(period=0.0))
-    with pytest.raises(BadInput, match="backend = 'casadi'"):
+    with pytest.raises(BadInput, match='requires .simulation. backend = "c"'):
         Batch(spec(backend="casadi"))
 
 

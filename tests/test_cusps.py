@@ -294,16 +294,20 @@ def test_trailers_in_a_yard():
 
 
 REFUSED = {
-    "zero": ("lengths = [1.0, 1.0", "lengths = [0.0, 1.0", "must not be 0"),
-    "rounding": ("speed = 0.5\nlengths", "rounding = 0.2\nspeed = 0.5\nlengths", "parts 2 and 3, which meet at a cusp"),
+    "zero": ("lengths = [1.0, 1.0", "lengths = [0.0, 1.0", "has a length of 0"),
+    "rounding": ("speed = 0.5\nlengths", "rounding = 0.2\nspeed = 0.5\nlengths", "the parts at a cusp, after .2."),
     "extension": ("arclength = true", "extension = true", "singular at standstill"),
     "reversing": (
         'arclength = true\npath = { kind = "course" }',
         'path = { kind = "course" }',
-        'set .output. reversing = "switch"',
+        'requires .* or .output. reversing = "switch"',
     ),
-    "arclength reversing": ("arclength = true", 'arclength = true\nreversing = "switch"', "arclength needs no reversing"),
-    "lateral": ("creep = 0.005", "lateral = 1.0", "lateral applies to composite paths only"),
+    "arclength reversing": (
+        "arclength = true",
+        'arclength = true\nreversing = "switch"',
+        "arclength does not go with .output. reversing",
+    ),
+    "lateral": ("creep = 0.005", "lateral = 1.0", "lateral requires a composite path"),
     "stop": ('kind = "course"', 'kind = "course", stop = "wheel"', "stop"),
     "closed": ('kind = "course"', 'kind = "course", closed = true', "closed"),
     "other output": ('type = "IV"\nL = -0.3\narclength = true\npath = { kind = "course" }', 'type = "I"\nL = 0.0', "IV"),

@@ -240,15 +240,16 @@ def test_what_cannot_be_damped_is_refused_with_the_reason(capsys):
     with pytest.raises(ModelError, match="forward speed and yaw rate are fixed combinations"):
         control_law(car, output_map(car, "type_iv_line_damped"))
     for output, says in (
-        ({"type": "I", "path": None}, "is for type IV without extension"),
-        ({"near_singular": "refuse", "band": 0.1}, "band requires near_singular"),
+        ({"type": "I", "path": None}, 'near_singular = "damped" requires .output. type = "IV"'),
+        ({"near_singular": "refuse", "band": 0.1}, "band requires .output. near_singular"),
         ({"band": 1.5}, "the band is not between 0.01 and 1"),
         ({"band": 0.0099}, "the band is not between 0.01 and 1"),
         ({"band": 1e-5}, "the band is not between 0.01 and 1"),
     ):
         table = {key: value for key, value in (SPEC["output"] | output).items() if value is not None}
         with pytest.raises(BadInput, match=says):
-            simulate(spec_of_table({**SPEC, "output": table}, Path("x.toml")))
+            reference = {"position": [0.0, 0.0]} if table["type"] == "I" else SPEC["reference"]
+            simulate(spec_of_table({**SPEC, "output": table, "reference": reference}, Path("x.toml")))
 
 
 def test_the_analysis_says_what_is_lost():

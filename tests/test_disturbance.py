@@ -198,13 +198,13 @@ def test_a_call_evaluates_the_outputs_once(monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"period": 0.0}, r"ko requires \[simulation\] period > 0"),
+        ({"period": 0.0}, r"\(gain ko\) requires \[simulation\] period > 0"),
         ({"gains": {"ko_distance": -1.0}}, "ko_distance = -1 must be nonnegative and finite"),
         ({"gains": {"ko_length": 1.0}}, "unknown gain 'ko_length'"),
         ({"limits": LimitsSection(torque=(9.0,), disturbance=(1.0, 2.0, 3.0))}, "disturbance has 3 numbers; it must have 1 or 2"),
         ({"limits": LimitsSection(torque=(9.0,), disturbance=(-1.0,))}, "must be nonnegative"),
         ({"limits": LimitsSection(torque=(9.0,), disturbance=(1.0,)), "gains": {"ko": 0.0}}, "requires a disturbance observer"),
-        ({"drive": DriveSection(kind="velocity", bandwidth=5.0)}, "ko does not go with"),
+        ({"drive": DriveSection(kind="velocity", bandwidth=5.0)}, r"\(gain ko\) does not go with"),
         ({"drive": DriveSection(kind="kinematic", bandwidth=5.0)}, "a kinematic law commands velocities"),
     ],
 )

@@ -317,14 +317,14 @@ def test_wrong_masses_matter_to_torques_only():
 @pytest.mark.parametrize(
     "change, said",
     [
-        (("bandwidth = 5.0\n", ""), r"bandwidth is missing; kind = \"velocity\" requires"),
+        (("bandwidth = 5.0\n", ""), r'kind = "velocity" requires .drive. bandwidth'),
         (("bandwidth = 5.0", "bandwidth = -5.0"), "bandwidth"),
         (("bandwidth = 5.0", "bandwidth = nan"), "bandwidth"),
         (("most_speed = 40.0", "most_speed = 0.0"), "most_speed"),
         (("most_speed = 40.0", "most_speed = []"), "most_speed is empty"),
         (("most_speed = 40.0", "most_speed = [1.0, 2.0, 3.0]"), "most_speed has 3 numbers; it must have 1 or 2: thetadot_r"),
         (('"velocity"', '"speed"'), "kind"),
-        (('"velocity"', '"torque"'), 'does not apply to kind = "torque"'),
+        (('"velocity"', '"torque"'), 'kind = "torque" does not go with .drive. bandwidth'),
         (("delay = 0.02", "delay = -0.02"), "delay"),
         (("delay = 0.02", "latency = 0.02"), "latency"),
         (("period = 0.01", "period = 0.0"), "requires .simulation. period > 0"),

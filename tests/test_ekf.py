@@ -428,7 +428,7 @@ BAD = {
     "nothing": ("[estimator]", "noise"),
     "with a correction": ("[correction]\nrate = 1.0\n[estimator]\nnoise = 0.1", "does not go with [correction]"),
     "noise of three wheels": ("[estimator]\nnoise = [0.1, 0.1, 0.1]", "it must have 1 or 2"),
-    "start": ("[estimator]\nnoise = 0.1\nstart_sd = [0.1]", "it must have 3"),
+    "start": ("[estimator]\nnoise = 0.1\nstart_sd = [0.1]", "it must be [x, y, heading]"),
     "scale of a mass": ("[estimator]\nnoise = 0.1\nscales = { m_c = 0.1 }", "cannot be scaled"),
     "noise too small": ("[estimator]\nnoise = 1e-9", "1e-6 to 1e6"),
 }

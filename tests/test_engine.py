@@ -354,7 +354,7 @@ def test_the_command_line(tmp_path, capsys):
     "changes, said",
     [
         (["simulation.period=0.0"], "period > 0"),
-        (["floor.step=0.01"], "[floor] step = 0.01 s must be between 1e-05 and 0.002"),
+        (["floor.step=0.01"], "[floor] step = 0.01 must be at most 0.002"),
         (["floor={mu=-1}"], "floor"),
         (["floor={slope=1.5}"], "too steep"),
         (["floor={patch=[{x=[1,0],y=[0,1],mu=0.2}]}"], "must be below"),
@@ -372,7 +372,7 @@ def test_the_command_line(tmp_path, capsys):
         (["plant={d=0.3}", "contact={share=0.999}"], "the rest would balance 281 m ahead"),
         (["sensors={pose='wrong'}"], "pose"),
         (["floor={grip=1}"], "unknown key"),
-        (["sensors={pose='true'}", "correction={rate=1.0}"], "the true pose needs none"),
+        (["sensors={pose='true'}", "correction={rate=1.0}"], "the true pose needs no correction"),
     ],
 )
 def test_bad_input_is_one_line(changes, said, tmp_path, capsys):

@@ -626,7 +626,7 @@ def test_start_values_are_those_of_the_reference():
     given = dataclasses.replace(spec, initial=dataclasses.replace(spec.initial, extension=(0.25,)))
     np.testing.assert_array_equal(make_loop(given).extension, [0.25])
     many = dataclasses.replace(spec, initial=dataclasses.replace(spec.initial, extension=(0.25, 0.0)))
-    with pytest.raises(BadInput, match="extension has 2 numbers; type_i_extended has 1 states: forward_speed_rate"):
+    with pytest.raises(BadInput, match="extension has 2 numbers; it must have 1: forward_speed_rate"):
         make_loop(many)
 
 
@@ -762,10 +762,10 @@ def test_an_emulated_processor_computes_the_same_bits():
 COURSE = AXLE.replace("velocity = [0.6, 0.1]", "course = { speed = 0.5, lengths = [2.0], curvatures = [0.0, 0.1] }")
 REFUSED = {
     "course without its end": (COURSE.replace("[0.0, 0.1]", "[0.1]"), "1 lengths and 1 curvatures: give one curvature more"),
-    "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "lengths must not be 0"),
+    "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "course: has a length of 0"),
     "course that waits, and a velocity": (
         COURSE.replace("0.1] }", '0.1], follow = "path" }, velocity = [0.1, 0.0]'),
-        "velocity does not go with a course with follow",
+        "velocity does not go with .reference.course. follow",
     ),
     "course that waits, without damping": (
         COURSE.replace("0.1] }", '0.1], follow = "path" }') + "gains = { kd = 0.0 }",
@@ -778,7 +778,7 @@ REFUSED = {
     "course that goes back": (COURSE.replace("speed = 0.5, l", "speed = -0.5, l"), "speed .*positive"),
     "course and circle": (
         COURSE.replace("course =", "circle = { radius = 1.0, rate = 0.1 }, course ="),
-        "both circle and course",
+        "circle does not go with .reference. course",
     ),
     "course of a path": (
         PATH.replace("speed = 0.5 }", "speed = 0.5, course = { speed = 1.0, lengths = [], curvatures = [0.0] } }"),

@@ -64,7 +64,7 @@ def test_a_table_takes_the_place_of_the_whole_table():
         ({"initial.heading": "north"}, "'north' is not a number"),
         ({"initial.heading": math.nan}, "not finite"),
         ({"robot.name": "labmate"}, "robot is not a table"),
-        ({"simulation.tolerance": 1.0}, "must be between"),
+        ({"simulation.tolerance": 1.0}, "must be at most 0.01"),
     ],
 )
 def test_changes_are_checked(changes, said):

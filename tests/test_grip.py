@@ -517,8 +517,8 @@ def test_random_starts_on_any_floor_keep_rolling_and_reach_the_path(count):
 @pytest.mark.parametrize(
     "more, said",
     [
-        ('[limits]\nmode = "grip"\n', r"\[limits\] mode = \"grip\" requires \[contact\] mu"),
-        ('[limits]\nmode = "cut"\n', r"\[limits\] torque is missing"),
+        ('[limits]\nmode = "grip"\n', r"\[limits\] mode = \"grip\" requires \[contact\]: mu"),
+        ('[limits]\nmode = "cut"\n', r"mode = \"cut\" requires \[limits\] torque"),
         ('[contact]\n[limits]\nmode = "grip"\nmargin = 1.0\n', "margin = 1 must be below 1"),
     ],
 )

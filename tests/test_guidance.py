@@ -196,7 +196,7 @@ def test_noise_is_the_same_for_the_same_seed_in_c_and_in_python():
 
 
 def test_noise_has_no_negative_spread():
-    with pytest.raises(BadInput, match="sd = -1"):
+    with pytest.raises(BadInput, match=r"sd\[0\] = -1"):
         NoiseSection(sd=(-1.0,))
 
 

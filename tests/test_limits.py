@@ -336,8 +336,8 @@ def test_finite_inputs_of_any_size_pass(scalar):
 @pytest.mark.parametrize(
     ("limits", "says"),
     [
-        (Limits((10.0,)), "torque has 1 values; give 2, for tau_r, tau_l"),
-        (Limits((1.0, 2.0, 3.0)), "torque has 3 values"),
+        (Limits((10.0,)), "torque has 1 numbers; it must have 2: tau_r, tau_l"),
+        (Limits((1.0, 2.0, 3.0)), "torque has 3 numbers"),
         (Limits((10.0, math.nan)), "torque of tau_l is nan"),
         (Limits((-1.0, 10.0)), "torque of tau_r is -1.0; give a positive number of N m, or 0 for no limit"),
         (Limits((1.0, -math.inf), "slow"), "torque of tau_l is -inf"),

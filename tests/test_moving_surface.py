@@ -405,7 +405,7 @@ def test_a_known_function_in_loops_with_a_period_with_drives_and_in_sweeps(tmp_p
     heavier = simulate(read_varied("specs/moving/conveyor.toml", short | {"plant.m_c": 33.0}))
     found = dict(zip(batch.outcomes, outcomes, strict=True))
     assert found["final.speed"] == heavier.error[-1, 1] and found["end.belt"] == heavier.q[-1, 5]
-    with pytest.raises(BadInput, match=r"\[given\] is not in the C of a sweep"):
+    with pytest.raises(BadInput, match=r"\[given\] does not go with the C of a sweep"):
         Batch(spec, band=0.1)
 
 

@@ -278,7 +278,7 @@ def test_deadbeat():
         (lambda: from_poles(7, [-1] * 7), "relative degree 7"),
         (lambda: from_settling(2, 0.0), "must be positive"),
         (lambda: from_settling(2, -1.0), "must be positive"),
-        (lambda: from_settling(2, 1.0, NAN), "must be positive and finite"),
+        (lambda: from_settling(2, 1.0, NAN), "is not finite"),
         (lambda: from_settling(2, "1"), "is not a number"),
         (lambda: from_lqr(2, [1, 1]), "LQR requires 3"),
         (lambda: from_lqr(2, [1, 0, 1]), "largest rate = 0"),

@@ -345,7 +345,7 @@ def test_replay_refuses_what_is_damaged(record, tmp_path, capsys):
 def test_record_needs_a_target(bad_input, tmp_path):
     out, record = str(tmp_path / "run.csv"), str(tmp_path / "record.txt")
     line = bad_input(["simulate", str(ROOT / "specs/line.toml"), "-o", out, "--record", record])
-    assert "backend 'c' has no target" in line
+    assert "--record requires [simulation] backend" in line
 
 
 def test_record_of_a_run(backend, tmp_path, capsys):

@@ -212,7 +212,7 @@ def test_motors_bound_the_accelerations():
     "changes, said",
     [
         ({"contact = { mu = 0.5, height = 0.1 }": "", 'limits = { mode = "grip" }': ""}, "lateral is missing; give it, or"),
-        ({'"fastest"': "1.0, angular = 1.0"}, "angular requires lateral, or speed"),
+        ({'"fastest"': "1.0, angular = 1.0"}, "angular requires a profile of the speed: give lateral, or speed"),
         ({'"fastest"': "1.0, lateral = -1.0"}, "must be positive"),
         ({'"fastest"': '"slowest"'}, "slowest"),
     ],
@@ -230,7 +230,7 @@ START = "[initial]\npoint = [0.0, 1.0]\n"
 
 
 def test_other_paths_have_no_profile():
-    with pytest.raises(BadInput, match="applies to composite paths only"):
+    with pytest.raises(BadInput, match="requires a composite path"):
         spec_of(SPEC[: SPEC.index("path = ")] + 'path = { kind = "line", A = 1.0, B = 0.0, C = 0.0 }\n' + START, "test")
 
 

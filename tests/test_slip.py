@@ -334,7 +334,7 @@ def test_no_force_within_friction_keeps_the_wet_bend():
     "changes, said",
     [
         ({"gyro = { noise = 0.003, bias = 0.002 }": ""}, r"notice_slip requires \[sensors\] gyro"),
-        ({'mode = "grip"': 'mode = "slow", torque = 9.0'}, 'notice_slip requires mode = "grip"'),
+        ({'mode = "grip"': 'mode = "slow", torque = 9.0'}, 'notice_slip requires .limits. mode = "grip"'),
         ({"notice_slip = {}": "notice_slip = { lower = 1.0 }"}, "lower = 1 must be below 1"),
         ({"notice_slip = {}": "notice_slip = { least = 0.7 }"}, "least = 0.7 must be at most .* mu = 0.5"),
         ({"notice_slip = {}": "notice_slip = { pause = 2.0 }"}, "pause = 2 must be at most hold = 1"),

@@ -252,14 +252,14 @@ BAD = {
     "initial.state={pitch=2}": "the robot has fallen at the start",
     "limits.mode='slow'": "give torque, and mode",
     "limits.torque=[1,2,3]": "[limits] torque has 3 numbers",
-    "simulation.backend='m4'": "unknown backend 'm4'; known are",
+    "simulation.backend='m4'": "unknown backend 'm4'; did you mean 'm4f'",
     "simulation.period=0.0": "[[push]] requires [simulation] period > 0",
     "gains={kp=1}": "[feedback] does not go with [gains]",
     "output={type='I'}": "[feedback] does not go with [output]",
     "reference.speed=1": "[feedback] does not go with [reference] speed",
-    "reference.position=[0,0,0,0]": "[reference] position is x, y and heading",
+    "reference.position=[0,0,0,0]": "a position of more than x, y and heading",
     "push=[{time=1,on='x',impulse=1}]": "push[0] on = 'x' is no quasi-velocity",
-    "sensors={counts=100}": "[feedback] does not go with dead reckoning",
+    "sensors={counts=100}": "there is no dead reckoning",
 }
 
 
@@ -272,10 +272,10 @@ def test_other_commands_refuse_it(bad_input, tmp_path):
     out = ["-o", str(tmp_path / "run.csv")]
     target = ["--set", "simulation.backend='m4f'", "--record", str(tmp_path / "record")]
     assert "a record is of a law" in bad_input(["simulate", "balancer", *out, *target])
-    assert "[feedback] has no outer loop" in bad_input(["outer-loop", "balancer", "--spec", "balancer"])
-    assert "judges its steady motions" in bad_input(["analyse", "balancer", "--start", "balancer"])
+    assert "[feedback] does not go with noslip outer-loop" in bad_input(["outer-loop", "balancer", "--spec", "balancer"])
+    assert "[feedback] does not go with analyse --start" in bad_input(["analyse", "balancer", "--start", "balancer"])
     assert "commands requires [feedback]" in bad_input(["simulate", "line", *out, "--set", "reference.commands=[{time=1}]"])
-    assert "[output] is missing" in bad_input(["simulate", "line", *out, "--set", "output={type='lqr'}"])
+    assert "a run requires [output] or [feedback]" in bad_input(["simulate", "line", *out, "--set", "output={type='lqr'}"])
     generate = ["generate", "balancer", "--lqr", "pitch=1", "-o", str(tmp_path)]
     assert "give NAME=NUMBER, such as speed=0.5" in bad_input([*generate, "--motion", "speed"])
     assert "apply to --lqr" in bad_input(["generate", "balancer", "--motion", "speed=1"])

@@ -289,10 +289,10 @@ def test_a_full_disk_is_one_line_and_loses_nothing(spec, tmp_path, monkeypatch, 
         ("\n[sweep.plants]\nm_c = { normal = [30.0, 6.0] }\n", "unknown key 'plants'"),
         ("\n[sweep.plant]\nm_d = { normal = [30.0, 6.0] }\n", "plant.m_d is not a number of this SPEC that can vary"),
         ("\n[sweep.plant]\nm_c = { gauss = [30.0, 6.0] }\n", "unknown key 'gauss'"),
-        ("\n[sweep.plant]\nm_c = { normal = [30.0, 0.0] }\n", "sd = 0 must be positive"),
+        ("\n[sweep.plant]\nm_c = { normal = [30.0, 0.0] }\n", "[1] = 0 must be positive"),
         ("\n[sweep.plant]\nm_c = { normal = [30.0] }\n", "has 1 numbers; it must be [mean, sd]"),
         ("\n[sweep.plant]\nm_c = { normal = [nan, 1.0] }\n", "is not finite"),
-        ("\n[sweep.plant]\nm_c = { uniform = [3.0, 2.0] }\n", "3 must be below 2"),
+        ("\n[sweep.plant]\nm_c = { uniform = [3.0, 2.0] }\n", "[3, 2]: the first must be below"),
         ("\n[sweep.plant]\nm_c = { log_uniform = [0.0, 2.0] }\n", "0 must be positive"),
         ("\n[sweep.plant]\nm_c = { uniform = [1.0, 2.0], within = [0, 1] }\n", "within applies to normal"),
         ("\n[sweep.plant]\nm_c = { normal = [30.0, 1.0], within = [90, 91] }\n", "almost none"),
@@ -300,9 +300,9 @@ def test_a_full_disk_is_one_line_and_loses_nothing(spec, tmp_path, monkeypatch, 
         ("\n[sweep.plant]\nm_c = 30.0\n", "is no distribution"),
         ("\n[sweep.initial]\npoint = { normal = [30.0, 6.0] }\n", "give a list of 2"),
         ("\n[sweep]\nfails = { final = -1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "must be positive"),
-        ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "'fnal' is not an outcome"),
+        ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "unknown outcome 'fnal'"),
         (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "plant.b", 0.5]]'), "plant.b does not vary"),
-        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'), "between -1 and 1"),
+        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'), "correlation = 1 must be below 1"),
         (
             SWEPT.replace(
                 "seed = 7",
@@ -319,8 +319,8 @@ def test_a_bad_sweep_is_refused_in_one_line(spec, tmp_path, bad_input, swept, me
 
 def test_a_bad_command_is_refused_in_one_line(spec, tmp_path, bad_input):
     command = ["sweep", spec(), "-o", str(tmp_path / "a.parquet"), "--samples"]
-    assert "--samples 0 must be 1 or more" in bad_input([*command, "0"])
-    assert "--jobs 0" in bad_input([*command, "9", "--jobs", "0"])
+    assert "--samples = 0 must be 1 or more" in bad_input([*command, "0"])
+    assert "--jobs = 0" in bad_input([*command, "9", "--jobs", "0"])
     assert "power of 2" in bad_input([*command, "9", "--indices", "100"])
     assert "at most" in bad_input([*command, str(2**33)])
     assert "ends in .parquet" in bad_input(["sweep", spec(), "-o", str(tmp_path / "a.csv"), "--samples", "9"])

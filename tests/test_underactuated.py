@@ -316,7 +316,7 @@ def test_the_command_writes_the_feedback(tmp_path, capsys, bad_input):
         (["generate", "labmate", "--lqr", "x=1"], "it is not underactuated"),
         (["generate", "balancer", "--lqr", "pitch"], "give NAME=NUMBER"),
         (["generate", "balancer", "--lqr", "pitch=1", "pitch=2"], "pitch has a number already"),
-        ([*LQR, "--limit", "-2"], "--limit -2: must be positive"),
+        ([*LQR, "--limit", "-2"], "--limit = -2 must be positive"),
         ([*LQR, "--output", "type_i"], "--lqr does not go with --output"),
         ([*LQR, "--check", "--explain"], "--lqr does not go with --check, --explain"),
         ([*LQR, "--check", "--scalar", "float"], "--lqr does not go with --check, --scalar"),
@@ -408,12 +408,12 @@ def test_wheels_that_roll_on_are_no_fall():
 def test_bad_input():
     rest, loop, X = balanced()
     wrong = {
-        "unknown state 'tilt'; states are x, y, phi, pitch": lambda: rest.lqr({"tilt": 1.0}),
+        "unknown state 'tilt'; known are x, y, phi, pitch": lambda: rest.lqr({"tilt": 1.0}),
         "weight of pitch is -1.0": lambda: rest.lqr({"pitch": -1.0}),
         "effort must be positive": lambda: rest.lqr(WEIGHTS, 0.0),
         "weigh further states": lambda: rest.lqr({"pitch": 1.0}),
-        "confirm: the level is inf": lambda: confirm(loop, X, np.inf, 1, 1.0),
-        "confirm: 0 starts": lambda: confirm(loop, X, 1.0, 0, 1.0),
+        "confirm: level = inf is not finite": lambda: confirm(loop, X, np.inf, 1, 1.0),
+        "confirm: starts = 0 must be 1 or more": lambda: confirm(loop, X, 1.0, 0, 1.0),
         "confidence = 1 must be between": lambda: Confirmed(1.0, 1, 1).share(1.0),
         "region: unknown state 'tilt'": lambda: region(loop, X, {"tilt": 1.0}, 1, 1.0),
     }

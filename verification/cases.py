@@ -11,12 +11,12 @@ from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..model.errors import ModelError
 from ..model.law import GAINS, SHORT_GAINS, ControlLaw
 from ..model.mechanism import Mechanism, Quantity
-from ..model.names import TYPES, LawName
+from ..model.names import INTEGRAL, OBSERVER, TYPES, LawName
 from ..model.paths import PATHS
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, check_named, naming
 from ..readers.files import file_or_shipped, read_input, write_whole
 from ..readers.reading import DRAFT, Schema, ref
-from ..readers.robots import beside, find_robot, law_of, suggestion
+from ..readers.robots import beside, find_robot, law_of
 
 DEFAULT_ROBOT = "labmate"
 MOST = 256  # MB, limit of a file of cases
@@ -66,7 +66,6 @@ MEANING = {  # of the keys, for the schema
     "v": "virtual input (20), in SI units",
 }
 DECIMAL = r"^\s*[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
-INTEGRAL, OBSERVER = "ki", "ko"
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +176,7 @@ def gain_entries(law: ControlLaw, values: Mapping[str, Any], where: str) -> dict
     with_memory = [f"{kind}_{row.name}" for kind in (INTEGRAL, OBSERVER) for row in law.output.rows]
     allowed = (*SHORT_GAINS, INTEGRAL, OBSERVER, *names, *with_memory)
     for name in values:
-        if name not in allowed:
-            raise BadInput(f"{where}: unknown gain {name!r}{suggestion(name, allowed)}")
+        check_named(name, allowed, f"{where}: unknown gain")
     return _in_full(names, values)
 
 
@@ -213,10 +211,8 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
     _check_keys(case, CASE_KEYS, NEEDED, where)
     output = _table(case["output"], f"{where}: output")
     name, config = read_output(output, f"{where}: output")
-    try:
+    with naming(where, (BadInput, ModelError)):
         law = law_of(robot, name)
-    except (BadInput, ModelError) as error:
-        raise BadInput(f"{where}: {error}") from error
     params = _table(case["params"], f"{where}: params")
     gains = gain_entries(law, _table(case["gains"], f"{where}: gains"), f"{where}: gains")
     for name in case["gains"]:
@@ -283,8 +279,7 @@ def _values(quantities: Sequence[Quantity], table: Mapping[str, Any], where: str
 
 def _check_keys(table: Any, allowed: Sequence[str], needed: Sequence[str], where: str) -> None:
     for key in _table(table, where):
-        if key not in allowed:
-            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, allowed)}")
+        check_named(key, allowed, f"{where}: unknown key")
     missing = [key for key in needed if key not in table]
     if missing:
         raise BadInput(f"{where}: {', '.join(missing)} missing")

@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from ...codegen.loop.stages import check
 from ...readers.errors import BadInput
 from ...readers.progress import Reported, silent
 from ...simulation.loop import Loop, make_loop
@@ -49,13 +50,13 @@ def safe_offsets(
 
     Raises BadInput for another path, and as `make_loop` does.
     """
+    check(spec, "analyse --table")
     loop = make_loop(spec)
     check_uncertainty(uncertainty, loop)
-    initial, desired = spec.initial or Initial(), spec.reference.speed
-    if loop.law.output.path is None or loop.composite or loop.sensing or initial.point is None or desired is None:
-        raise BadInput("a table of safe offsets needs one path, a start given by its point, and no [sensors]")
-    enclosed = EnclosedLoop(loop, spec, uncertainty)
-    if not enclosed.settles:
+    initial, desired = spec.initial, spec.reference.speed
+    assert initial and initial.point and desired is not None, "checked by the table of stages"
+    enclosed = EnclosedLoop(loop, spec, uncertainty) if loop.law.output.path else None
+    if enclosed is None or not enclosed.settles:
         raise BadInput("a table of safe offsets needs a line, a circle or an arc as path")
     h, psi = enclosed.z[:2]
     direction = (initial.heading or 0.0) - psi

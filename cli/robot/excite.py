@@ -48,14 +48,15 @@ def run(args: argparse.Namespace) -> int:
     from ...identification.log import check_known
     from ...readers.files import write_whole
     from ...readers.progress import Progress
+    from ...readers.reading import number
     from ...readers.robots import find_robot
     from ...simulation.specification.spec import read_spec, read_text, toml_table
     from ...simulation.specification.vary import spec_text
 
     check_targets([args.output], [], inputs=[args.spec])
     for option, value in (("--room", args.room), ("--noise", args.noise), ("--speed", args.speed)):
-        if value is not None and not 0 < value < float("inf"):
-            raise BadInput(f"{option} {value:g} must be positive")
+        if value is not None:
+            number("positive")(value, option)
     spec = read_spec(args.spec)
     if spec.output.type != "IV":
         raise BadInput(f'{args.spec}: [output] type = "{spec.output.type}"; excite needs "IV", to follow an eight')

@@ -1,4 +1,4 @@
-"""`noslip robots` and `noslip laws`: list the shipped robots, and the control laws of a robot."""
+"""`noslip robots`, `laws` and `stages`: list the shipped robots, the control laws of a robot, the stages of a loop."""
 
 import argparse
 
@@ -7,13 +7,16 @@ from ..commands import show
 EXAMPLE_OF_ROBOTS = """example:
   noslip robots
   noslip laws labmate     the control laws of a robot"""
+EXAMPLE_OF_STAGES = """example:
+  noslip stages
+  noslip stages --json"""
 EXAMPLE_OF_LAWS = """example:
   noslip laws labmate
   noslip laws path/to/robot.py:cart --json"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add `noslip robots` and `noslip laws`."""
+    """Add `noslip robots`, `noslip laws` and `noslip stages`."""
     parser = subparsers.add_parser(
         "robots",
         help="list the shipped robots",
@@ -29,6 +32,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.set_defaults(run=list_laws)
+    parser = subparsers.add_parser(
+        "stages",
+        help="list the stages of a closed loop",
+        description="List the stages of a closed loop: sections of a SPEC, signals, columns, and what goes together and why.",
+        epilog=EXAMPLE_OF_STAGES,
+    )
+    parser.set_defaults(run=list_stages)
 
 
 def list_robots(args: argparse.Namespace) -> int:
@@ -58,6 +68,14 @@ def _robot(name: str, robot) -> dict:
         "inputs": [q.name for q in robot.inputs],
         "parameters": {q.name: {"default": q.default, "unit": q.unit, "about": q.about} for q in robot.parameters},
     }
+
+
+def list_stages(args: argparse.Namespace) -> int:
+    """Run `noslip stages`. Return 0."""
+    from ...codegen.loop.stages import STAGES
+
+    show(args, lambda: "\n\n".join(map(str, STAGES)), lambda: [stage.as_json() for stage in STAGES])
+    return 0
 
 
 def list_laws(args: argparse.Namespace) -> int:

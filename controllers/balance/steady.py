@@ -15,14 +15,13 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import solve_continuous_are
 
 from ...model.errors import ModelError
 from ...model.mechanism import Mechanism
 from ...model.reduction import counted
 from ...model.underactuated import PartialLinearization, at_rest, partial_linearization
 from ...model.vehicle import point_on_body
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, check_named
 
 RESTS = 1e-9  # N, N m, or the unit of a rate: what is left at an equilibrium
 REACHED = 1e-9  # relative: singular values at or below this count as zero
@@ -145,6 +144,8 @@ class Steady:
         T = T @ reached_and_lost(self.A[np.ix_(kept, kept)], self.B[kept])[0]
         Q = T.T @ np.diag([weights.get(name, 0.0) for name in self.names]) @ T
         A, B = T.T @ self.A @ T, T.T @ self.B
+        from scipy.linalg import solve_continuous_are  # slow to import
+
         try:
             X = solve_continuous_are(A, B, Q, np.diag(R))
         except (np.linalg.LinAlgError, ValueError) as error:
@@ -156,8 +157,8 @@ class Steady:
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise BadInput for a name that is not that of a state."""
-        if unknown := [name for name in names if name not in self.names]:
-            raise BadInput(f"lqr: unknown state {unknown[0]!r}; states are {', '.join(self.names)}")
+        for name in names:
+            check_named(name, self.names, "lqr: unknown state")
 
     def without(self, K: np.ndarray, *names: str) -> np.ndarray:
         """Return gains, r x (2n-m), that do the same to what the inputs reach and do not use these states, such as the angles of

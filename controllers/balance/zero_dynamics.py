@@ -9,7 +9,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import null_space
 
 from ...model.linearization import SINGULAR, Linearization
 from ...model.mechanism import values_of
@@ -80,6 +79,8 @@ def _modes(system: ReducedSystem, rest: Steady, held: ca.SX, u: ca.SX) -> np.nda
 
     `system` is the reduction in whose symbols `held` and u are: each reduction that chooses the quasi-velocities has its own.
     """
+    from scipy.linalg import null_space  # slow to import
+
     robot = system.mechanism
     state = ca.vertcat(robot.q, system.nu)
     slopes = ca.Function("zero", [state, robot.p], [ca.jacobian(ca.vertcat(system.qdot, u), state), ca.jacobian(held, state)])

@@ -18,6 +18,7 @@ import noslip
 from lessons import rendered
 from noslip.cli import COMMANDS
 from noslip.cli.commands import parser_of, run
+from noslip.codegen.loop.stages import STAGES
 from noslip.codegen.runtime import runtime_files
 from noslip.evidence.catalogue import FIGURES
 from noslip.evidence.framework import SPECS, Case
@@ -80,7 +81,12 @@ def spec_page() -> str:
     """The entries of a SPEC, from its schema."""
     schema = json.loads((ROOT / "specs/spec.schema.json").read_text(encoding="utf-8"))
     head = 'In [TOML](https://toml.io). Numbers are in SI units; with a unit they are strings, such as `"90 deg"`.'
-    return "\n\n".join(["# SPEC.toml", schema["description"], head, *_sections(schema, "")])
+    together = [
+        "## What goes together",
+        "The stages of a closed loop, in their order:",
+        _fenced("text", "\n\n".join(map(str, STAGES))),
+    ]
+    return "\n\n".join(["# SPEC.toml", schema["description"], head, *_sections(schema, ""), *together])
 
 
 def _sections(schema: Mapping[str, Any], name: str) -> Iterator[str]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, installing, suggestion
+from ..errors import BadInput, library, suggestion
 from ..files import read_input
 from .from_mjcf import urdf_of
 from .inertial import Inertial
@@ -186,12 +186,9 @@ def parsed(file: str) -> Any:
 
 def _parsers() -> tuple[Any, Any]:
     """Return lxml's etree and yourdfpy's URDF. Raises BadInput if one is missing."""
-    try:
-        from lxml import etree
-        from yourdfpy import URDF
-    except ImportError as error:
-        raise BadInput(f"reading a URDF requires {error.name}: {installing('physics')}") from error
-    return etree, URDF
+    names = ("lxml.etree", "yourdfpy")
+    etree, yourdfpy = (library(name, f"reading a URDF requires {name.split('.')[0]}", "physics") for name in names)
+    return etree, yourdfpy.URDF
 
 
 def _rubs(dynamics: Any) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..errors import BadInput, installing
+from ..errors import BadInput, library
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 ELLIPSOID = 4  # mjtGeom
@@ -21,10 +21,7 @@ def urdf_of(file: str) -> tuple[Any, dict[str, np.ndarray]]:
 
     Raises BadInput for a file that MuJoCo cannot compile, and for a robot that a tree of links with one joint each cannot have.
     """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise BadInput(f"reading an MJCF requires mujoco: {installing('physics')}") from error
+    mujoco = library("mujoco", "reading an MJCF requires mujoco", "physics")
     try:
         model = mujoco.MjModel.from_xml_path(file)
     except ValueError as error:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...codegen.loop.stages import check
 from ...controllers.odometry import vehicle_wheels
 from ...model.vehicle import point_on_body, velocity_map
 from ...readers.errors import BadInput
@@ -28,12 +29,9 @@ class OnFloor:
 
     def __init__(self, loop: Loop, spec: Spec):
         """Raises BadInput for a loop without a period, and as Engine."""
-        if not spec.simulation.period:
-            raise BadInput("--engine mujoco requires [simulation] period > 0: the controller is called as in firmware")
+        check(spec, "--engine mujoco")
         contact, floor = spec.contact or ContactSection(), spec.floor or Floor()
         self.engine: Stepped
-        if spec.scene and spec.push:
-            raise BadInput("[[push]] does not go with [scene]: it is along velocities that only the engine's own bodies have")
         if spec.scene:
             self.engine = SceneEngine(loop.plant, spec.scene, contact, floor, loop.start)
         else:

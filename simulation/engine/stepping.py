@@ -11,7 +11,7 @@ import numpy as np
 from ...controllers.direct import Direct
 from ...model.algebra.portable import portable
 from ...model.reduction import ReducedSystem
-from ...readers.errors import BadInput, installing
+from ...readers.errors import BadInput, library
 from ..contact import GRAVITY
 from ..integrate import Refused
 from ..plant import Plant
@@ -163,10 +163,7 @@ class Stepped:
 
 def installed() -> Any:
     """Return MuJoCo. Raises BadInput if it is missing."""
-    try:
-        import mujoco  # an extra of the package
-    except ImportError as error:
-        raise BadInput(f"--engine mujoco: MuJoCo is not installed; {installing('physics')}") from error
+    mujoco = library("mujoco", "--engine mujoco: MuJoCo is not installed", "physics")
     mujoco.set_mju_user_warning(lambda _: None)  # what it warns of ends the run with a status; it would write a file as well
     return mujoco
 

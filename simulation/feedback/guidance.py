@@ -11,7 +11,8 @@ from ...controllers.balance.steady import analyse_steady
 from ...model.law import ControlLaw
 from ...model.mechanism import Mechanism
 from ...planning.course import SmoothCurve
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, check_named
+from ...readers.reading import one_for_each
 from ..guidance import Leg, Side
 from ..specification.spec import Spec
 from .desired import Desired, Motion, commanded, on_course
@@ -63,18 +64,14 @@ def feedback_of(robot: Mechanism, spec: Spec, parameters: list[float]) -> Balanc
     """
     section = spec.feedback
     assert section is not None, "the caller's SPEC has [feedback]"
-    count = len(robot.inputs)
-    if len(section.effort) not in (1, count):
-        raise BadInput(f"[feedback] effort has {len(section.effort)} numbers; it must have 1 or {count}, one for each input")
-    torque = (spec.limits.torque if spec.limits else None) or (0.0,)
-    if len(torque) not in (1, count):
-        raise BadInput(f"[limits] torque has {len(torque)} numbers; it must have 1 or {count}, one for each input")
+    inputs = [q.name for q in robot.inputs]
+    effort = one_for_each(section.effort, inputs, "[feedback] effort")
+    torque = one_for_each((spec.limits.torque if spec.limits else None) or (0.0,), inputs, "[limits] torque")
     if min(torque) < 0.0:
         raise BadInput(f"[limits] torque = {min(torque):g} must not be negative; 0 is no limit")
     try:
         steady = analyse_steady(robot, section.motion, parameters)
-        effort = np.broadcast_to(section.effort, count).tolist()
-        return design(steady, section.weights, effort, section.without, np.broadcast_to(torque, count).tolist())
+        return design(steady, section.weights, effort, section.without, list(torque))
     except BadInput as error:
         raise BadInput(f"[feedback] {error}") from error
 
@@ -94,8 +91,7 @@ def _made(balanced: Balanced, backend: str) -> Feedback | None:
         from ...controllers.balance.on_target import BalanceOnTarget
 
         return BalanceOnTarget(balanced, backend)
-    if backend not in BACKENDS:
-        raise BadInput(f"unknown backend {backend!r}; known are {', '.join((*BACKENDS, *ON_TARGET))}")
+    check_named(backend, (*BACKENDS, *ON_TARGET), "unknown backend")
     return None
 
 
@@ -119,8 +115,7 @@ def start_of(spec: Spec, balanced: Balanced, desired: Desired) -> np.ndarray | N
         return None
     state, names = desired(0.0), balanced.steady.names
     for name, off in (spec.initial.state or {}).items() if spec.initial else ():
-        if name not in names:
-            raise BadInput(f"[initial] state: unknown state {name!r}; states are {', '.join(names)}")
+        check_named(name, names, "[initial] state: unknown state")
         state[names.index(name)] += off
     return state
 

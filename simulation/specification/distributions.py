@@ -7,13 +7,32 @@ from typing import Any
 import numpy as np
 
 from ...readers.errors import BadInput
-from ...readers.reading import DEFINITIONS, SI, angle, check_keys, entry, flag, number, numbers, one_of, reads, ref, text, whole
+from ...readers.reading import (
+    DEFINITIONS,
+    SI,
+    angle,
+    ascending,
+    check_keys,
+    entry,
+    flag,
+    number,
+    one_of,
+    reads,
+    ref,
+    row,
+    text,
+    whole,
+)
 
 SEEDS = 2**21  # of a sweep: the seed of a sample is that of the sweep times 2^32 plus the sample's number, below 2^53
 PERIOD = 0.01  # s between calls for a SPEC with period 0 (continuous): the compiled loop of a sweep is sampled
 BAND = 0.05  # m, rad, m/s: an error has settled if it stays within
 DESIGNS = ("random", "sobol", "latin")
-KINDS = {"normal": "[mean, sd]", "uniform": "[a, b]", "log_uniform": "[a, b]"}
+KINDS = {
+    "normal": row("[mean, sd]", number(), number("positive")),
+    "uniform": ascending(number()),
+    "log_uniform": ascending(number("positive")),
+}
 KEYS = {
     "normal": "mean and standard deviation",
     "uniform": "lowest and highest value",
@@ -117,32 +136,20 @@ def _margin(table: Mapping[str, Any], where: str) -> Margin:
     if len(kinds) != 1:
         raise BadInput(f"{where} must be one of {', '.join(KINDS)}, {EXAMPLE}")
     kind = kinds[0]
-    a, b = _two(table[kind], f"{where} {kind}", KINDS[kind])
-    if kind == "normal" and b <= 0:
-        raise BadInput(f"{where} normal: sd = {b:g} must be positive")
-    if kind != "normal" and not a < b:
-        raise BadInput(f"{where} {kind}: {a:g} must be below {b:g}")
-    if kind == "log_uniform" and a <= 0:
-        raise BadInput(f"{where} log_uniform: {a:g} must be positive")
+    a, b = KINDS[kind](table[kind], f"{where} {kind}")
     if "within" not in table:
         return Margin(kind, a, b)
     if kind != "normal":
         raise BadInput(f"{where} within applies to normal only; {kind} has bounds already")
     from scipy.special import ndtr  # slow to import
 
-    low, high = _two(table["within"], f"{where} within", "[a, b]")
-    if not low < high:
-        raise BadInput(f"{where} within: {low:g} must be below {high:g}")
+    low, high = ascending(number())(table["within"], f"{where} within")
     if not ndtr((high - a) / b) - ndtr((low - a) / b) > 1e-9:
         raise BadInput(f"{where} within: almost none of the normal distribution lies between {low:g} and {high:g}")
     return Margin(kind, a, b, (low, high))
 
 
-def _two(value: Any, where: str, requirement: str) -> tuple[float, float]:
-    made = numbers(value, where)
-    if len(made) != 2:
-        raise BadInput(f"{where} has {len(made)} numbers; it must be {requirement}")
-    return made
+_correlation = number(unit="1", above=-1.0, below=1.0)
 
 
 @reads(
@@ -151,7 +158,7 @@ def _two(value: Any, where: str, requirement: str) -> tuple[float, float]:
         "description": "[[name, name, correlation], ...], numbers without unit between -1 and 1",
         "items": {
             "type": "array",
-            "items": [text.schema(), text.schema(), number(unit="1").schema()],
+            "items": [text.schema(), text.schema(), _correlation.schema()],
             "minItems": 3,
             "maxItems": 3,
         },
@@ -166,9 +173,7 @@ def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
         place = f"{where}[{k}]"
         if not isinstance(item, list) or len(item) != 3:
             raise BadInput(f'{place} = {item!r} is not [name, name, correlation], for example ["plant.m_c", "plant.I_c", 0.8]')
-        rho = number(unit="1")(item[2], place)
-        if not -1 < rho < 1:
-            raise BadInput(f"{place}: correlation {rho:g} must be between -1 and 1")
+        rho = _correlation(item[2], f"{place} correlation")
         made.append((text(item[0], place), text(item[1], place), rho))
     return tuple(made)
 
@@ -193,7 +198,7 @@ def _criterion(value: Any, where: str) -> dict[str, float | bool]:
 class Sweep:
     """What varies, and the criterion of failure: a sample fails if it stops early, or an outcome exceeds a limit."""
 
-    seed: int = entry(whole(0), 0, f"seed of the random numbers, below {SEEDS}")
+    seed: int = entry(whole(0, SEEDS - 1), 0, f"seed of the random numbers, below {SEEDS}")
     design: str = entry(one_of(*DESIGNS), "random", "how the samples fill the space")
     band: float = entry(number("positive"), BAND, "an error has settled when it stays within")
     period: float | None = entry(number("positive", "s"), None, "between calls of the controller, for a continuous SPEC")
@@ -217,8 +222,6 @@ class Sweep:
     simulation: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [simulation]")
 
     def __post_init__(self):
-        if self.seed >= SEEDS:
-            raise BadInput(f"[sweep] seed = {self.seed} must be below {SEEDS}")
         if heading := self.initial.get("heading"):
             for value in (heading.a, heading.b):
                 angle(value, "[sweep.initial] heading")

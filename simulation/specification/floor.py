@@ -8,20 +8,14 @@ from typing import Any
 import numpy as np
 
 from ...readers.errors import BadInput
-from ...readers.reading import angle, entry, list_of, number, reads, row, section, whole
+from ...readers.reading import Section, angle, ascending, entry, list_of, number, reads, row, section, whole
 
 STEEPEST = 1.0  # rad, of a floor
 SHORTEST, LONGEST = 1e-5, 2e-3  # s; contacts give way with a time constant of twice the longest
 MOST_BUMPS = 1000  # each is a body that the engine looks at in every step
 
 
-@reads(row("[a, b]", number(unit="m"), number(unit="m")).schema(), "m")
-def _interval(value: Any, where: str) -> tuple[float, ...]:
-    """Read a < b, m."""
-    a, b = row("[a, b]", number(unit="m"), number(unit="m"))(value, where)
-    if not a < b:
-        raise BadInput(f"{where} = [{a:g}, {b:g}]: the first must be below the second")
-    return a, b
+_interval = ascending(number(unit="m"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +55,7 @@ class Bump:
 class Rough:
     """Bumps of one `radius` at `count` random places in a rectangle, evenly distributed, as are their heights up to `height`."""
 
-    count: int = entry(whole(1), about=f"how many bumps, at most {MOST_BUMPS}")
+    count: int = entry(whole(1, MOST_BUMPS), about=f"how many bumps, at most {MOST_BUMPS}")
     x: tuple[float, ...] = entry(_interval, about="from a to b")
     y: tuple[float, ...] = entry(_interval, about="from a to b")
     height: float = entry(number("positive", "m"), about="of the highest possible, at most the radius")
@@ -69,8 +63,6 @@ class Rough:
     seed: int = entry(whole(0), 0, "seed of the random numbers: the same seed, the same floor")
 
     def __post_init__(self):
-        if self.count > MOST_BUMPS:
-            raise BadInput(f"[floor] rough: count = {self.count} must be at most {MOST_BUMPS}")
         if self.height > self.radius:
             raise BadInput(f"[floor] rough: height = {self.height:g} must be at most the radius, {self.radius:g}")
 
@@ -98,7 +90,7 @@ def _slope(value: Any, where: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Floor:
+class Floor(Section):
     """The floor of a run in a physics engine."""
 
     mu: float | None = entry(number("nonnegative", "1"), None, "friction coefficient, by default that of [contact]")
@@ -110,13 +102,14 @@ class Floor:
     )
     bump: tuple[Bump, ...] = entry(list_of(Bump, "{ x = 1, y = 0, height = 0.01, radius = 0.2 }"), (), "caps that rise from it")
     rough: Rough | None = entry(section(Rough), None)
-    step: float = entry(number("positive", "s"), 1e-3, f"longest step of the engine, {SHORTEST:g} to {LONGEST:g}")
+    step: float = entry(
+        number("positive", "s", least=SHORTEST, most=LONGEST), 1e-3, f"longest step of the engine, {SHORTEST:g} to {LONGEST:g}"
+    )
 
     def __post_init__(self):
+        super().__post_init__()
         if len(self.bump) > MOST_BUMPS:
             raise BadInput(f"[floor] bump: {len(self.bump)} are more than {MOST_BUMPS}")
-        if not SHORTEST <= self.step <= LONGEST:
-            raise BadInput(f"[floor] step = {self.step:g} s must be between {SHORTEST:g} and {LONGEST:g}")
 
     def height(self, x: float, y: float) -> float:
         """Return the height of the bumps at a place, m; 0 beside them. All lengths in m."""

@@ -12,19 +12,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...controllers import BACKENDS, DRIVES
-from ...model.names import EXTENDED, KINEMATIC, TYPES, LawName
+from ...codegen.loop.stages import check
+from ...controllers import DRIVES
+from ...model.names import EXTENDED, INTEGRAL, KINEMATIC, OBSERVER, TYPES, LawName
 from ...model.outputs import BAND
 from ...model.paths import PATHS
 from ...model.segments import Segment
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, naming
 from ...readers.files import file_or_shipped, read_input
 from ...readers.reading import (
     DEFINITIONS,
     DRAFT,
     Reader,
     Schema,
+    Section,
     angle,
+    ascending,
     check_keys,
     entry,
     flag,
@@ -32,11 +35,14 @@ from ...readers.reading import (
     named_numbers,
     number,
     numbers,
+    numbers_of,
     one_of,
+    one_or_each,
     one_or_more,
     point,
     pose,
     reads,
+    row,
     section,
     table,
     table_of,
@@ -53,7 +59,6 @@ if TYPE_CHECKING:
     from .distributions import Sweep
 
 
-TOLERANCES = (1e-13, 1e-2)  # below, rounding exceeds the tolerance; above, the result is not meaningful
 MOST_ROWS = 10_000_000
 DEEPEST = 16  # nesting of tables and lists
 MANY_PARTS = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}")  # a key that would take minutes to parse
@@ -174,7 +179,7 @@ FEEDBACK = "lqr"  # the law of a SPEC with [feedback], which has no [output]
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputSection:
+class OutputSection(Section):
     """The outputs: Type I to IV, with the point P_l at a distance L (m) ahead of the vehicle's point and W (m) to its left; or
     an output of the robot by its name, with its `parameters`, if any. With `extension` their decoupling matrix may be singular
     everywhere, as it is with P_l on the axle: integrators on inputs then make it regular where the vehicle moves.
@@ -204,43 +209,13 @@ class OutputSection:
     arclength: bool = entry(
         flag, False, "errors along a course decay with the way of a P_l on the axle, not with time: regular at standstill too"
     )
-    poles: tuple[float, ...] | None = entry(numbers, None, "of these errors, in 1/m, negative; by default all are -1")
+    poles: tuple[float, ...] | None = entry(
+        numbers_of(number(below=0.0)), None, "of these errors, in 1/m, negative; by default all are -1"
+    )
     near_singular: str = entry(
         one_of("refuse", "damped"), "refuse", "what type IV does where the heading is nearly normal to the path"
     )
     band: float = entry(number("positive"), BAND, "of a damped inverse: cosine of the angle of heading and path, in 0.01 to 1")
-
-    def __post_init__(self):
-        if self.near_singular == "damped" and (self.type != "IV" or self.extension):
-            raise BadInput('[output] near_singular = "damped" is for type IV without extension, where the heading may be normal')
-        if self.near_singular != "damped" and self.band != BAND:
-            raise BadInput('[output] band requires near_singular = "damped"')
-        if self.extension and self.segments:
-            raise BadInput(
-                "[output] extension does not go with a composite path: P_l on the axle cannot follow a curvature that jumps; "
-                "let a point follow a smooth curve, [reference] course"
-            )
-        if self.extension and self.reversing != "allow":
-            raise BadInput("[output] extension needs no reversing: P_l on the axle is followed forward and in reverse")
-        if self.arclength and (self.extension or not self.along_course):
-            raise BadInput('[output] arclength is for type IV with path = { kind = "course" }, without extension')
-        if self.arclength and self.reversing != "allow":
-            raise BadInput("[output] arclength needs no reversing: P_l on the axle is followed forward and in reverse")
-        if self.poles is not None and not self.arclength:
-            raise BadInput("[output] poles requires arclength = true; gains of other laws are in [gains]")
-        if self.poles is not None and not all(pole < 0.0 for pole in self.poles):
-            raise BadInput("[output] poles must be negative, in 1/m: errors decay along the way")
-        if self.along_course and self.near_singular == "damped":
-            raise BadInput('[output] near_singular = "damped" does not go with a course')
-        if self.type in TYPES and self.parameters:
-            raise BadInput(f"[output] parameters apply to a robot's own output; type {self.type} has L, W and path")
-        if self.own and (self.L or self.W or self.path):
-            known = ", ".join(TYPES)
-            raise BadInput(f"[output] type = {self.type!r} is not one of {known}; an output of a robot's own has no L, W or path")
-        if not self.own and (self.type == "IV") != (self.path is not None):
-            raise BadInput(f"[output] path applies to type IV only; type is {self.type}")
-        if self.L_backward is not None and self.reversing != "switch":
-            raise BadInput('[output] L_backward requires reversing = "switch"')
 
     @property
     def own(self) -> bool:
@@ -322,19 +297,16 @@ class CourseSection:
     )
 
     def __post_init__(self):
-        parts, ends = len(self.lengths), len(self.curvatures)
-        if ends != parts + 1:
-            raise BadInput(f"[reference] course has {parts} lengths and {ends} curvatures: give one curvature more than lengths")
-        if not all(self.lengths):
-            raise BadInput("[reference] course: lengths must not be 0: they are positive, or negative in reverse")
-        if self.rounding > min(map(abs, self.lengths), default=0.0):
-            raise BadInput(f"[reference] course: rounding = {self.rounding:g} must be at most the shortest of the lengths")
-        for k in self.cusps if self.rounding else ():
-            if len(set(self.curvatures[k - 1 : k + 2])) > 1:
-                raise BadInput(
-                    f"[reference] course: with a rounding, parts {k} and {k + 1}, which meet at a cusp, must have the same "
-                    "constant curvature: add a line or an arc on both sides"
-                )
+        parts, ends, shortest = len(self.lengths), len(self.curvatures), min(map(abs, self.lengths), default=0.0)
+        met = [k for k in self.cusps if self.rounding and len(set(self.curvatures[k - 1 : k + 2])) > 1]
+        for wrong, problem in (
+            (ends != parts + 1, f"has {parts} lengths and {ends} curvatures: give one curvature more than lengths"),
+            (not all(self.lengths), "has a length of 0: they are positive, or negative in reverse"),
+            (self.rounding > shortest, f"rounding = {self.rounding:g} must be at most the shortest of the lengths"),
+            (met, f"with a rounding, the parts at a cusp, after {met}, need the same constant curvature: add a line or an arc"),
+        ):
+            if wrong:
+                raise BadInput(f"[reference] course: {problem}")
 
     @property
     def cusps(self) -> tuple[int, ...]:
@@ -413,6 +385,21 @@ class Reference:
         return self.speed == FASTEST or self.lateral is not None
 
     @property
+    def fastest(self) -> bool:
+        """Whether the speed is as fast as the accelerations allow."""
+        return self.speed == FASTEST
+
+    @property
+    def no_point(self) -> bool:
+        """Whether there is a position that is not x, y."""
+        return self.position is not None and len(self.position) != 2
+
+    @property
+    def beyond_pose(self) -> bool:
+        """Whether the position has more than x, y and heading."""
+        return self.position is not None and len(self.position) > 3
+
+    @property
     def moves(self) -> str:
         """How desired outputs move besides their velocity: circle, course, oscillation, or an empty text."""
         return next((name for name in MOTIONS if getattr(self, name) is not None), "")
@@ -438,27 +425,13 @@ class Initial:
         named_numbers, None, "with [feedback]: by how much states differ from the desired ones at the start, by name"
     )
 
-    def __post_init__(self):
-        by_pose = [name for name in ("point", "heading", "speed") if getattr(self, name) is not None]
-        by_state = [name for name in ("q", "nu") if getattr(self, name) is not None]
-        if self.state is not None and (by_pose or by_state or self.extension is not None):
-            raise BadInput("[initial] state goes with nothing else there: it is relative to the desired state")
-        if by_pose and by_state:
-            raise BadInput(f"[initial] has both {by_pose[0]} and {by_state[0]}: give point, heading, speed or q, nu")
-        if self.point is None and self.q is None and self.state is None:
-            raise BadInput("[initial] point = [x, y] or q = [...] is missing")
-
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseSection:
+class NoiseSection(Section):
     """Gaussian noise added to the sensed quasi-velocities (rad/s): mean and standard deviation of each, or one for all."""
 
     mean: tuple[float, ...] = entry(one_or_more, (0.0,), "mean error of each quasi-velocity, or one for all")
-    sd: tuple[float, ...] = entry(one_or_more, (0.0,), "standard deviation of each, or one for all")
-
-    def __post_init__(self):
-        if min(self.sd, default=0.0) < 0:
-            raise BadInput(f"[sensors] noise sd = {min(self.sd):g} must be zero or positive")
+    sd: tuple[float, ...] = entry(one_or_each(number(least=0.0)), (0.0,), "standard deviation of each, or one for all")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -504,7 +477,7 @@ class Correction:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoticeSlipSection:
+class NoticeSlipSection(Section):
     """How slip is noticed by a gyro: it is where the heading that it measured differs from that of the wheels, over about the
     last `window` (s), by more than counts, noise, bias and a relative error `geometry` of the wheels' ways may make it.
     `deviations` of the noise beyond these bounds make a false alarm: with 6 the probability is at most 2e-9 at each call.
@@ -516,17 +489,11 @@ class NoticeSlipSection:
     window: float = entry(number("positive", "s"), 0.2, "differences count for about so long")
     geometry: float = entry(number("nonnegative", "1"), 0.005, "largest relative error of the ways of the wheels")
     deviations: float = entry(number("nonnegative", "1"), 6.0, "threshold, in standard deviations of the noise")
-    lower: float = entry(number("positive", "1"), 0.8, "factor of mu each time slip is noticed, below 1")
+    lower: float = entry(number("positive", "1", below=1.0), 0.8, "factor of mu each time slip is noticed, below 1")
     least: float = entry(number("positive", "1"), 0.1, "the least mu that is believed, at most that of [contact]")
     pause: float = entry(number("nonnegative", "s"), 0.1, "slip that goes on is noticed again after so long; at most hold")
     rise: float = entry(number("nonnegative", "1/s"), 0.05, "by so much mu rises per second")
     hold: float = entry(number("nonnegative", "s"), 1.0, "after so long without slip")
-
-    def __post_init__(self):
-        if self.lower >= 1:
-            raise BadInput(f"[limits] notice_slip: lower = {self.lower:g} must be below 1: mu is multiplied by it")
-        if self.pause > self.hold:
-            raise BadInput(f"[limits] notice_slip: pause = {self.pause:g} must be at most hold = {self.hold:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -537,6 +504,10 @@ class MeasuredPose:
     sd: float = entry(number("positive", "m"), about="standard deviation of x and of y")
     heading_sd: float = entry(number("positive", "rad"), about="standard deviation of the heading")
     delay: float = entry(number("nonnegative", "s"), 0.0, "from the measurement to its arrival, which the estimator is told")
+
+
+_least_most = ascending(number(), "[least, most]")
+_deviations = row("[x, y, heading]", number(unit="m"), number(unit="m"), number(unit="rad"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -554,16 +525,12 @@ class EstimatorSection:
     bias: float = entry(number(unit="rad/s"), 0.0, "of the simulated gyro")
     bias_sd: float = entry(number("positive", "rad/s"), 0.01, "standard deviation of the bias at first")
     bias_walk: float = entry(number("nonnegative"), 0.0, "random walk of the bias that the filter reckons with, rad/s/sqrt(s)")
-    start_sd: tuple[float, ...] = entry(numbers, (0.01, 0.01, 0.01), "standard deviations of the first pose: m, m, rad")
+    start_sd: tuple[float, ...] = entry(_deviations, (0.01, 0.01, 0.01), "standard deviations of the first pose")
     scales: Mapping[str, float] = entry(
         named_numbers, {}, "parameters and quasi-velocities whose scale is estimated, with its standard deviation at first"
     )
     gate: float = entry(number("positive"), 1.0, "largest innovation that is used, in units of its 99.9 % quantile")
     pose: MeasuredPose | None = entry(section(MeasuredPose), None, "poses that are measured now and then")
-
-    def __post_init__(self):
-        if len(self.start_sd) != 3:
-            raise BadInput(f"[estimator] start_sd has {len(self.start_sd)} numbers, it must have 3: x, y and heading")
 
 
 @reads(
@@ -576,12 +543,7 @@ class EstimatorSection:
 )
 def _bounds(value: Any, where: str) -> dict[str, tuple[float, float]]:
     """Read a table of least and most by name."""
-    bounds = {}
-    for name, pair in table(value, where).items():
-        least_most = numbers(pair, f"{where} {name}")
-        if len(least_most) != 2 or not least_most[0] < least_most[1]:
-            raise BadInput(f"{where} {name}: give [least, most], the least below the most")
-        bounds[name] = (least_most[0], least_most[1])
+    bounds = {name: _least_most(pair, f"{where} {name}") for name, pair in table(value, where).items()}
     if not bounds:
         raise BadInput(f"{where} is empty: name a parameter with its least and most")
     return bounds
@@ -605,7 +567,7 @@ class AdaptationSection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LimitsSection:
+class LimitsSection(Section):
     """Largest input of each motor (N m; 0: none), one or one each; above it each is limited ("cut"), or the vehicle slows down
     ("slow"). Mode "grip" also keeps the wheels rolling on the floor of [contact], with `margin`, a part of mu, in reserve; torque
     may then be left out. With `notice_slip` the controller lowers mu where it notices that wheels slip.
@@ -618,7 +580,7 @@ class LimitsSection:
     mode: str = entry(
         one_of("cut", "slow", "grip"), "slow", "above it, each input is limited, or the vehicle slows down, or grip is kept too"
     )
-    margin: float = entry(number("nonnegative", "1"), 0.05, "with grip: the part of mu kept in reserve")
+    margin: float = entry(number("nonnegative", "1", below=1.0), 0.05, "with grip: the part of mu kept in reserve")
     integral: tuple[float, ...] = entry(
         one_or_more, (0.0,), "the most that integral action adds to each desired derivative; 0: no limit"
     )
@@ -627,24 +589,13 @@ class LimitsSection:
     )
     notice_slip: NoticeSlipSection | None = entry(section(NoticeSlipSection), None)
 
-    def __post_init__(self):
-        if self.notice_slip and self.mode != "grip":
-            raise BadInput(f'[limits] notice_slip requires mode = "grip"; mode is "{self.mode}"')
-        if self.torque is None and self.mode != "grip" and not any((*self.integral, *self.disturbance)):
-            raise BadInput(f'[limits] torque is missing; mode = "{self.mode}" requires it')
-        if self.margin >= 1:
-            raise BadInput(f"[limits] margin = {self.margin:g} must be below 1: it is the part of mu kept in reserve")
+    @property
+    def of_memory(self) -> bool:
+        """Whether integral action or an observer is limited."""
+        return any((*self.integral, *self.disturbance))
 
 
-@reads({"anyOf": [number("positive").schema(), {"type": "array", "items": number("positive").schema(), "minItems": 1}]})
-def _positive(value: Any, where: str) -> tuple[float, ...]:
-    """Read a positive number, or a list of them."""
-    given = value if isinstance(value, list) else [value]
-    if not given:
-        raise BadInput(f"{where} is empty: give a number, or one for each quasi-velocity")
-    return tuple(number("positive")(each, where) for each in given)
-
-
+_positive = one_or_each(number("positive"), "give a number, or one for each quasi-velocity")
 NO_LIMIT = 1e6  # rad/s and rad/s^2: far beyond any drive, and finite, as limits of the C are
 
 
@@ -663,15 +614,6 @@ class DriveSection:
     delay: float = entry(number("nonnegative", "s"), 0.0, "from a command until the drives follow it")
     most_speed: tuple[float, ...] = entry(_positive, (NO_LIMIT,), "largest speed of each, or one for all, in rad/s for wheels")
     most_acceleration: tuple[float, ...] = entry(_positive, (NO_LIMIT,), "largest change of it per second, in rad/s^2 for wheels")
-
-    def __post_init__(self):
-        if self.takes_velocity and self.bandwidth is None:
-            raise BadInput(f'[drive] bandwidth is missing; kind = "{self.kind}" requires it')
-        given = {"bandwidth": self.bandwidth is not None, "delay": self.delay > 0}
-        given |= {name: getattr(self, name) != (NO_LIMIT,) for name in ("most_speed", "most_acceleration")}
-        for name in () if self.takes_velocity else (name for name, is_given in given.items() if is_given):
-            instead = "leave it out, on the command line by --set 'drive={kind=\"torque\"}'"
-            raise BadInput(f'[drive] {name} does not apply to kind = "torque": the torque acts as given; {instead}')
 
     @property
     def takes_velocity(self) -> bool:
@@ -700,21 +642,19 @@ class DriveSection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactSection:
+class ContactSection(Section):
     """Assumptions of the check of rolling without slip."""
 
     # 0.7: the middle of the range 0.6 to 0.85 of rubber on dry concrete in textbooks
     mu: float = entry(number("positive", "1"), 0.7, "friction coefficient")
-    share: float = entry(number("positive", "1"), 1.0, "part of the weight on the contacts, of a robot that does not say it")
+    share: float = entry(
+        number("positive", "1", most=1.0), 1.0, "part of the weight on the contacts, of a robot that does not say it"
+    )
     height: float = entry(number("nonnegative", "m"), 0.0, "height of the centre of mass, which moves load; 0: that of the robot")
-
-    def __post_init__(self):
-        if self.share > 1:
-            raise BadInput(f"[contact] share = {self.share:g} must be at most 1")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulation:
+class Simulation(Section):
     """Options of the simulation."""
 
     duration: float = entry(number("positive", "s"), about="how long the run lasts")
@@ -724,21 +664,14 @@ class Simulation:
     )
     output_step: float = entry(number("positive", "s"), 0.01, "between rows of the result")
     backend: str = entry(text, "c", "what computes the law: c, cf (float), casadi, or an emulated processor such as m4f")
-    tolerance: float = entry(number("positive", "1"), 1e-10, "relative error of a step of the integration")
+    tolerance: float = entry(
+        number("positive", "1", least=1e-13, most=1e-2), 1e-10, "relative error of a step of the integration"
+    )
 
-    def __post_init__(self):
-        low, high = TOLERANCES
-        if not low <= self.tolerance <= high:
-            raise BadInput(f"[simulation] tolerance = {self.tolerance:g} must be between {low:g} and {high:g}")
-        if self.delay > self.period:
-            limit = f"at most the period, {self.period:g} s" if self.period else "0 without a period: the loop is continuous"
-            raise BadInput(f"[simulation] delay = {self.delay:g} must be {limit}")
-        if self.duration / self.output_step > MOST_ROWS:
-            raise BadInput(f"[simulation] output_step = {self.output_step:g} gives more than {MOST_ROWS} rows; make it longer")
-        if self.period and self.duration / self.period > MOST_ROWS:
-            raise BadInput(
-                f"[simulation] period = {self.period:g} calls the controller more than {MOST_ROWS} times; make it longer"
-            )
+    @property
+    def least_step(self) -> float:
+        """The shortest time between rows, or calls, s: no run has more than MOST_ROWS."""
+        return self.duration / MOST_ROWS
 
 
 def _sweep() -> Reader:
@@ -793,82 +726,7 @@ class Spec:
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
     def __post_init__(self):
-        if self.sensors and not self.simulation.period:
-            raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
-        if self.drive and self.drive.takes_velocity and not self.simulation.period:
-            raise BadInput(f'[drive] kind = "{self.drive.kind}" requires [simulation] period > 0: commands are given at calls')
-        if self.kinematic:
-            self._check_kinematic()
-        if self.limits and self.limits.mode == "grip" and self.contact is None:
-            raise BadInput('[limits] mode = "grip" requires [contact] mu, the friction that the controller may use')
-        if self.limits and self.limits.notice_slip and not (self.sensors and self.sensors.gyro):
-            raise BadInput("[limits] notice_slip requires [sensors] gyro: slip is where it differs from the wheels")
-        if self.limits and self.limits.notice_slip and self.contact and self.limits.notice_slip.least > self.contact.mu:
-            least, mu = self.limits.notice_slip.least, self.contact.mu
-            raise BadInput(f"[limits] notice_slip: least = {least:g} must be at most [contact] mu = {mu:g}")
-        if self.correction and not self.sensors:
-            raise BadInput("[correction] requires [sensors]: without them the pose is the true one")
-        if self.correction and self.sensors and self.sensors.pose == "true":
-            raise BadInput('[correction] requires [sensors] pose = "reckoned": the true pose needs none')
-        if self.estimator and not self.sensors:
-            raise BadInput("[estimator] requires [sensors]: without them the pose is the true one")
-        if self.estimator and self.correction:
-            raise BadInput("[estimator] does not go with [correction]: give it poses by [estimator] pose")
-        if self.adaptation and (not self.simulation.period or self.simulation.delay or self.drive):
-            raise BadInput("[adaptation] requires [simulation] period > 0, and goes neither with a delay nor with [drive]")
-        if self.adaptation and self.adaptation.window < 5 * self.simulation.period:
-            raise BadInput("[adaptation] window: noise of the rates pulls masses down unless smoothed over 5 periods or more")
-        if self.push and not self.simulation.period:
-            raise BadInput("[[push]] requires [simulation] period > 0: a continuous run has no impulses")
-        if self.feedback:
-            return self._check_feedback()
-        if self.output.type == FEEDBACK:
-            raise BadInput("[output] is missing; a robot with fewer inputs than degrees of freedom takes [feedback] instead")
-        for given, what in (
-            (self.reference.commands, "[reference] commands"),
-            (self.initial and self.initial.state, "[initial] state"),
-        ):
-            if given is not None:
-                raise BadInput(f"{what} requires [feedback]: it is for robots with fewer inputs than degrees of freedom")
-        composite = self.output.segments
-        if self.initial is None and not composite:
-            raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
-        if self.output.extension:
-            self._check_extension()
-        if self.reference.approach and not self.simulation.period:
-            raise BadInput("[reference] approach requires [simulation] period > 0: it is advanced at the calls of the controller")
-        for name in ("deceleration", "creep", "lateral", "acceleration", "angular"):
-            stops = name in ("deceleration", "creep") and self.output.along_course
-            if getattr(self.reference, name) is not None and not composite and not stops:
-                where = "composite paths and courses" if name in ("deceleration", "creep") else "composite paths"
-                raise BadInput(f"[reference] {name} applies to {where} only")
-        if self.reference.speed == FASTEST and not composite:
-            raise BadInput('[reference] speed = "fastest" applies to composite paths only: give a speed in m/s')
-        for name in ("acceleration", "angular"):
-            if getattr(self.reference, name) is not None and not self.reference.profiled:
-                raise BadInput(f'[reference] {name} requires lateral, or speed = "fastest": give one of them')
-        if len(several := [name for name in MOTIONS if getattr(self.reference, name) is not None]) > 1:
-            raise BadInput(f"[reference] has both {several[0]} and {several[1]}: give one of them")
-        if self.reference.velocity and self.reference.course and self.reference.course.follow == "path":
-            raise BadInput('[reference] velocity does not go with a course with follow = "path", which does not depend on time')
-        if self.output.along_course:
-            self._check_course()
-        elif self.reference.course and self.reference.course.reverses:
-            raise BadInput(
-                '[reference] course: parts of negative length, in reverse, are for type IV with path = { kind = "course" }, and '
-                "arclength = true or a P_l off the axle"
-            )
-        required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle", "course"))
-        optional = (*optional, "oscillation") if self.output.own else optional
-        if self.output.along_course:
-            required, optional = "course", ("speed", "position")
-        for name in ("speed", "position", "velocity", *MOTIONS):
-            given = getattr(self.reference, name) is not None
-            if given and name not in (required, *optional):
-                takes = " and ".join((required, *optional))
-                raise BadInput(f"[reference] {name} does not apply to type {self.output.type}, which takes {takes}")
-            if not given and name == required:
-                raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
+        check(self)
 
     @property
     def kinematic(self) -> bool:
@@ -883,10 +741,14 @@ class Spec:
         return -along if course and course.lengths and course.lengths[0] < 0.0 else along
 
     @property
-    def simulated(self) -> tuple[str, ...]:
-        """The sections of this SPEC that are not in the C of a sweep: each sample is then run by `noslip simulate`."""
-        sections = tuple(name for name in ("adaptation", "estimator", "given", "feedback", "push") if getattr(self, name))
-        return (*sections, *(["reference.course"] if self.output.along_course else []))
+    def integral_action(self) -> bool:
+        """Whether an output has integral action."""
+        return any(value and name.split("_")[0] == INTEGRAL for name, value in self.gains.items())
+
+    @property
+    def observes_disturbances(self) -> bool:
+        """Whether an output has a disturbance observer."""
+        return any(value and name.split("_")[0] == OBSERVER for name, value in self.gains.items())
 
     @property
     def learned(self) -> tuple[str, ...]:
@@ -897,78 +759,6 @@ class Spec:
     def law(self) -> str:
         """Name of the control law."""
         return self.output.law + KINEMATIC * self.kinematic
-
-    def _check_kinematic(self) -> None:
-        """Raise BadInput for what there is not with a kinematic law."""
-        without = '[drive] kind = "kinematic" does not go with'
-        if self.limits and self.limits.mode != "grip":
-            raise BadInput(f'{without} [limits] mode = "{self.limits.mode}": most_speed and most_acceleration limit its commands')
-        if self.limits and self.limits.torque is not None:
-            raise BadInput(f"{without} [limits] torque: its law gives velocities")
-        if self.limits and self.limits.notice_slip:
-            raise BadInput(f"{without} [limits] notice_slip, which lowers the friction of a law that gives torques")
-        if self.reference.approach:
-            raise BadInput(f"{without} [reference] approach; most_acceleration bounds how the vehicle starts")
-
-    def _check_feedback(self) -> None:
-        """Raise BadInput for what there is not with a state feedback."""
-        without = "[feedback] does not go with"
-        sections = ("gains", "given", "correction", "estimator", "adaptation", "drive", "scene")
-        given = [f"[{name}]" for name in sections if getattr(self, name)]
-        given += ["[output]"] if self.output != OutputSection(type=FEEDBACK) else []
-        known = ("position", "commands", "course")
-        given += [
-            f"[reference] {e.name}"
-            for e in dataclasses.fields(Reference)
-            if e.name not in known and getattr(self.reference, e.name) is not None
-        ]
-        if given:
-            raise BadInput(f"{without} {given[0]}; it takes commands, a course or its steady motion as reference")
-        reference, sensors = self.reference, self.sensors
-        if reference.commands is not None and (reference.course or (self.feedback and self.feedback.motion)):
-            other = "[reference] course" if reference.course else "motion: commands begin and end at rest"
-            raise BadInput(f"[feedback] with [reference] commands does not go with {other}")
-        if reference.course and reference.course.follow == "path":
-            raise BadInput(f'{without} [reference] course with follow = "path"; set follow = "time"')
-        if reference.position and (len(reference.position) > 3 or not (reference.commands is not None or reference.course)):
-            raise BadInput(
-                "[reference] position is x, y and heading where commands or a course begin; give these, or leave it out"
-            )
-        if self.limits and (self.limits.mode != "cut" or self.limits.torque is None):
-            raise BadInput(f'{without} [limits] mode = "{self.limits.mode}"; give torque, and mode = "cut"')
-        if sensors and (sensors.pose != "true" or sensors.counts or sensors.gyro or sensors.accelerometer):
-            raise BadInput(f'{without} dead reckoning: [sensors] has noise, seed and period there, and pose = "true"')
-
-    def _check_course(self) -> None:
-        """Raise BadInput for what there is not with a path of kind course."""
-        without = '[output] path = { kind = "course" } does not go with'
-        if self.reference.approach:
-            raise BadInput(f"{without} [reference] approach; start the robot near the course")
-        if self.reference.position is not None and len(self.reference.position) != 2:
-            raise BadInput(f"[reference] position has {len(self.reference.position)} numbers; a course begins at [x, y]")
-        course = self.reference.course
-        if self.output.extension and self.reference.stops:
-            raise BadInput(
-                "[output] extension is singular at standstill, where a course stops: set arclength = true, or give neither cusps "
-                "nor [reference] deceleration and creep"
-            )
-        if course and course.cusps and not (self.output.extension or self.output.arclength) and self.output.reversing != "switch":
-            raise BadInput(
-                '[reference] course has cusps, where P_l off the axle changes sides: set [output] reversing = "switch"'
-            )
-        if self.simulation.backend not in BACKENDS:
-            known = ", ".join(BACKENDS)
-            raise BadInput(f"{without} [simulation] backend = {self.simulation.backend!r}; known are {known}")
-
-    def _check_extension(self) -> None:
-        """Raise BadInput for what a dynamic extension is not there for yet."""
-        without = "[output] extension = true does not go with"
-        if self.reference.approach:
-            raise BadInput(f"{without} [reference] approach, whose reference has no third derivative")
-        if self.limits and self.limits.mode != "cut":
-            raise BadInput(f'{without} [limits] mode = "{self.limits.mode}"; set mode = "cut"')
-        if self.drive and self.drive.takes_velocity:
-            raise BadInput(f'{without} [drive] kind = "{self.drive.kind}"; use drives that take torques')
 
 
 def schema() -> Schema:
@@ -1008,10 +798,8 @@ def toml_table(text: str) -> dict[str, Any]:
 
 def spec_of(text: str, name: Path | str) -> Spec:
     """Return the SPEC of a text. Raises BadInput, with the `name` of the text, if it is invalid."""
-    try:
+    with naming(name):
         return spec_of_table(toml_table(text), name)
-    except BadInput as error:
-        raise BadInput(f"{name}: {error}") from error
 
 
 def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, naming
 from ...readers.quantities import TYPED, spaced
 from .spec import DEEPEST, Spec, read_text, spec_of, spec_of_table, toml_table
 
@@ -24,12 +24,10 @@ def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
     """Return the SPEC of a text with changes; `name` is that of the text."""
     spec_of(text, name)  # reports errors of the text itself first
     table = toml_table(text)
-    try:
+    with naming(f"{name} with {', '.join(changes)} changed"):
         for key, value in changes.items():
             _set(table, key, value)
         return spec_of_table(table, name)
-    except BadInput as error:
-        raise BadInput(f"{name} with {', '.join(changes)} changed: {error}") from error
 
 
 def change(text: str) -> tuple[str, Any]:

@@ -1,0 +1,1 @@
+"""What a closed loop is made of: a table of stages, and what of a SPEC goes together."""

@@ -1,0 +1,605 @@
+"""The stages of a closed loop in their order, each with its place in a SPEC, its signals and columns, and what goes with it.
+
+A SPEC is checked against the rows of all stages (`check`); docs and `noslip stages` print them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ...readers.errors import BadInput
+from .rules import USERS, Bound, Excludes, Needs, Option, Rule
+
+SIGNALS = {  # name -> unit and meaning; a unit per output or input is that of the robot's
+    "state": ("SI", "true coordinates q and quasi-velocities nu"),
+    "sensed rates": ("rad/s", "quasi-velocities that the controller sees, with noise"),
+    "wheel angles": ("rad", "angles of the wheels, rounded to counts"),
+    "yaw rate": ("rad/s", "mean between two calls, of a gyro"),
+    "acceleration": ("m/s^2", "mean forward acceleration between two calls"),
+    "measured pose": ("m, m, rad", "x, y and heading, measured now and then"),
+    "seen": ("SI", "the state that the controller sees"),
+    "friction": ("1", "the mu that the controller believes, and how far the pose may be off"),
+    "parameters": ("SI", "parameters that the controller believes"),
+    "config": ("SI", "parameters of the output map: the point P_l, and the curve that it follows"),
+    "reference": ("SI", "desired outputs and their derivatives"),
+    "addition": ("SI", "what is added to the virtual input v"),
+    "inputs": ("N or N m", "the law's inputs tau; of a kinematic law its commands, in the unit of nu"),
+    "given": ("N or N m, or of nu", "what the drives are given, after the delay"),
+    "force": ("N or N m", "what the drives give to the robot"),
+    "status": ("1", "ok, saturated, singular, ..."),
+    "outputs": ("SI", "the true outputs y"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A stage: it is in the loop of a SPEC that has one of the options `where`. `module` is its C in runtime_c/; `columns`
+    are those that it adds to a run, with <NAME> for what is a column each.
+    """
+
+    name: str
+    about: str
+    where: tuple[str, ...]
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+    module: str = ""
+    columns: tuple[str, ...] = ()
+    rules: tuple[Rule, ...] = ()
+
+    def as_json(self) -> dict[str, object]:
+        """Return the stage as `noslip stages --json` prints it: `users` are those that need or exclude something, with how."""
+        kinds: dict[str, tuple[type[Rule], str]] = {
+            "needs": (Needs, "needs"),
+            "excludes": (Excludes, "excludes"),
+            "bounds": (Bound, "bound"),
+        }
+        rows = {
+            kind: [
+                {"option": rule.option, name: rule.bound if isinstance(rule, Bound) else texts(rule.others), "why": rule.why}
+                for rule in self.rules
+                if isinstance(rule, of)
+            ]
+            for kind, (of, name) in kinds.items()
+        }
+        return {
+            "name": self.name,
+            "about": self.about,
+            "section": list(self.where),
+            "module": self.module,
+            "reads": [{"signal": name, "unit": SIGNALS[name][0]} for name in self.reads],
+            "writes": [{"signal": name, "unit": SIGNALS[name][0]} for name in self.writes],
+            "columns": list(self.columns),
+            **rows,
+            "users": {user: [str(rule) for rule in self.rules if user in texts(rule.options + rule.others)] for user in USERS},
+        }
+
+    def __str__(self) -> str:
+        signals = {verb: ", ".join(names) for verb, names in (("reads", self.reads), ("writes", self.writes)) if names}
+        parts = [f"{verb} {names}" for verb, names in signals.items()]
+        parts += [f"columns {', '.join(self.columns)}"] if self.columns else []
+        head = f"{self.name}: {', '.join(self.where)}"
+        return "\n".join([head, *(f"  {line}" for line in (self.about, "; ".join(parts), *map(str, self.rules)))])
+
+
+def texts(options: Sequence[Option]) -> list[str]:
+    """Return options as they are written."""
+    return [option.text for option in options]
+
+
+COURSE = '[output] path = { kind = "course" }'
+SAMPLED, SCALAR = "[simulation] period > 0", '[simulation] backend = "casadi" | "c" | "cf"'
+TIMED, IN_TIME = '[output] type != "IV"', ("[reference] circle", "[reference] oscillation")
+VELOCITY = '[drive] kind = "velocity" | "velocity+torque" | "kinematic"'
+
+STAGES = (
+    Stage(
+        name="sensors",
+        about="wheel rates with noise, angles in counts, gyro and accelerometer, read at the calls of the controller",
+        where=("[sensors]",),
+        reads=("state",),
+        writes=("sensed rates", "wheel angles", "yaw rate", "acceleration"),
+        rules=(Needs("[sensors]", SAMPLED, "sensors are read at the calls of the controller"),),
+    ),
+    Stage(
+        name="dead reckoning",
+        about="the pose from the angles of the wheels, corrected now and then",
+        where=("[sensors]", "[correction]"),
+        reads=("wheel angles", "sensed rates", "state"),
+        writes=("seen",),
+        module="noslip_odometry.h",
+        columns=("seen_<STATE>",),
+        rules=(
+            Needs("[correction]", "[sensors]", "without them the pose is the true one"),
+            Excludes("[correction]", '[sensors] pose = "true"', "the true pose needs no correction"),
+        ),
+    ),
+    Stage(
+        name="filter",
+        about="the pose by an extended Kalman filter, from wheels, gyro and poses that are measured now and then",
+        where=("[estimator]",),
+        reads=("wheel angles", "yaw rate", "measured pose"),
+        writes=("seen",),
+        module="noslip_ekf.h",
+        columns=("seen_<STATE>",),
+        rules=(
+            Needs("[estimator]", "[sensors]", "without them the pose is the true one"),
+            Excludes("[estimator]", "[correction]", "give it poses by [estimator] pose"),
+            Needs("[estimator]", SCALAR, "emulated processors have no filter"),
+            Excludes("[estimator]", "the C of a sweep", "each sample is run by noslip simulate"),
+        ),
+    ),
+    Stage(
+        name="slip",
+        about="slip is noticed where the gyro differs from the wheels; the believed friction is then lower",
+        where=("[limits] notice_slip",),
+        reads=("wheel angles", "yaw rate", "acceleration"),
+        writes=("friction", "status"),
+        module="noslip_slip.h",
+        columns=("believed_mu", "uncertain_heading", "uncertain_way"),
+        rules=(
+            Excludes("[limits] notice_slip", '[drive] kind = "kinematic"', "it lowers the friction of a law that gives torques"),
+            Needs("[limits] notice_slip", '[limits] mode = "grip"', "other modes do not use friction"),
+            Needs("[limits] notice_slip", "[sensors] gyro", "slip is where it differs from the wheels"),
+            Bound("[limits.notice_slip] least", "[contact] mu", "friction is lowered from there"),
+            Bound("[limits.notice_slip] pause", "[limits.notice_slip] hold", "a pause ends before friction rises again"),
+        ),
+    ),
+    Stage(
+        name="adaptation",
+        about="parameters of the controller, learned by recursive least squares",
+        where=("[adaptation]",),
+        reads=("seen", "inputs"),
+        writes=("parameters",),
+        module="noslip_adaptation.h",
+        columns=("learned_<PARAMETER>",),
+        rules=(
+            Needs("[adaptation]", SAMPLED, "it learns from the motion between two calls"),
+            Excludes("[adaptation]", ("[simulation] delay", "[drive]"), "the inputs must act as they are given"),
+            Bound(
+                "[adaptation] window",
+                "[simulation] period",
+                "noise of the rates pulls masses down unless it is smoothed",
+                sign=">=",
+                factor=5.0,
+            ),
+            Needs("[adaptation]", SCALAR, "emulated processors do not learn"),
+            Excludes("[adaptation]", "the C of a sweep", "each sample is run by noslip simulate"),
+        ),
+    ),
+    Stage(
+        name="composite path",
+        about="lines and arcs that P_l follows one after the other, with stops at the end and at cusps",
+        where=("a composite path",),
+        reads=("seen",),
+        writes=("config", "reference", "status"),
+        module="noslip_path.h",
+        columns=("piece",),
+        rules=(
+            *(
+                Needs(f"[reference] {key}", ("a composite path", COURSE), "elsewhere there is no end of the path")
+                for key in ("deceleration", "creep")
+            ),
+        ),
+    ),
+    Stage(
+        name="profile",
+        about="the speed along a composite path: the fastest within accelerations",
+        where=("a profile of the speed",),
+        reads=("seen", "reference"),
+        writes=("reference",),
+        module="noslip_profile.h",
+        rules=(
+            *(
+                Needs(f"[reference] {key}", "a composite path", "the speed on other paths has no profile")
+                for key in ("lateral", "acceleration", "angular")
+            ),
+            Needs('[reference] speed = "fastest"', "a composite path", "give a speed in m/s"),
+            *(
+                Needs(f"[reference] {key}", "a profile of the speed", 'give lateral, or speed = "fastest"')
+                for key in ("acceleration", "angular")
+            ),
+        ),
+    ),
+    Stage(
+        name="course",
+        about="a smooth curve, followed in time or from wherever the robot is beside it",
+        where=("[reference] course",),
+        reads=("seen",),
+        writes=("config", "reference", "status"),
+        module="noslip_course.h",
+        columns=("distance", "piece"),
+        rules=(
+            Needs(COURSE, "[reference] course", "it is the path that is followed"),
+            Needs(
+                "[reference] course",
+                (TIMED, COURSE, "[feedback]"),
+                'course does not apply to type IV otherwise: set path = { kind = "course" }',
+            ),
+            Excludes("[reference] velocity", '[reference.course] follow = "path"', "such a course does not depend on time"),
+            Needs(
+                "parts of the course in reverse",
+                (COURSE, "[feedback]"),
+                'parts of negative length are for type IV with path = { kind = "course" }, and arclength = true or a P_l off the '
+                "axle",
+            ),
+            Needs(
+                COURSE + " with cusps of the course",
+                ("[output] extension", "[output] arclength", '[output] reversing = "switch"'),
+                "at a cusp P_l off the axle changes sides",
+            ),
+            Excludes(
+                COURSE + " with [output] extension",
+                "an end of the course",
+                "that is singular at standstill: set arclength = true, or give neither cusps nor [reference] deceleration "
+                "and creep",
+            ),
+            Excludes(COURSE, "a position that is no point", "a course begins at [x, y]"),
+            Excludes(COURSE, "[reference] approach", "start the robot near the course"),
+            Needs(COURSE, SCALAR, "emulated processors have no courses"),
+            Excludes(COURSE, "the C of a sweep", "each sample is run by noslip simulate"),
+            Excludes("[reference] course", "noslip sweep", "a sweep does not have it yet; use noslip simulate"),
+            Excludes("[reference] course", "noslip outer-loop", "the steady motion is along a line, or on a path of type IV"),
+            Needs("analyse --start with [reference] course", "[output] extension", "starts are certified along lines and paths"),
+        ),
+    ),
+    Stage(
+        name="desired point",
+        about="desired outputs of types I to III as functions of time: a position and a velocity, a circle, an oscillation",
+        where=("[reference] position", "[reference] velocity", *IN_TIME),
+        reads=(),
+        writes=("reference",),
+        rules=(
+            *(
+                Excludes(f"[reference] {one}", others, "a desired point has one way to move: give one of them")
+                for one, others in (("circle", ("[reference] course", IN_TIME[1])), ("course", IN_TIME[1]))
+            ),
+            Needs(
+                "[reference] position",
+                (TIMED, COURSE, "[feedback]"),
+                "type IV takes speed",
+            ),
+            Needs(TIMED, "[reference] position", "there is one for each output"),
+            Needs("[reference] velocity", TIMED, "type IV takes speed"),
+            Needs("[reference] circle", TIMED, "only a desired point moves on one"),
+            Needs("[reference] oscillation", "an output of the robot's own", "others have a circle or a course"),
+            *(Excludes(way, "noslip sweep", "a sweep does not have it yet; use noslip simulate") for way in IN_TIME),
+            *(
+                Excludes(way, "noslip outer-loop", "the steady motion is along a line, or on a path of type IV")
+                for way in IN_TIME
+            ),
+            *(
+                Needs(f"analyse --start with {way}", "[output] extension", "starts are certified along lines and paths")
+                for way in IN_TIME
+            ),
+        ),
+    ),
+    Stage(
+        name="speed",
+        about="the desired forward speed of type IV",
+        where=("[reference] speed",),
+        reads=("friction",),
+        writes=("reference",),
+        rules=(
+            Needs("[reference] speed", '[output] type = "IV"', "other types take position"),
+            Needs('[output] type = "IV"', ("[reference] speed", COURSE), "it is one of its outputs"),
+        ),
+    ),
+    Stage(
+        name="approach",
+        about="desired outputs that go from where the robot is to their final values, with bounded accelerations",
+        where=("[reference] approach",),
+        reads=("seen", "reference"),
+        writes=("reference",),
+        module="noslip_approach.h",
+        rules=(
+            Excludes("[reference] approach", '[drive] kind = "kinematic"', "most_acceleration bounds how the vehicle starts"),
+            Excludes("[reference] approach", "[output] extension", "its reference has no third derivative"),
+            Needs("[reference] approach", SAMPLED, "it is advanced at the calls of the controller"),
+        ),
+    ),
+    Stage(
+        name="commanded motion",
+        about="lines, arcs and turns, or a course, as the motion of a robot with a state feedback",
+        where=("[reference] commands",),
+        reads=(),
+        writes=("reference",),
+        rules=(
+            Needs("[reference] commands", "[feedback]", "it is for robots with fewer inputs than degrees of freedom"),
+            Excludes("[reference] commands", ("[reference] course", "[feedback] motion"), "commands begin and end at rest"),
+            Excludes("[feedback]", '[reference.course] follow = "path"', 'set follow = "time"'),
+            Needs(
+                "[feedback] with [reference] position",
+                ("[reference] commands", "[reference] course"),
+                "it is where these begin; give them, or leave it out",
+            ),
+            Excludes("[feedback]", "a position of more than x, y and heading", "that is where commands or a course begin"),
+        ),
+    ),
+    Stage(
+        name="integral action",
+        about="the integral of the error of an output, added to its virtual input",
+        where=("integral action (gain ki)",),
+        reads=("seen", "reference", "status"),
+        writes=("addition",),
+        module="noslip_integral.h",
+        columns=("integral_<OUTPUT>",),
+        rules=(
+            Needs(
+                "integral action (gain ki) with [limits]",
+                SAMPLED,
+                "at each call, the status of the previous one decides whether the integral may grow",
+            ),
+        ),
+    ),
+    Stage(
+        name="disturbance observer",
+        about="an estimate of what disturbs an output, subtracted from its virtual input",
+        where=("a disturbance observer (gain ko)",),
+        reads=("seen", "reference", "status"),
+        writes=("addition",),
+        module="noslip_disturbance.h",
+        columns=("disturbance_<OUTPUT>",),
+        rules=(
+            Needs("a disturbance observer (gain ko)", SAMPLED, "it compares what v did between two calls"),
+            Excludes(
+                "a disturbance observer (gain ko)",
+                "[output] extension",
+                "the derivative that it compares is not measured; give ki",
+            ),
+            Excludes(
+                "a disturbance observer (gain ko)",
+                '[drive] kind = "kinematic"',
+                "a kinematic law commands velocities, it requires torques",
+            ),
+            Excludes(
+                "a disturbance observer (gain ko)",
+                '[drive] kind = "velocity" | "velocity+torque"',
+                "v acts later than it is given",
+            ),
+        ),
+    ),
+    Stage(
+        name="law",
+        about="input-output linearization of the outputs (12), (20), generated for the robot",
+        where=("[output]",),
+        reads=("seen", "config", "reference", "addition", "parameters"),
+        writes=("inputs", "status"),
+        module="noslip_controller.h",
+        rules=(
+            Needs("a run", ("[output]", "[feedback]"), "a robot with fewer inputs than degrees of freedom takes the latter"),
+            Needs("[output]", ("[initial]", "a composite path"), "[initial] is missing: point, heading and speed, or q and nu"),
+            Excludes(
+                "an output of the robot's own",
+                ("[output] L", "[output] W", "[output] path"),
+                "its [output] type is not one of I, II, III, IV, which have these",
+            ),
+            Needs("[output] path", '[output] type = "IV"', "other types follow no path"),
+            Needs('[output] type = "IV"', "[output] path", "its first output is the distance from it"),
+            Needs("[output] parameters", "an output of the robot's own", "types I to IV have L, W and path"),
+            Needs("[output] L_backward", '[output] reversing = "switch"', "only then the side of the axle changes"),
+        ),
+    ),
+    Stage(
+        name="damped law",
+        about="type IV whose inverse is damped where the heading is nearly normal to the path",
+        where=('[output] near_singular = "damped"',),
+        reads=("seen", "config", "reference", "addition", "parameters"),
+        writes=("inputs", "status"),
+        rules=(
+            Needs("[output] band", '[output] near_singular = "damped"', "it is where the inverse is damped"),
+            Needs('[output] near_singular = "damped"', '[output] type = "IV"', "only there the heading may be normal to a path"),
+            Excludes(
+                '[output] near_singular = "damped"',
+                ("[output] extension", COURSE, '[drive] kind = "kinematic"'),
+                "accelerations are damped, without integrators, along one curve",
+            ),
+            Excludes('[output] near_singular = "damped"', "analyse --table", 'take near_singular = "refuse"'),
+        ),
+    ),
+    Stage(
+        name="dynamic extension",
+        about="integrators on inputs, for a P_l on the axle",
+        where=("[output] extension",),
+        reads=("seen", "config", "reference", "addition", "parameters"),
+        writes=("inputs", "status"),
+        columns=("<EXTENSION>",),
+        rules=(
+            Excludes(
+                "[output] extension",
+                "a composite path",
+                "P_l on the axle cannot follow a curvature that jumps; let a point follow a smooth curve, [reference] course",
+            ),
+            Excludes(
+                "[output] extension",
+                '[output] reversing = "refuse" | "switch"',
+                "it needs no reversing: P_l on the axle is followed forward and in reverse",
+            ),
+            Excludes("[output] extension", '[limits] mode = "slow" | "grip"', 'set mode = "cut"'),
+            Excludes("[output] extension", VELOCITY, "use drives that take torques"),
+            Excludes("[output] extension", "analyse --table", "it is not supported here: see docs/extension.md"),
+        ),
+    ),
+    Stage(
+        name="law along the way",
+        about="type IV along a course, for a P_l on the axle, whose errors decay with the way instead of time",
+        where=("[output] arclength",),
+        reads=("seen", "config", "reference", "addition", "parameters"),
+        writes=("inputs", "status"),
+        rules=(
+            Needs("[output] arclength", COURSE, 'it is for type IV with path = { kind = "course" }'),
+            Excludes("[output] arclength", "[output] extension", "either makes a P_l on the axle regular"),
+            Excludes(
+                "[output] arclength",
+                '[output] reversing = "refuse" | "switch"',
+                "it needs no reversing: P_l on the axle is followed forward and in reverse",
+            ),
+            Needs("[output] poles", "[output] arclength", "gains of other laws are in [gains]"),
+        ),
+    ),
+    Stage(
+        name="state feedback",
+        about="an LQR about a steady motion, for a robot with fewer inputs than degrees of freedom",
+        where=("[feedback]",),
+        reads=("seen", "reference"),
+        writes=("inputs", "status"),
+        module="noslip_balance.h",
+        rules=(
+            Excludes(
+                "[feedback]",
+                (
+                    *("[gains]", "[given]", "[correction]", "[estimator]", "[adaptation]", "[drive]", "[scene]", "[output]"),
+                    *(f"[reference] {key}" for key in ("speed", "lateral", "acceleration", "angular", "deceleration", "creep")),
+                    *(f"[reference] {key}" for key in ("velocity", "approach", "circle", "oscillation")),
+                ),
+                "it takes commands, a course or its steady motion as reference",
+            ),
+            Excludes(
+                "[feedback]",
+                ('[sensors] pose = "reckoned"', "[sensors] counts", "[sensors] gyro", "[sensors] accelerometer"),
+                'there is no dead reckoning: [sensors] has noise, seed and period there, and pose = "true"',
+            ),
+            Excludes("[feedback]", '[limits] mode = "slow" | "grip"', 'give torque, and mode = "cut"'),
+            Needs("[feedback] with [limits]", "[limits] torque", "its inputs are limited each"),
+            Excludes("[feedback]", "the C of a sweep", "each sample is run by noslip simulate"),
+            Excludes("[feedback]", "--record", "a record is of a law"),
+            Excludes("[feedback]", "noslip outer-loop", "its gains are those of an LQR, see docs/underactuated.md"),
+            Excludes("[feedback]", "analyse --start", "starts are certified for laws of outputs; see noslip analyse ROBOT"),
+        ),
+    ),
+    Stage(
+        name="limits",
+        about="inputs within their limits: each cut, or the vehicle slows down, or the wheels keep their grip too",
+        where=("[limits]",),
+        reads=("inputs", "friction"),
+        writes=("inputs", "status"),
+        module="noslip_grip.h",
+        rules=(
+            Excludes(
+                '[drive] kind = "kinematic"',
+                '[limits] mode = "cut" | "slow"',
+                "most_speed and most_acceleration limit its commands",
+            ),
+            Excludes('[drive] kind = "kinematic"', "[limits] torque", "its law gives velocities"),
+            Excludes(
+                '[limits] mode = "slow"',
+                ('[output] type = "I" | "II" | "III"', "[output] arclength"),
+                'there is no speed to reduce: use another type IV, or mode = "cut"',
+            ),
+            Needs('[limits] mode = "grip"', "[contact]", "mu is the friction that the controller may use"),
+            Needs(
+                '[limits] mode = "cut" | "slow"',
+                ("[limits] torque", "a limit of integral action or observers"),
+                "it is what the mode keeps",
+            ),
+        ),
+    ),
+    Stage(
+        name="drive",
+        about="the drives take torques; or velocities, which their own loop of first order follows, with a torque or without",
+        where=("[drive]",),
+        reads=("given", "state"),
+        writes=("force",),
+        module="noslip_velocity.h",
+        columns=("command_<VELOCITY>",),
+        rules=(
+            Needs(VELOCITY, SAMPLED, "commands are given at calls"),
+            Needs(VELOCITY, "[drive] bandwidth", "it is that of the drives' own loop"),
+            Excludes(
+                '[drive] kind = "torque"',
+                ("[drive] bandwidth", "[drive] delay", "[drive] most_speed", "[drive] most_acceleration"),
+                "the torque acts as given: leave it out, on the command line by --set 'drive={kind=\"torque\"}'",
+            ),
+        ),
+    ),
+    Stage(
+        name="delay",
+        about="inputs act a time after the call that gave them",
+        where=("[simulation] delay",),
+        reads=("inputs",),
+        writes=("given",),
+        rules=(
+            Bound("[simulation] delay", "[simulation] period", "inputs act before the next call; a continuous loop has none"),
+        ),
+    ),
+    Stage(
+        name="plant",
+        about="the robot that rolls, with its true parameters, known functions of time and impulses",
+        where=("a run", "[plant]", "[given]", "[[push]]"),
+        reads=("force",),
+        writes=("state",),
+        columns=("t", "<STATE>", "<INPUT>", "lambda_<NUMBER>"),
+        rules=(
+            Needs("[[push]]", SAMPLED, "a continuous run has no impulses"),
+            Excludes("[[push]]", "the C of a sweep", "each sample is run by noslip simulate"),
+            Excludes("[given]", "the C of a sweep", "each sample is run by noslip simulate"),
+        ),
+    ),
+    Stage(
+        name="floor",
+        about="a floor with friction, bumps and slope in a physics engine, where wheels may slip",
+        where=("[floor]", "[scene]"),
+        reads=("force",),
+        writes=("state",),
+        columns=("slip_<CONTACT>", "load_<CONTACT>", "reckoned_x", "reckoned_y", "reckoned_phi"),
+        rules=(
+            Needs("--engine mujoco", SAMPLED, "the controller is called as in firmware"),
+            Excludes("--engine mujoco with [scene]", "[[push]]", "it is along velocities that only the engine's own bodies have"),
+        ),
+    ),
+    Stage(
+        name="contacts",
+        about="what part of friction rolling without slip uses at each contact",
+        where=("[contact]",),
+        reads=("state", "force"),
+        writes=(),
+        columns=("use_<CONTACT>",),
+    ),
+    Stage(
+        name="start and rows",
+        about="where the run begins, when the controller is called, what is recorded and when it ends",
+        where=("a run", "[initial]"),
+        reads=("state", "config", "status"),
+        writes=("outputs",),
+        columns=("y<NUMBER>", "status"),
+        rules=(
+            Excludes(
+                "[initial] state",
+                tuple(f"[initial] {key}" for key in ("point", "heading", "speed", "q", "nu", "extension")),
+                "it is relative to the desired state",
+            ),
+            Needs("[initial] state", "[feedback]", "it is for robots with fewer inputs than degrees of freedom"),
+            *(
+                Excludes(f"[initial] {key}", ("[initial] q", "[initial] nu"), "give point, heading, speed or q, nu")
+                for key in ("point", "heading", "speed")
+            ),
+            Needs("[initial]", ("[initial] point", "[initial] q", "[initial] state"), "give point = [x, y] or q = [...]"),
+            Bound("[simulation] output_step", "[simulation] least_step", "there are too many rows; make it longer", sign=">="),
+            Bound(SAMPLED, "[simulation] least_step", "the controller is called too often; make it longer", sign=">="),
+            Needs("noslip sweep", SAMPLED, "a sweep runs sampled controllers; period = 0 is continuous"),
+            Needs("noslip sweep", '[simulation] backend = "c" | "cf"', "a sweep runs the C"),
+            Needs("--record", '[simulation] backend = "m4f" | "rv32"', "only an emulated processor has a record"),
+            Needs(
+                "noslip outer-loop with [output] path",
+                '[output.path] kind = "line" | "circle" | "segment"',
+                "on a path of another kind the curvature changes, and there is no steady motion",
+            ),
+            Needs("analyse --table", "[initial] point", "offsets are beside the start"),
+            Needs("analyse --table", "[reference] speed", "speeds are relative to it"),
+            Excludes("analyse --table", ("[sensors]", "a composite path"), "the table is of one path and the true state"),
+        ),
+    ),
+)
+# What contradicts each other is said before what is missing.
+RULES = tuple(
+    sorted((rule for stage in STAGES for rule in stage.rules), key=lambda r: (isinstance(r, Needs), r.option != "a run"))
+)
+
+
+def broken(spec: object, user: str = "") -> str:
+    """Return which options of a SPEC do not go together, or with a `user` of it, one of USERS; an empty text if all do."""
+    return next(filter(None, (rule.broken(spec, user) for rule in RULES)), "")
+
+
+def check(spec: object, user: str = "") -> None:
+    """Raise BadInput where options are `broken`."""
+    if problem := broken(spec, user):
+        raise BadInput(problem)
