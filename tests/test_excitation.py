@@ -80,9 +80,9 @@ def test_a_spec_is_written_as_it_is_read(file):
     [
         (["line", "--fit", "m_c", "m_w", "I_w"], "would not show I_w"),
         (["line", "--fit", "mass"], "--fit mass: not a parameter of this robot"),
-        (["line", "--room", "0"], "--room 0 must be positive"),
-        (["line", "--speed", "-1"], "--speed -1 must be positive"),
-        (["line", "--noise", "nan"], "--noise nan must be positive"),
+        (["line", "--room", "0"], "--room = 0 must be positive"),
+        (["line", "--speed", "-1"], "--speed = -1 must be positive"),
+        (["line", "--noise", "nan"], "--noise = nan is not finite"),
         (["figures/figure_1_type_i", "--room", "5"], "excite needs"),
         (["figures/fastest"], "excite needs --speed"),
     ],

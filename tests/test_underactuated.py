@@ -414,7 +414,7 @@ def test_bad_input():
         "weigh further states": lambda: rest.lqr({"pitch": 1.0}),
         "confirm: level = inf is not finite": lambda: confirm(loop, X, np.inf, 1, 1.0),
         "confirm: starts = 0 must be 1 or more": lambda: confirm(loop, X, 1.0, 0, 1.0),
-        "confidence = 1 must be between": lambda: Confirmed(1.0, 1, 1).share(1.0),
+        "confidence = 1 must be below": lambda: Confirmed(1.0, 1, 1).share(1.0),
         "region: unknown state 'tilt'": lambda: region(loop, X, {"tilt": 1.0}, 1, 1.0),
     }
     for message, call in wrong.items():
