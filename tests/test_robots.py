@@ -545,9 +545,9 @@ def test_every_command_knows_an_output_by_its_name(tmp_path, bad_input, capsys):
     spec = tmp_path / "spec.toml"
     for change, message in (
         ('type = "tipp"', "is not one of I, II, III, IV, tip, joints"),
-        ('type = "tip"\nL = 0.3', "has no L, W or path"),
+        ('type = "tip"\nL = 0.3', "is not one of I, II, III, IV, which have these"),
         ('type = "tip"\nparameters = { a = 1 }', "unknown name 'a'"),
-        ('type = "I"\nparameters = { a = 1 }', "apply to a robot's own output"),
+        ('type = "I"\nparameters = { a = 1 }', "requires an output of the robot's own"),
     ):
         start = "[initial]\nq = [-0.9, 1.4, -45, 70]\n[reference]\nposition = [0.6, 0.1]\n[simulation]\nduration = 1"
         spec.write_text(f'robot = "geared_arm"\n[output]\n{change}\n{start}\nbackend = "casadi"')

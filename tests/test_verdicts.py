@@ -192,11 +192,11 @@ SHIPPED: dict[str, tuple[int, tuple[bool | None, ...], str]] = {
 UNSEEN: dict[str, tuple[Callable[[], Mechanism | Kinematics], int, tuple[bool | None, ...], str]] = {
     "coin": (coin, 0, (YES, YES, NO, YES), BRM),
     "coin that is only rolled": (lambda: coin(steer=False), 0, (NO, NO, NO, OPEN), "its turning stays as it is"),
-    "coin that is only steered": (lambda: coin(roll=False), 0, (NO, NO, NO, OPEN), "its rolling stays as it is"),
+    "coin that is only steered": (lambda: coin(roll=False), 0, (NO, NO, NO, NO), "its rolling stays as it is"),
     "blade under the centre of mass": (
         lambda: blade(0.0),
         0,
-        (NO, NO, NO, OPEN),
+        (NO, NO, NO, NO),
         "Neimark, Fufaev 1972: its speed stays as it is",
     ),
     "blade with a rotor": (lambda: blade(0.2, rotor=True), 0, (YES, NO, NO, OPEN), LEWIS),
@@ -217,7 +217,7 @@ UNSEEN: dict[str, tuple[Callable[[], Mechanism | Kinematics], int, tuple[bool | 
     "ballbot in a plane": (
         ballbot,
         1,
-        (YES, OPEN, OPEN, OPEN),
+        (YES, OPEN, OPEN, NO),
         "U. Nagarajan, G. Kantor, R. Hollis, IJRR 33(6), 2014: linearly controllable at rest, which analyse_at_rest says",
     ),
     "trident snake": (trident, 0, (YES, YES, NO, OPEN), "M. Ishikawa, Trident snake robot, IFAC NOLCOS 2004: growth (3, 6)"),
