@@ -25,12 +25,13 @@ from noslip.model import (
 )
 from noslip.model.algebra.exact import canonical
 from noslip.model.algebra.expression import fold
-from noslip.model.algebra.ratios import in_lowest_terms
+from noslip.model.algebra.ratios import factored, in_lowest_terms
 from noslip.model.outputs import OUTPUTS, type_iv
 from noslip.model.paths import config, implicit
 from noslip.model.robots.labmate import labmate
 from noslip.tests import closed_forms
-from sympy import QQ, ZZ, ring
+from sympy import GF, QQ, ZZ, ring
+from sympy.polys.rings import PolyElement, PolyRing
 
 LAWS = tuple(OUTPUTS)
 STATES = 200
@@ -1184,3 +1185,20 @@ def test_output_refused(case):
     with pytest.raises(ModelError) as error:
         build()
     assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_factors_are_those_of_sympy_in_its_order():
+    """Of random products with up to four variables; and of a polynomial over a finite field."""
+    R, random = PolyRing(list("abcd"), QQ, "lex"), np.random.default_rng(8)
+
+    def drawn() -> PolyElement:
+        powers, above, below = random.integers(0, 3, (4, 4)), random.integers(-6, 7, 4), random.integers(1, 4, 4)
+        return R.from_dict({tuple(map(int, p)): QQ(int(x), int(y)) for p, x, y in zip(powers, above, below, strict=True) if x})
+
+    for _ in range(60):
+        product = drawn() * drawn() * drawn() ** int(random.integers(1, 3))
+        if product:
+            content, factors = product.factor_list()
+            assert factored(product) == (content, tuple(factors))
+    (x,) = (finite := PolyRing(["x"], GF(7), "lex")).gens
+    assert len(factored(x**2 - finite.one)[1]) == 2
