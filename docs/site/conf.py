@@ -11,7 +11,7 @@ from sphinx.writers.html5 import HTML5Translator
 
 project, version, copyright = "noslip", __version__, "the noslip maintainers"
 include_patterns = ["*.md", "docs/*.md", "lessons/*.md", "reference/*.md", "guarantees/*.md", "codegen/derivation/*.md"]
-include_patterns += ["readers/*.md"]
+include_patterns += ["readers/*.md", "bench/README.md"]
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 html_theme, html_title, html_copy_source = "furo", f"noslip {version}", False
 html_math_renderer = "mathml"
