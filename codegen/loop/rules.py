@@ -118,6 +118,7 @@ class Rule:
     other: str | tuple[str, ...]
     why: str
     relation = ""
+    kind = ""  # of rule, in the JSON of a stage
 
     @cached_property
     def options(self) -> tuple[Option, ...]:
@@ -129,6 +130,10 @@ class Rule:
         """The other options."""
         return tuple(map(Option, (self.other,) if isinstance(self.other, str) else self.other))
 
+    def concerns(self, user: str) -> bool:
+        """Return whether the row is about a user."""
+        return any(option.text == user for option in self.options + self.others)
+
     def applies(self, spec: object, user: str) -> bool:
         """Return whether the option, or all that it consists of, holds."""
         return all(option.holds(spec, user) for option in self.options)
@@ -136,6 +141,10 @@ class Rule:
     def broken(self, spec: object, user: str = "") -> str:
         """Return what is wrong with a SPEC, run by a user; an empty text if nothing is."""
         raise NotImplementedError
+
+    def as_json(self) -> dict[str, object]:
+        """Return the row as `noslip stages --json` prints it."""
+        return {"option": self.option, self.kind: [other.text for other in self.others], "why": self.why}
 
     def __str__(self) -> str:
         return f"{self.option} {self.relation} {' or '.join(other.text for other in self.others)}: {self.why}"
@@ -145,6 +154,7 @@ class Needs(Rule):
     """The option requires another, or one of several."""
 
     relation = "requires"
+    kind = "needs"
 
     def broken(self, spec: object, user: str = "") -> str:
         """Return that the option requires what is missing."""
@@ -158,6 +168,7 @@ class Excludes(Rule):
     """The option goes with none of the others."""
 
     relation = "does not go with"
+    kind = "excludes"
 
     def broken(self, spec: object, user: str = "") -> str:
         """Return with what the option does not go."""
@@ -173,6 +184,7 @@ class Bound(Rule):
 
     sign: str = "<="
     factor: float = 1.0
+    kind = "bounds"
 
     @property
     def bound(self) -> str:
@@ -190,6 +202,10 @@ class Bound(Rule):
         if COMPARISONS[self.sign](value, self.factor * limit):
             return ""
         return f"{option.key} = {value:g} must be {self.bound} = {limit:g}: {self.why}"
+
+    def as_json(self) -> dict[str, object]:
+        """Return the row as `noslip stages --json` prints it."""
+        return {"option": self.option, "bound": self.bound, "why": self.why}
 
     def __str__(self) -> str:
         return f"{self.option} must be {self.bound}: {self.why}"

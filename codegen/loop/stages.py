@@ -3,11 +3,10 @@
 A SPEC is checked against the rows of all stages (`check`); docs and `noslip stages` print them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...readers.errors import BadInput
-from .rules import USERS, Bound, Excludes, Needs, Option, Rule
+from .rules import USERS, Bound, Excludes, Needs, Rule
 
 SIGNALS = {  # name -> unit and meaning; a unit per output or input is that of the robot's
     "state": ("SI", "true coordinates q and quasi-velocities nu"),
@@ -47,19 +46,6 @@ class Stage:
 
     def as_json(self) -> dict[str, object]:
         """Return the stage as `noslip stages --json` prints it: `users` are those that need or exclude something, with how."""
-        kinds: dict[str, tuple[type[Rule], str]] = {
-            "needs": (Needs, "needs"),
-            "excludes": (Excludes, "excludes"),
-            "bounds": (Bound, "bound"),
-        }
-        rows = {
-            kind: [
-                {"option": rule.option, name: rule.bound if isinstance(rule, Bound) else texts(rule.others), "why": rule.why}
-                for rule in self.rules
-                if isinstance(rule, of)
-            ]
-            for kind, (of, name) in kinds.items()
-        }
         return {
             "name": self.name,
             "about": self.about,
@@ -68,8 +54,8 @@ class Stage:
             "reads": [{"signal": name, "unit": SIGNALS[name][0]} for name in self.reads],
             "writes": [{"signal": name, "unit": SIGNALS[name][0]} for name in self.writes],
             "columns": list(self.columns),
-            **rows,
-            "users": {user: [str(rule) for rule in self.rules if user in texts(rule.options + rule.others)] for user in USERS},
+            **{of.kind: [rule.as_json() for rule in self.rules if isinstance(rule, of)] for of in (Needs, Excludes, Bound)},
+            "users": {user: [str(rule) for rule in self.rules if rule.concerns(user)] for user in USERS},
         }
 
     def __str__(self) -> str:
@@ -80,15 +66,26 @@ class Stage:
         return "\n".join([head, *(f"  {line}" for line in (self.about, "; ".join(parts), *map(str, self.rules)))])
 
 
-def texts(options: Sequence[Option]) -> list[str]:
-    """Return options as they are written."""
-    return [option.text for option in options]
-
-
 COURSE = '[output] path = { kind = "course" }'
 SAMPLED, SCALAR = "[simulation] period > 0", '[simulation] backend = "casadi" | "c" | "cf"'
 TIMED, IN_TIME = '[output] type != "IV"', ("[reference] circle", "[reference] oscillation")
+LAW_READS, LAW_WRITES = ("seen", "config", "reference", "addition", "parameters"), ("inputs", "status")  # in all its variants
+NOT_IN_C = "the C of a sweep", "each sample is run by noslip simulate"
+NO_REVERSING = (
+    '[output] reversing = "refuse" | "switch"',
+    "it needs no reversing: P_l on the axle is followed forward and in reverse",
+)
 VELOCITY = '[drive] kind = "velocity" | "velocity+torque" | "kinematic"'
+
+
+def only_simulated(way: str) -> tuple[Rule, ...]:
+    """Return the rows of a way in which desired outputs move that `noslip simulate` has, and other users have not."""
+    return (
+        Excludes(way, "noslip sweep", "a sweep does not have it yet; use noslip simulate"),
+        Excludes(way, "noslip outer-loop", "the steady motion is along a line, or on a path of type IV"),
+        Needs(f"analyse --start with {way}", "[output] extension", "starts are certified along lines and paths"),
+    )
+
 
 STAGES = (
     Stage(
@@ -124,7 +121,7 @@ STAGES = (
             Needs("[estimator]", "[sensors]", "without them the pose is the true one"),
             Excludes("[estimator]", "[correction]", "give it poses by [estimator] pose"),
             Needs("[estimator]", SCALAR, "emulated processors have no filter"),
-            Excludes("[estimator]", "the C of a sweep", "each sample is run by noslip simulate"),
+            Excludes("[estimator]", *NOT_IN_C),
         ),
     ),
     Stage(
@@ -162,7 +159,7 @@ STAGES = (
                 factor=5.0,
             ),
             Needs("[adaptation]", SCALAR, "emulated processors do not learn"),
-            Excludes("[adaptation]", "the C of a sweep", "each sample is run by noslip simulate"),
+            Excludes("[adaptation]", *NOT_IN_C),
         ),
     ),
     Stage(
@@ -235,10 +232,8 @@ STAGES = (
             Excludes(COURSE, "a position that is no point", "a course begins at [x, y]"),
             Excludes(COURSE, "[reference] approach", "start the robot near the course"),
             Needs(COURSE, SCALAR, "emulated processors have no courses"),
-            Excludes(COURSE, "the C of a sweep", "each sample is run by noslip simulate"),
-            Excludes("[reference] course", "noslip sweep", "a sweep does not have it yet; use noslip simulate"),
-            Excludes("[reference] course", "noslip outer-loop", "the steady motion is along a line, or on a path of type IV"),
-            Needs("analyse --start with [reference] course", "[output] extension", "starts are certified along lines and paths"),
+            Excludes(COURSE, *NOT_IN_C),
+            *only_simulated("[reference] course"),
         ),
     ),
     Stage(
@@ -261,15 +256,7 @@ STAGES = (
             Needs("[reference] velocity", TIMED, "type IV takes speed"),
             Needs("[reference] circle", TIMED, "only a desired point moves on one"),
             Needs("[reference] oscillation", "an output of the robot's own", "others have a circle or a course"),
-            *(Excludes(way, "noslip sweep", "a sweep does not have it yet; use noslip simulate") for way in IN_TIME),
-            *(
-                Excludes(way, "noslip outer-loop", "the steady motion is along a line, or on a path of type IV")
-                for way in IN_TIME
-            ),
-            *(
-                Needs(f"analyse --start with {way}", "[output] extension", "starts are certified along lines and paths")
-                for way in IN_TIME
-            ),
+            *(rule for way in IN_TIME for rule in only_simulated(way)),
         ),
     ),
     Stage(
@@ -361,8 +348,8 @@ STAGES = (
         name="law",
         about="input-output linearization of the outputs (12), (20), generated for the robot",
         where=("[output]",),
-        reads=("seen", "config", "reference", "addition", "parameters"),
-        writes=("inputs", "status"),
+        reads=LAW_READS,
+        writes=LAW_WRITES,
         module="noslip_controller.h",
         rules=(
             Needs("a run", ("[output]", "[feedback]"), "a robot with fewer inputs than degrees of freedom takes the latter"),
@@ -382,8 +369,8 @@ STAGES = (
         name="damped law",
         about="type IV whose inverse is damped where the heading is nearly normal to the path",
         where=('[output] near_singular = "damped"',),
-        reads=("seen", "config", "reference", "addition", "parameters"),
-        writes=("inputs", "status"),
+        reads=LAW_READS,
+        writes=LAW_WRITES,
         rules=(
             Needs("[output] band", '[output] near_singular = "damped"', "it is where the inverse is damped"),
             Needs('[output] near_singular = "damped"', '[output] type = "IV"', "only there the heading may be normal to a path"),
@@ -399,8 +386,8 @@ STAGES = (
         name="dynamic extension",
         about="integrators on inputs, for a P_l on the axle",
         where=("[output] extension",),
-        reads=("seen", "config", "reference", "addition", "parameters"),
-        writes=("inputs", "status"),
+        reads=LAW_READS,
+        writes=LAW_WRITES,
         columns=("<EXTENSION>",),
         rules=(
             Excludes(
@@ -408,11 +395,7 @@ STAGES = (
                 "a composite path",
                 "P_l on the axle cannot follow a curvature that jumps; let a point follow a smooth curve, [reference] course",
             ),
-            Excludes(
-                "[output] extension",
-                '[output] reversing = "refuse" | "switch"',
-                "it needs no reversing: P_l on the axle is followed forward and in reverse",
-            ),
+            Excludes("[output] extension", *NO_REVERSING),
             Excludes("[output] extension", '[limits] mode = "slow" | "grip"', 'set mode = "cut"'),
             Excludes("[output] extension", VELOCITY, "use drives that take torques"),
             Excludes("[output] extension", "analyse --table", "it is not supported here: see docs/extension.md"),
@@ -422,16 +405,12 @@ STAGES = (
         name="law along the way",
         about="type IV along a course, for a P_l on the axle, whose errors decay with the way instead of time",
         where=("[output] arclength",),
-        reads=("seen", "config", "reference", "addition", "parameters"),
-        writes=("inputs", "status"),
+        reads=LAW_READS,
+        writes=LAW_WRITES,
         rules=(
             Needs("[output] arclength", COURSE, 'it is for type IV with path = { kind = "course" }'),
             Excludes("[output] arclength", "[output] extension", "either makes a P_l on the axle regular"),
-            Excludes(
-                "[output] arclength",
-                '[output] reversing = "refuse" | "switch"',
-                "it needs no reversing: P_l on the axle is followed forward and in reverse",
-            ),
+            Excludes("[output] arclength", *NO_REVERSING),
             Needs("[output] poles", "[output] arclength", "gains of other laws are in [gains]"),
         ),
     ),
@@ -459,7 +438,7 @@ STAGES = (
             ),
             Excludes("[feedback]", '[limits] mode = "slow" | "grip"', 'give torque, and mode = "cut"'),
             Needs("[feedback] with [limits]", "[limits] torque", "its inputs are limited each"),
-            Excludes("[feedback]", "the C of a sweep", "each sample is run by noslip simulate"),
+            Excludes("[feedback]", *NOT_IN_C),
             Excludes("[feedback]", "--record", "a record is of a law"),
             Excludes("[feedback]", "noslip outer-loop", "its gains are those of an LQR, see docs/underactuated.md"),
             Excludes("[feedback]", "analyse --start", "starts are certified for laws of outputs; see noslip analyse ROBOT"),
@@ -529,8 +508,8 @@ STAGES = (
         columns=("t", "<STATE>", "<INPUT>", "lambda_<NUMBER>"),
         rules=(
             Needs("[[push]]", SAMPLED, "a continuous run has no impulses"),
-            Excludes("[[push]]", "the C of a sweep", "each sample is run by noslip simulate"),
-            Excludes("[given]", "the C of a sweep", "each sample is run by noslip simulate"),
+            Excludes("[[push]]", *NOT_IN_C),
+            Excludes("[given]", *NOT_IN_C),
         ),
     ),
     Stage(
