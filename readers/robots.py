@@ -100,9 +100,9 @@ def find_laws(system: ReducedSystem) -> tuple[str, ...]:
     """Return the names of the laws that this robot can have, Types I to IV first, then its own; if there are none, its own that
     need a dynamic extension.
     """
-    extended = [output.name + EXTENDED for output in system.mechanism.outputs]
-    found, others = (tuple(name for name in names if _fits(system, name)) for names in (output_names(system.mechanism), extended))
-    return found or others
+    found = tuple(name for name in output_names(system.mechanism) if _fits(system, name))
+    extended = (output.name + EXTENDED for output in system.mechanism.outputs)
+    return found or tuple(name for name in extended if _fits(system, name))
 
 
 @cache
