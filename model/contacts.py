@@ -174,9 +174,13 @@ def _translations(mechanism: Mechanism) -> ca.SX:
     of a steered wheel; of the vehicle if the robot is not made of bodies.
     """
     vehicle, n = mechanism.required_vehicle, len(mechanism.coordinates)
-    turning = mechanism.bodies[0].yaw_rate if mechanism.bodies else ca.SX.nan()
-    pairs = zip(mechanism.coordinates, mechanism.velocities, strict=True)
-    heading = next((q.symbol for q, rate in pairs if (turning - rate.symbol).is_zero()), vehicle.heading)
+    headings = (
+        q.symbol
+        for body in mechanism.bodies[:1]
+        for q, rate in zip(mechanism.coordinates, mechanism.velocities, strict=True)
+        if (body.yaw_rate - rate.symbol).is_zero()
+    )
+    heading = next(headings, vehicle.heading)
     place = canonical(ca.jacobian(ca.vertcat(vehicle.x, vehicle.y), mechanism.q))
     of = [[k for k in range(n) if (place[:, k] - axis).is_zero()] for axis in (ca.SX([1, 0]), ca.SX([0, 1]))]
     if not all(of):
