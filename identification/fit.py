@@ -9,13 +9,14 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ..model.algebra.integration import runge_kutta
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import Dynamics, combinations
 from .faults import contradictions, unexplained, without
 from .inverse import InverseDynamics
 from .log import Log
-from .output_error import OutputError, Prediction, Windows, runge_kutta, solvable, with_derivatives
+from .output_error import OutputError, Prediction, Windows, solvable, with_derivatives
 from .plausibility import check_dynamics, check_kinematics
 from .result import Identification, result_of
 

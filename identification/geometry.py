@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from scipy.ndimage import median_filter
 
+from ..model.algebra.integration import runge_kutta
 from ..model.algebra.linear import solve
 from ..model.mechanism import Quantity
 from ..model.reduction import ReducedSystem
@@ -18,7 +19,7 @@ from .dynamics import pose_names
 from .faults import EITHER_WAY, NEARBY, PERIODS, contradictions, either_way, rows_of, unexplained, without
 from .identifiability import Combination, determined, generic_rank
 from .log import PoseLog, filled
-from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, solvable, with_derivatives
+from .output_error import FEWEST, OutputError, Prediction, Windows, solvable, with_derivatives
 from .plausibility import check_kinematics
 from .result import Identification, result_of
 

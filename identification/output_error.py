@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -603,15 +603,6 @@ def solvable() -> Iterator[None]:
         yield
     except np.linalg.LinAlgError as error:
         raise BadInput(f"the log does not show the parameters ({error}); {BEYOND}") from error
-
-
-def runge_kutta(rates: Iterable[Callable[[ca.SX], ca.SX]], x: ca.SX, h: ca.SX | float) -> ca.SX:
-    """Return x after a step of length h of order 4; `rates` of x at its beginning, twice in its middle, and at its end."""
-    begin, middle, again, end = rates
-    k1 = begin(x)
-    k2 = middle(x + h / 2 * k1)
-    k3 = again(x + h / 2 * k2)
-    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + end(x + h * k3))
 
 
 def with_derivatives(

@@ -20,6 +20,7 @@ from ..codegen.graph import Group
 from ..controllers.build import FLAGS, OPTIMIZED, built, compiler, with_runtime
 from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary
 from ..controllers.runtime import declarations
+from ..model.algebra.integration import runge_kutta
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput, Mismatch
@@ -141,7 +142,7 @@ def _differences(instance: Instance, kind: str, system: ReducedSystem, law: Cont
             return f"tau is {instance.get(inputs)}, of the compiled law {tau}, at {values}"
         if dynamics:
             params = [values[f"params.{q.name}"] for q in system.mechanism.parameters]
-            right, reached = _runge_kutta(CompiledDynamics(dynamics, params), x, tau), instance.get(state)
+            right, reached = _reached(CompiledDynamics(dynamics, params), x, tau), instance.get(state)
             if not np.all(np.abs(reached - right) <= CLOSE * (np.abs(x) + np.abs(right - x).max() + 1)):
                 return f"the state after {STEP} s is {reached}, from the compiled dynamics {right}, at {values}"
     return ""
@@ -173,15 +174,11 @@ def _cases(system: ReducedSystem, law: ControlLaw | None) -> Iterator[tuple[dict
             yield {**fixed[0], **fixed[1], **fixed[2], **values}, x, tau
 
 
-def _runge_kutta(dynamics: CompiledDynamics, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+def _reached(dynamics: CompiledDynamics, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
     """Return the state after STEP seconds of constant tau, by the method of Runge and Kutta of order 4."""
 
     def rate(x: np.ndarray) -> np.ndarray:
         values = dynamics.entry(ACCELERATION, x, tau).values
         return np.concatenate([values[name] for name in ACCELERATION.answers]) if values else np.full(len(x), np.nan)
 
-    k1 = rate(x)
-    k2 = rate(x + STEP / 2 * k1)
-    k3 = rate(x + STEP / 2 * k2)
-    k4 = rate(x + STEP * k3)
-    return x + STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return runge_kutta([rate] * 4, x, STEP)

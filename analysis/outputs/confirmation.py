@@ -16,6 +16,7 @@ from scipy.linalg import null_space
 from scipy.optimize import linear_sum_assignment
 
 from ...controllers.balance.steady import analyse_at_rest, listed
+from ...model.algebra.integration import runge_kutta
 from ...model.linearization import Linearization, linearize
 from ...model.names import LawName
 from ...model.outputs import forward_speed, output_map
@@ -191,10 +192,7 @@ class _Run:
         moved = np.concatenate([state[:, None] + side * DEVIATION * free for side in (1, -1)], axis=1)
         h = LONGEST / fastest / STEPS
         for _ in range(STEPS):
-            a = self.motion(moved)
-            b = self.motion(moved + h / 2 * a)
-            c = self.motion(moved + h / 2 * b)
-            moved = moved + h / 6 * (a + 2 * b + 2 * c + self.motion(moved + h * c))
+            moved = runge_kutta([self.motion] * 4, moved, h)
         count = free.shape[1]
         after = free.T @ (moved[:, :count] - moved[:, count:]) / (2 * DEVIATION)
         seen = np.log(np.linalg.eigvals(after).astype(complex)) / (h * STEPS)
