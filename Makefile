@@ -16,7 +16,7 @@
 # make bits    the same bits on every target there is
 # make firmware the images of every target whose tools are here, into build/firmware
 # make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
-# make guarantees   what holds of the C and what shows it, checked; see guarantees/README.md
+# make guarantees   what holds of the C and what shows it, checked; see checks/guarantees/README.md
 # make dist    wheel, sdist, and a zip of the C that is committed, as users get it, into dist/
 # make clean   leaves what git has
 PYTHON ?= python3
@@ -27,9 +27,10 @@ READY_DEV := $(VENV)/.ready-dev
 READY_SITE := $(VENV)/.ready-site
 export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
 
-MODEL := $(wildcard __init__.py model/*.py model/*/*.py codegen/*.py codegen/*/*.py)
-ROOMS := analysis cli controllers evidence identification outer planning readers simulation sweeping telemetry verification
-ALL_PYTHON := $(MODEL) $(foreach room,$(ROOMS),$(wildcard $(room)/*.py $(room)/*/*.py))
+python = $(wildcard $(foreach room,$(1),$(addprefix $(room)/,*.py */*.py */*/*.py)))
+MODEL := __init__.py $(call python,model codegen)
+ROOMS := analysis checks cli examples readers simulation
+ALL_PYTHON := $(MODEL) $(call python,$(ROOMS))
 RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate
 RUNS := line circle
@@ -89,17 +90,17 @@ build/check.txt: build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
 
 simulate: $(RUNS:%=build/%.txt)
 
-build/%.txt: specs/%.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
+build/%.txt: examples/specs/%.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
 	$(NOSLIP) simulate $< -o build/$*.csv --plot build/$*.png > $@ || (cat $@; false)
 
 figures: build/figures$(ALL).stamp
 
-build/figures$(ALL).stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard specs/figures/*.toml)
+build/figures$(ALL).stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard examples/specs/figures/*.toml)
 	$(NOSLIP) figures $(ALL) -o build/figures
 	@touch $@
 
 # A page with a film for the SPEC of each robot, and for some of the figures.
-FILMS := $(wildcard specs/robots/*.toml) $(foreach name,waypoints fastest reversing cusp,specs/figures/$(name).toml)
+FILMS := $(wildcard examples/specs/robots/*.toml) $(foreach name,waypoints fastest reversing cusp,examples/specs/figures/$(name).toml)
 films: $(FILMS:%.toml=build/films/%.stamp)
 
 build/films/%.stamp: %.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
@@ -114,7 +115,7 @@ site: $(READY_SITE)
 	@echo "pages: build/site/index.html"
 
 playground: build/generated.stamp
-	$(VENV)/bin/python playground/build.py build/playground
+	$(VENV)/bin/python examples/playground/build.py build/playground
 	@echo "page: build/playground/index.html"
 
 PYTEST := $(VENV)/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
@@ -123,14 +124,14 @@ QUICK := rooms names poles structure model verify codegen
 # The repository's root is the package noslip: mypy finds it by a link of that name.
 types: $(READY_DEV)
 	@mkdir -p build/types && ln -sfn $(CURDIR) build/types/noslip
-	cd build/types && $(CURDIR)/$(VENV)/bin/mypy --config-file ../../pyproject.toml $(foreach room,model codegen guarantees $(ROOMS),-p noslip.$(room))
+	cd build/types && $(CURDIR)/$(VENV)/bin/mypy --config-file ../../pyproject.toml $(foreach room,model codegen $(ROOMS),-p noslip.$(room))
 
 lint: $(READY_DEV)
 	$(VENV)/bin/ruff check .
 
 export PYTHONDONTWRITEBYTECODE := # what is started here finds noslip compiled
 quick: lint types check-generated
-	$(PYTEST) $(QUICK:%=tests/test_%.py)
+	$(PYTEST) $(QUICK:%=tests/*/test_%.py)
 
 test: $(READY_DEV)
 	$(MAKE) --no-print-directory -j3 lint types suite # the types are checked on a core that the tests leave idle
@@ -145,10 +146,10 @@ nightly: $(READY_DEV) $(READY_SITE)
 	env -u MAKEFLAGS -u MFLAGS $(VENV)/bin/python -m noslip.tests.nightly_run
 
 bench: $(READY_DEV)
-	$(VENV)/bin/python bench/run.py $(ALL)
+	$(VENV)/bin/python checks/bench/run.py $(ALL)
 
 bits: $(READY_DEV)
-	$(VENV)/bin/python tests/test_bits.py
+	$(VENV)/bin/python tests/runtime_c/test_bits.py
 
 firmware:
 	$(MAKE) --no-print-directory -C firmware all BUILD=$(CURDIR)/build/firmware
@@ -158,7 +159,7 @@ firmware-test: $(READY_DEV)
 
 # With UPDATE=--update what is measured becomes the budget.
 guarantees: $(READY_DEV)
-	$(VENV)/bin/python -m noslip.guarantees $(UPDATE)
+	$(VENV)/bin/python -m noslip.checks.guarantees $(UPDATE)
 
 # Every float in range against a higher precision (minutes on two cores), and a dense sample of doubles.
 trig-sweep:

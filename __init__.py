@@ -11,8 +11,7 @@ Each is imported when it is first used, so that `import noslip` itself loads not
 TYPE_CHECKING = False  # type checkers take it as true; importing it from typing would take longer than all else here
 if TYPE_CHECKING:
     from .analysis.answers import analyse as analyse
-    from .controllers.backends import make_controller as make_controller
-    from .controllers.controller import Limits as Limits
+    from .checks.verification.generate import generate as generate
     from .model.errors import ModelError as ModelError
     from .model.law import control_law as control_law
     from .model.linearization import linearize as linearize
@@ -23,8 +22,9 @@ if TYPE_CHECKING:
     from .readers.errors import Mismatch as Mismatch
     from .readers.robots import find_robot as find_robot
     from .simulation.closed_loop import simulate as simulate
+    from .simulation.controllers.backends import make_controller as make_controller
+    from .simulation.controllers.controller import Limits as Limits
     from .simulation.specification.spec import read_spec as read_spec
-    from .verification.generate import generate as generate
 
 __version__ = "0.5.0"
 

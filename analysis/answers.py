@@ -9,7 +9,6 @@ from typing import Any
 import sympy as sp
 
 from ..codegen.loop.stages import check
-from ..controllers.balance.steady import analyse_at_rest
 from ..model.errors import ModelError
 from ..model.law import default_gains, gain_names
 from ..model.linearization import ASIDE, STEEPEST, linearize
@@ -24,6 +23,7 @@ from ..readers.progress import Reported, silent
 from ..readers.robots import check_law, find_robot, placed, system_of
 from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
+from ..simulation.controllers.balance.steady import analyse_at_rest
 from ..simulation.loop import make_loop
 from ..simulation.specification.vary import read_varied
 from .certification.safe_offsets import Offsets, safe_offsets

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import betaincinv
 
-from ..controllers.balance.feedback import Balanced
-from ..controllers.balance.steady import STILL, Steady, listed
-from ..controllers.balance.zero_dynamics import of_velocities
-from ..controllers.controller import RUNNING
 from ..model.mechanism import Quantity
 from ..model.reduction import counted
 from ..readers.errors import BadInput
 from ..readers.reading import number, whole
+from ..simulation.controllers.balance.feedback import Balanced
+from ..simulation.controllers.balance.steady import STILL, Steady, listed
+from ..simulation.controllers.balance.zero_dynamics import of_velocities
+from ..simulation.controllers.controller import RUNNING
 from ..simulation.plant import Plant
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from .commands import rendered
 if TYPE_CHECKING:
     from ..analysis.answers import Answer, System
 
-ROOMS = ("model", "codegen", "readers", "controllers", "verification", "planning", "simulation", "analysis")  # that analyse
+ROOMS = ("model", "codegen", "readers", "simulation", "analysis")  # that analyse
 EXAMPLE = """ROBOT may also be a Kinematics or a rolling contact in a file; these have no outputs.
 The exit code is 1 if a start is not proved to be safe.
 

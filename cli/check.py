@@ -3,13 +3,13 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ..controllers import BACKENDS
 from ..readers.errors import BadInput
 from ..readers.progress import Progress
+from ..simulation.controllers import BACKENDS
 from .commands import show
 
 if TYPE_CHECKING:
-    from ..verification.check import Comparison
+    from ..checks.verification.check import Comparison
 
 DESCRIPTION = """With files: compare every backend with the `expect` values of the cases.
 Without files: compare the generated C in double with CasADi, and the C in float with the C in double, at random states with
@@ -41,7 +41,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip check`. Return 0 if every error is within its limits, else 1. Raises BadInput."""
-    from ..verification.check import MOST_STATES, RANDOM_LIMITS, check_files, check_random  # slow to import
+    from ..checks.verification.check import MOST_STATES, RANDOM_LIMITS, check_files, check_random  # slow to import
 
     if args.cases:
         for option in ("robot", "output", "states", "seed"):

@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from ..controllers import BACKENDS, ON_TARGET
 from ..readers.files import check_targets
+from ..simulation.controllers import BACKENDS, ON_TARGET
 from .commands import PrintSchema, show
 
 EXAMPLE = """example:
@@ -35,15 +35,15 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 
 def _schema() -> dict[str, Any]:
-    from ..verification.cases import schema  # slow to import
+    from ..simulation.specification.cases import schema  # slow to import
 
     return schema()
 
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip evaluate`. Return 0, also if cases have a status other than ok. Raises BadInput, ModelError, OSError."""
-    from ..verification.cases import read_cases, write_out  # slow to import
-    from ..verification.evaluate import evaluate_cases
+    from ..checks.verification.evaluate import evaluate_cases
+    from ..simulation.specification.cases import read_cases, write_out  # slow to import
 
     check_targets([args.out], inputs=[args.cases])
     evaluations = evaluate_cases(read_cases(args.cases), args.backend)

@@ -58,9 +58,9 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder is not empty."""
     if args.fmu:
         return _export_fmu(args)
+    from ..checks.verification.generate import rejected
     from ..codegen.project.example import example
     from ..readers.robots import refuse_course
-    from ..verification.generate import rejected
 
     if args.firmware or args.package:
         refuse_course(args.output, f"--firmware {args.firmware}" if args.firmware else f"--package {args.package}")
@@ -76,11 +76,11 @@ def run(args: argparse.Namespace) -> int:
     laws = selected_laws(args)
     library = {**_runtime(args.scalar), **generated}
     if args.package:
-        from ..verification.project import package_files
+        from ..checks.verification.project import package_files
 
         files = package_files(args.package, library, laws, args.scalar)
     elif args.firmware:
-        from ..verification import project
+        from ..checks.verification import project
 
         files, board = project.project_files(args.firmware, library, laws, args.scalar)
     else:
@@ -129,8 +129,8 @@ def _export_fmu(args: argparse.Namespace) -> int:
         raise BadInput("--scalar float: FMUs are in double; leave it out")
     check_targets([args.out])
     args.scalar = "double"
+    from ..checks.verification.fmu import make_fmu
     from ..readers.robots import find_robot, refuse_course, system_of
-    from ..verification.fmu import make_fmu
 
     laws = [name for name in args.output if name != DYNAMICS]
     _refuse_kinematic(laws)

@@ -42,9 +42,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip figures`. Return 0, or 1 if a claim fails. Raises BadInput, ModelError, OSError."""
-    from ..evidence.catalogue import chosen, left_out  # slow to import
-    from ..evidence.production import Made, produce
-    from ..evidence.report import as_json, by_whom, report, summary
+    from ..examples.evidence.catalogue import chosen, left_out  # slow to import
+    from ..examples.evidence.production import Made, produce
+    from ..examples.evidence.report import as_json, by_whom, report, summary
     from ..readers.reading import whole
 
     whole(1)(args.jobs, "--jobs")

@@ -25,7 +25,8 @@ FOLLOWER = "follower"  # with its law and the dynamics
 EKF = "ekf"  # the extended Kalman filter
 ADAPTATION = "adaptation"  # with the dynamics
 PARTS = (DYNAMICS, EKF, ADAPTATION)  # are not laws
-DETERMINE = ("model", "codegen", "controllers", "verification", "readers", "runtime_c", "cli")  # folders whose code makes files
+# Folders whose code makes files.
+DETERMINE = ("model", "codegen", "simulation/controllers", "checks/verification", "readers", "runtime_c", "cli")
 
 OUTPUT_HELP = (
     f"a law, such as type_i, {DYNAMICS}, the plant model, {EKF}, the filter for the pose, {ADAPTATION}, which learns the "
@@ -146,11 +147,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _generate_balance(args: argparse.Namespace) -> int:
     """Write the header of a state feedback. Return 1 if its C differs from it; nothing is written then."""
-    from ..controllers.balance.feedback import design
-    from ..controllers.balance.in_c import ROUNDING, differences, header
-    from ..controllers.balance.steady import analyse_steady
     from ..readers.reading import number
     from ..readers.robots import find_robot
+    from ..simulation.controllers.balance.feedback import design
+    from ..simulation.controllers.balance.in_c import ROUNDING, differences, header
+    from ..simulation.controllers.balance.steady import analyse_steady
 
     others = {"--output": args.output, "--check": args.check, "--explain": args.explain}
     others |= {"--scale": args.scale, "--adapt": args.adapt, "--scalar": args.scalar != "both"}
@@ -241,7 +242,7 @@ class _Made:
 
 def _compiled_by() -> tuple | None:
     """Return the compiler with which the C is compared with the model; None if there is none."""
-    from ..controllers.build import FLAGS, QUICK, compiler, identity
+    from ..simulation.controllers.build import FLAGS, QUICK, compiler, identity
 
     try:
         return identity([*compiler(), *FLAGS, *QUICK])
@@ -251,11 +252,11 @@ def _compiled_by() -> tuple | None:
 
 def _selected_files(args: argparse.Namespace, dynamics: bool, compare: bool, lanes: bool) -> _Made:
     """As `selected_files`."""
+    from ..checks.verification.generate import generate
+    from ..checks.verification.verify import is_compared
     from ..codegen.files import robot_files
     from ..model.reduction import warnings
     from ..readers.robots import find_robot, placed, system_of
-    from ..verification.generate import generate
-    from ..verification.verify import is_compared
 
     scalars = ("double", "float") if args.scalar == "both" else (args.scalar,)
     robot = find_robot(args.robot)

@@ -10,8 +10,8 @@ from .commands import show
 
 if TYPE_CHECKING:
     from ..simulation.run import Run
-    from ..telemetry.dump import Dump, Start
-    from ..telemetry.vehicle import FollowerInC
+    from ..simulation.telemetry.dump import Dump, Start
+    from ..simulation.telemetry.vehicle import FollowerInC
 
 EXAMPLE_OF_LOG = """examples:
   make -C firmware run TARGET=cortex-m4f TELEMETRY=/tmp/run.dump
@@ -62,7 +62,7 @@ def _add_dump(parser: argparse.ArgumentParser, what: str) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `noslip log`. Return 0. Raises BadInput, OSError."""
     from ..readers.tables import check_format, table_bytes
-    from ..telemetry.run import table
+    from ..simulation.telemetry.run import table
 
     check_targets([args.output], inputs=[args.dump])
     check_format(args.output)
@@ -103,7 +103,7 @@ def _view_table(args: argparse.Namespace) -> int:
     from ..simulation.drawing import encoded
     from ..simulation.plot import draw
     from ..simulation.specification.vary import read_varied
-    from ..telemetry.table import run_of_table
+    from ..simulation.telemetry.table import run_of_table
 
     if args.robot or args.start is not None:
         raise BadInput(f"--robot and --start are for dumps; {args.dump} is a table, whose robot --spec says")
@@ -126,9 +126,9 @@ def _view_table(args: argparse.Namespace) -> int:
 
 
 def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Run"]:
-    from ..telemetry.dump import chosen, read_dump
-    from ..telemetry.run import run_of
-    from ..telemetry.vehicle import vehicle_of
+    from ..simulation.telemetry.dump import chosen, read_dump
+    from ..simulation.telemetry.run import run_of
+    from ..simulation.telemetry.vehicle import vehicle_of
 
     if _is_table(args.dump):
         raise BadInput(f"{args.dump} is a table, not a dump of bytes; `noslip view {args.dump} --spec SPEC -o RUN.png` draws it")

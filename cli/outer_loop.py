@@ -7,17 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..controllers import DRIVES
 from ..readers.errors import BadInput, check_named, naming
 from ..readers.files import check_folder, write_folder
 from ..readers.progress import Progress
 from ..readers.quantities import in_range, quantity
+from ..simulation.controllers import DRIVES
 from .commands import rendered
 
 if TYPE_CHECKING:
+    from ..analysis.outer.design import Gains
+    from ..analysis.outer.drive import DriveLoop
     from ..model.law import ControlLaw
-    from ..outer.design import Gains
-    from ..outer.drive import DriveLoop
     from ..simulation.specification.spec import Spec
 
 EXAMPLE = """examples:
@@ -25,7 +25,7 @@ EXAMPLE = """examples:
   noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay --figures build/outer
   noslip outer-loop labmate --output type_iv_line --poles distance=-1,-4 --poles speed=-2 --json
   noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 --drive-delay 0.02
-  noslip outer-loop labmate --spec specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
+  noslip outer-loop labmate --spec examples/specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
   noslip outer-loop labmate --output type_iv_line --hinf distance=0.1,0.2,0.5,0.3 --period 0.01"""
 
 DESIGNS = ("poles", "discrete_poles", "settling", "lqr", "hinf", "mixed")
@@ -98,10 +98,10 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip outer-loop`. Raises BadInput for unknown names, unstable designs, and periods that are zero or too long."""
     from numpy.linalg import LinAlgError
 
-    from ..outer.channel import Required
-    from ..outer.design import positive
-    from ..outer.report import OuterLoopReport
-    from ..outer.robustness import Loops
+    from ..analysis.outer.channel import Required
+    from ..analysis.outer.design import positive
+    from ..analysis.outer.report import OuterLoopReport
+    from ..analysis.outer.robustness import Loops
     from ..readers.reading import number
 
     law, spec = _law_and_spec(args)
@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
             loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
             report = OuterLoopReport(law, spec, gains, loops, *more)
             if args.figures:
-                from ..outer.pictures import pictures_of
+                from ..analysis.outer.pictures import pictures_of
 
                 pictures = pictures_of(report)
             result = rendered(args, report.text, report.as_json)
@@ -160,7 +160,7 @@ def _is_late(file: str | None, spec: "Spec") -> bool:
 
 def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
     """Return the drives of the options, else those of the SPEC; None if they take torque."""
-    from ..outer.drive import DriveLoop
+    from ..analysis.outer.drive import DriveLoop
 
     own = spec.drive
     kind = args.drive or (own.kind if own else "torque")
@@ -179,9 +179,9 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
 
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
+    from ..analysis.outer.setting import BANDWIDTH, SPEED, as_kinematic, default_spec, with_speed
     from ..codegen.loop.stages import check
     from ..model.names import KINEMATIC, without_kinematic
-    from ..outer.setting import BANDWIDTH, SPEED, as_kinematic, default_spec, with_speed
     from ..readers.reading import number
     from ..readers.robots import find_robot, law_of
     from ..simulation.loop import make_loop
@@ -222,10 +222,10 @@ def _placed(spec: "Spec", L: float | None) -> "Spec":
 
 def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[str, "Gains"]:
     """Return the gains of each row: designed if an option requests it, else those of the SPEC, else the defaults of the law."""
+    from ..analysis.outer.design import from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, gains_of
+    from ..analysis.outer.weighted import Weights, from_mixed
     from ..model.law import gain_names
-    from ..outer.design import from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, gains_of
-    from ..outer.weighted import Weights, from_mixed
-    from ..verification.cases import gain_entries, integral_entries, observer_entries
+    from ..simulation.specification.cases import gain_entries, integral_entries, observer_entries
 
     own = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
     values = {gain.name: gain.default for gain in law.gains} | own

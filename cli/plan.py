@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..model.segments import Segment
-    from ..planning.course import SmoothCurve
+    from ..simulation.planning.course import SmoothCurve
 
 EXAMPLE = """examples:
   noslip plan dubins --from 0 0 0 --to 4 3 1.5708 --radius 1
@@ -130,7 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
     about = _summary(segments, arguments.way) + _from_origin(arguments)
 
     def draw() -> "Figure":
-        from ..planning.picture import draw  # slow to import
+        from ..simulation.planning.picture import draw  # slow to import
 
         return draw(segments, about, waypoints)
 
@@ -157,7 +157,7 @@ def _hand_out(
 
 
 def _run_course(arguments: argparse.Namespace) -> int:
-    from ..planning.smooth import fit_course  # slow to import
+    from ..simulation.planning.smooth import fit_course  # slow to import
 
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], [arguments.points])
     points, headings = _waypoints(arguments)
@@ -168,7 +168,7 @@ def _run_course(arguments: argparse.Namespace) -> int:
 
 def _run_between(arguments: argparse.Namespace, segments: list["Segment"]) -> int:
     """Run `noslip plan dubins` or `reeds-shepp` with --course. Return 0. Raises BadInput, OSError."""
-    from ..planning.ramps import with_ramps  # slow to import
+    from ..simulation.planning.ramps import with_ramps  # slow to import
 
     if arguments.c:
         raise BadInput("--c prints lines and arcs; with --course take --json, or nothing")
@@ -178,8 +178,8 @@ def _run_between(arguments: argparse.Namespace, segments: list["Segment"]) -> in
 
 def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: str, points: Sequence[Sequence[float]]) -> int:
     """Write a course and, if desired, its plot beside points, and describe it. Return 0."""
-    from ..planning.points import reference_of  # slow to import
     from ..readers.printing import as_json, toml
+    from ..simulation.planning.points import reference_of  # slow to import
 
     reference = reference_of(course)
     if arguments.json:
@@ -193,7 +193,7 @@ def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: 
     about += f"largest curvature at their ends {largest:.4g} 1/m{_from_origin(arguments)}"
 
     def draw() -> "Figure":
-        from ..planning.picture import draw_course  # slow to import
+        from ..simulation.planning.picture import draw_course  # slow to import
 
         return draw_course(course, about, points)
 
@@ -202,7 +202,7 @@ def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: 
 
 
 def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
-    from ..planning import dubins, reeds_shepp  # slow to import
+    from ..simulation.planning import dubins, reeds_shepp  # slow to import
 
     plan = dubins if arguments.way == "dubins" else reeds_shepp
     start, goal = (_pose(*pair, arguments.degrees) for pair in ((arguments.start, "--from"), (arguments.goal, "--to")))
@@ -221,7 +221,7 @@ def _pose(values: list[float], option: str, degrees: bool) -> tuple[float, ...]:
 
 def _waypoints(arguments: argparse.Namespace) -> tuple[list[tuple[float, float]], list[float | None]]:
     """Return the points, relative to --origin, and headings of a file; print what of it is not used."""
-    from ..planning.points import read_waypoints
+    from ..simulation.planning.points import read_waypoints
 
     read = read_waypoints(arguments.points, arguments.degrees, arguments.columns)
     for remark in read.remarks:
@@ -231,7 +231,7 @@ def _waypoints(arguments: argparse.Namespace) -> tuple[list[tuple[float, float]]
 
 
 def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
-    from ..planning import fit  # slow to import
+    from ..simulation.planning import fit  # slow to import
 
     points, headings = _waypoints(arguments)
     with naming(arguments.points):
@@ -240,7 +240,7 @@ def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], 
 
 def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:
     from ..codegen.printing.scalar import SCALARS
-    from ..planning import tables
+    from ..simulation.planning import tables
 
     if arguments.c:
         return tables.c_array(segments, SCALARS[arguments.scalar or "double"], getattr(arguments, "origin", None))

@@ -2,10 +2,10 @@
 
 import argparse
 
-from ..controllers import ON_TARGET
 from ..readers.errors import BadInput
 from ..readers.progress import Progress
 from ..simulation import replay
+from ..simulation.controllers import ON_TARGET
 from ..simulation.replay import first_difference, read_record
 from .commands import show
 from .log import add_start
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         return _replay_dump(args)
     if args.start is not None or args.robot:
         raise BadInput(f"{args.record}: --start and --robot are for a dump of telemetry; a record names its robot")
-    from ..controllers.pil import replay_session
+    from ..simulation.controllers.pil import replay_session
 
     with Progress() as progress:
         record = read_record(args.record, args.trust, progress)
@@ -65,9 +65,9 @@ def _is_dump(file: str) -> bool:
 
 
 def _replay_dump(args: argparse.Namespace) -> int:
-    from ..telemetry.dump import chosen, read_dump
-    from ..telemetry.replay import first_different_tick
-    from ..telemetry.vehicle import vehicle_of
+    from ..simulation.telemetry.dump import chosen, read_dump
+    from ..simulation.telemetry.replay import first_different_tick
+    from ..simulation.telemetry.vehicle import vehicle_of
 
     if args.backend != "cf":
         raise BadInput(f"--backend {args.backend}: a dump of telemetry is repeated on this host")

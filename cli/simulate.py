@@ -148,8 +148,8 @@ def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
     """
     from ..readers.robots import check_trust
     from ..simulation.specification.spec import spec_of
-    from ..sweeping.store import sample_of
-    from ..sweeping.study import sample_spec
+    from ..simulation.sweeping.store import sample_of
+    from ..simulation.sweeping.study import sample_spec
 
     if changes:
         raise BadInput("--sample repeats a sample unchanged; --set requires a SPEC")
@@ -163,7 +163,7 @@ def _recorded(spec: "Spec", simulated: Callable[[], "Run"]) -> tuple["Run", str]
     [feedback], as a record names a law.
     """
     from ..codegen.loop.stages import check
-    from ..controllers.pil import recorded
+    from ..simulation.controllers.pil import recorded
     from ..simulation.loop import make_loop
     from ..simulation.replay import record_text
 

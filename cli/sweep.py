@@ -13,11 +13,11 @@ from ..readers.progress import Progress
 from .commands import show
 
 if TYPE_CHECKING:
-    from ..sweeping.study import Study
+    from ..simulation.sweeping.study import Study
 
 EXAMPLE = """examples:
-  noslip sweep specs/sweep.toml --samples 10000 -o sweep.parquet --figures build/sweep
-  noslip sweep specs/sweep.toml --samples 10000 -o sweep.parquet --indices 1024 --worst --json
+  noslip sweep examples/specs/sweep.toml --samples 10000 -o sweep.parquet --figures build/sweep
+  noslip sweep examples/specs/sweep.toml --samples 10000 -o sweep.parquet --indices 1024 --worst --json
   noslip simulate sweep.parquet --sample 17 -o run.csv --plot run.png
 An interrupted sweep is resumed by the same command."""
 
@@ -46,12 +46,12 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `noslip sweep`. Return 0, or 1 if --verify finds a difference. Raises BadInput, ModelError, OSError."""
     from ..simulation.specification.spec import read_text
-    from ..sweeping.results.report import SweepReport
-    from ..sweeping.results.statistics import check_indices, indices, summarize
-    from ..sweeping.results.verify import check_verify, verify
-    from ..sweeping.results.worst import find_worst
-    from ..sweeping.store import is_finished
-    from ..sweeping.study import study_of
+    from ..simulation.sweeping.results.report import SweepReport
+    from ..simulation.sweeping.results.statistics import check_indices, indices, summarize
+    from ..simulation.sweeping.results.verify import check_verify, verify
+    from ..simulation.sweeping.results.worst import find_worst
+    from ..simulation.sweeping.store import is_finished
+    from ..simulation.sweeping.study import study_of
 
     _check(args)
     jobs, output = args.jobs or os.cpu_count() or 1, Path(args.output)
@@ -97,12 +97,12 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None) -> None:
-    from ..sweeping.runner import TableRunner, engine_of, run_parts
-    from ..sweeping.store import Parts, merge
+    from ..simulation.sweeping.runner import TableRunner, engine_of, run_parts
+    from ..simulation.sweeping.store import Parts, merge
 
     engine: TableRunner
     if scheduler:
-        from ..sweeping.cluster import Cluster
+        from ..simulation.sweeping.cluster import Cluster
 
         engine = Cluster(scheduler, study)
     else:
@@ -119,7 +119,7 @@ def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None)
 
 def _clear(study: "Study", output: Path) -> None:
     """Remove the temporary folder that a killed run may have left; folders of other processes are not touched."""
-    from ..sweeping.store import Parts
+    from ..simulation.sweeping.store import Parts
 
     parts = Parts(output, study)
     if parts.folder.is_dir():
@@ -128,7 +128,7 @@ def _clear(study: "Study", output: Path) -> None:
 
 
 def _draw(report, jobs: int, folder: str, progress: Progress) -> list[str]:
-    from ..sweeping.results.figures import figures_of
+    from ..simulation.sweeping.results.figures import figures_of
 
     figures = figures_of(report, jobs, progress)
     write_folder(Path(folder), figures)

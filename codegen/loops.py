@@ -388,7 +388,6 @@ class _Finder:
                 if joined:
                     break
 
-
     def _drop(self) -> None:
         """Leave out loops that take a column of values that no loop computes any more."""
         fixed = places_of(reachable(self.nodes))

@@ -14,7 +14,7 @@ import control
 import noslip
 import numpy as np
 from noslip import read_spec
-from noslip.outer import (
+from noslip.analysis.outer import (
     Channel,
     Loops,
     Weights,
@@ -32,7 +32,7 @@ from noslip.outer import (
 )
 from noslip.simulation.loop import make_loop
 
-SPECS = Path(noslip.__file__).parent / "specs"
+SPECS = Path(noslip.__file__).parent / "examples/specs"
 
 # %% [markdown]
 # ## Gains of a channel

@@ -132,7 +132,7 @@ def ellipse() -> Path:
     return implicit("ellipse", "ellipse, f / |grad f|", (a, b), f)
 
 
-SMOOTH = 4  # derivatives of the curvature of a course that are continuous; see planning/course.py
+SMOOTH = 4  # derivatives of the curvature of a course that are continuous; see simulation/planning/course.py
 
 
 def course() -> Path:

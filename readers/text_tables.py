@@ -19,9 +19,7 @@ from .errors import BadInput
 from .quantities import is_unit
 
 SAMPLE = 200  # rows by which separator and header are recognized
-SEPARATORS = (
-    ";\t|, "  # the space stands for any white space; of those that divide the sample equally well, the first
-)
+SEPARATORS = ";\t|, "  # the space stands for any white space; of those that divide the sample equally well, the first
 COMMENT = ("#", "%", "//")
 BOMS = (  # the longer first: that of UTF-16 is the beginning of that of UTF-32
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -31,9 +29,7 @@ BOMS = (  # the longer first: that of UTF-16 is the beginning of that of UTF-32
 NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+")  # may also be a number with a decimal comma
-PAIR = re.compile(
-    r"""\s*["']?([A-Za-z_%/][^:=,;"'\t]*?)["']?\s*[:=]\s*([-+.\w]+|"[^"]*"|'[^']*')\s*(?:[,;]|(?=\s)|$)"""
-)
+PAIR = re.compile(r"""\s*["']?([A-Za-z_%/][^:=,;"'\t]*?)["']?\s*[:=]\s*([-+.\w]+|"[^"]*"|'[^']*')\s*(?:[,;]|(?=\s)|$)""")
 END_OF_RECORD = ("", "---", "...")
 
 
@@ -51,9 +47,7 @@ class TextTable:
     remarks: list[str] = field(default_factory=list)
 
 
-def text_table(
-    data: bytes, file: str, most: int, columns: Sequence[str] = (), incomplete: bool = False
-) -> TextTable:
+def text_table(data: bytes, file: str, most: int, columns: Sequence[str] = (), incomplete: bool = False) -> TextTable:
     """Return the table in the content of a file. `most`: largest number of MB of compressed content;
     `columns`: names that replace its header; `incomplete`: cells at the end of a row may be missing.
 
@@ -88,9 +82,7 @@ def text_table(
             row += [""] * (width - len(row))
         if len(row) != width:
             other = (
-                f"{'--columns' if columns else 'the header'} names {width} columns"
-                if table.names
-                else f"most rows have {width}"
+                f"{'--columns' if columns else 'the header'} names {width} columns" if table.names else f"most rows have {width}"
             )
             raise BadInput(f"{file} row {line}: {len(row)} entries, but {other}; complete or delete this row")
     return table
@@ -113,18 +105,12 @@ def _decoded(data: bytes, file: str, most: int) -> str:
         text = data.decode(encoding or "utf-8")
     except UnicodeDecodeError as error:
         if encoding:
-            raise BadInput(
-                f"{file}: not a text file in {encoding.upper()} (byte {error.start}); save it as UTF-8"
-            ) from error
-        text = data.decode(
-            "latin-1"
-        )  # headers by older programs, such as "phi [°]"; numbers are the same in any encoding
+            raise BadInput(f"{file}: not a text file in {encoding.upper()} (byte {error.start}); save it as UTF-8") from error
+        text = data.decode("latin-1")  # headers by older programs, such as "phi [°]"; numbers are the same in any encoding
     text = text.lstrip("\ufeff").rstrip("\0\x1a").replace("\r\n", "\n").replace("\r", "\n")
     if strange := re.search(r"[\0-\x08\x0e-\x1f\x7f]", text):
         line = text.count("\n", 0, strange.start()) + 1
-        raise BadInput(
-            f"{file}: not a text file (byte {ord(strange[0])} in line {line}); logs are CSV, .parquet or .mcap"
-        )
+        raise BadInput(f"{file}: not a text file (byte {ord(strange[0])} in line {line}); logs are CSV, .parquet or .mcap")
     return text
 
 
@@ -140,9 +126,7 @@ def _separated(lines: Sequence[str], file: str) -> TextTable:
     """Read a table whose header, if there is one, is the last line before the first row of numbers, or the
     last comment there. What precedes it is left out, with a remark.
     """
-    written = [
-        (k, line) for k, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith(COMMENT)
-    ]
+    written = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith(COMMENT)]
     sample = [line for _, line in written[:SAMPLE]]
     separator = max(SEPARATORS, key=lambda mark: _share_of_numbers(sample, mark))
     numbered = list(_cells(lines, separator, file))
@@ -187,9 +171,7 @@ def _cells(lines: Sequence[str], separator: str, file: str) -> Iterator[tuple[in
         for row in reader:
             begun, last = last + 1, reader.line_num
             if last > begun:
-                raise BadInput(
-                    f"{file} row {begun}: a quotation mark is not closed in this line; remove or close it"
-                )
+                raise BadInput(f"{file} row {begun}: a quotation mark is not closed in this line; remove or close it")
             cells = [cell.strip() for cell in row]
             if any(cells):
                 yield last, cells
@@ -217,9 +199,7 @@ def _first_of_numbers(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
     sample = rows[-SAMPLE:]
     width = Counter(map(len, sample)).most_common(1)[0][0] if sample else 0
     numbers = Counter(k for row in sample for k, cell in enumerate(row) if is_number(cell))
-    usual = [
-        k for k in numbers if 2 * numbers[k] > len(sample) - 2
-    ]  # a header and its units may be among few rows
+    usual = [k for k in numbers if 2 * numbers[k] > len(sample) - 2]  # a header and its units may be among few rows
     for first, row in enumerate(rows):
         cells = [row[k] for k in usual if k < len(row) and row[k]]
         of_pandas = ["", *map(str, range(len(row) - 1))]  # its header of an array without names
@@ -252,13 +232,9 @@ def _point_decimals(table: TextTable) -> None:
     those of thousands.
     """
     cells = [cell for row in table.rows for cell in row if "," in cell and DECIMAL_COMMA.fullmatch(cell)]
-    if all(map(THOUSANDS.fullmatch, cells)) or any(
-        "." in cell and is_number(cell) for row in table.rows for cell in row
-    ):
+    if all(map(THOUSANDS.fullmatch, cells)) or any("." in cell and is_number(cell) for row in table.rows for cell in row):
         return
-    table.rows = [
-        [c.replace(",", ".") if DECIMAL_COMMA.fullmatch(c) else c for c in row] for row in table.rows
-    ]
+    table.rows = [[c.replace(",", ".") if DECIMAL_COMMA.fullmatch(c) else c for c in row] for row in table.rows]
 
 
 # -- JSON ------------------------------------------------------------------------------------------------------------------
@@ -278,9 +254,7 @@ def _json(text: str, lines: Sequence[str], file: str) -> TextTable:
                     number.append(k)
             except (ValueError, RecursionError) as error:
                 where = f"row {k}: {error}" if whole else str(problem)
-                raise BadInput(
-                    f"{file}: not JSON, {where}; write an object or a list of numbers in each line"
-                ) from error
+                raise BadInput(f"{file}: not JSON, {where}; write an object or a list of numbers in each line") from error
     if isinstance(whole, dict) and whole and all(isinstance(each, list) for each in whole.values()):
         if len({len(each) for each in whole.values()}) > 1:
             sizes = ", ".join(f"{name} {len(each)}" for name, each in whole.items())
@@ -296,9 +270,7 @@ def _json(text: str, lines: Sequence[str], file: str) -> TextTable:
         return _of_records(records, number)
     if not all(isinstance(each, list) for each in whole):
         raise BadInput(f"{file}: JSON, but not a table; write a list of objects, or an object in each line")
-    named = bool(whole and whole[0]) and all(
-        isinstance(each, str) and not is_number(each) for each in whole[0]
-    )
+    named = bool(whole and whole[0]) and all(isinstance(each, str) and not is_number(each) for each in whole[0])
     return TextTable(whole[named:], number[named:], whole[0] if named else None)
 
 
@@ -321,15 +293,9 @@ def _of_records(records: Sequence[dict[str, Any]], lines: list[int]) -> TextTabl
 
 def _has_pairs(lines: Sequence[str]) -> bool:
     """Return whether the first lines consist of `name: value`, and some of the values are numbers."""
-    sample = list(
-        islice((line for line in lines if line.strip() not in END_OF_RECORD and line.strip()[0] != "#"), 20)
-    )
+    sample = list(islice((line for line in lines if line.strip() not in END_OF_RECORD and line.strip()[0] != "#"), 20))
     pairs = [pair for line in sample for pair in PAIR.findall(line)]
-    return (
-        bool(sample)
-        and not any(PAIR.sub("", line).strip() for line in sample)
-        and any(is_number(v) for _, v in pairs)
-    )
+    return bool(sample) and not any(PAIR.sub("", line).strip() for line in sample) and any(is_number(v) for _, v in pairs)
 
 
 def _pairs(lines: Sequence[str], file: str) -> TextTable:
@@ -345,9 +311,7 @@ def _pairs(lines: Sequence[str], file: str) -> TextTable:
             continue
         pairs = PAIR.findall(line)
         if PAIR.sub("", line).strip() or not pairs:
-            raise BadInput(
-                f"{file} row {k}: {line.strip()[:40]!r} is not `name: value`; write a number behind each name"
-            )
+            raise BadInput(f"{file} row {k}: {line.strip()[:40]!r} is not `name: value`; write a number behind each name")
         if begin or len(pairs) > 1 or pairs[0][0] in records[-1]:
             records.append({})
             numbers.append(k)

@@ -11,9 +11,7 @@ EPOCH = 1.1e9, 2.2e9  # s since 1970: the years 2004 to 2039
 PARTS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
 SLOWEST = 2.0  # s from row to row; of a longer time it is said that it may be in another unit
 GAP = 3.0  # times the usual interval: over a longer one nothing is interpolated
-TURNED = (
-    np.pi
-)  # rad: over a larger change of an angle from message to message nothing is interpolated, it may be a wrap
+TURNED = np.pi  # rad: over a larger change of an angle from message to message nothing is interpolated, it may be a wrap
 
 
 def seconds(column: Column) -> tuple[np.ndarray, list[str]]:

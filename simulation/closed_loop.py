@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..controllers.controller import ON_TARGET
 from .contact import contact_forces, grip
+from .controllers.controller import ON_TARGET
 from .engine.measured import FloorMeasurements
 from .guidance import distances, outputs
 from .integrate import continuous, sampled

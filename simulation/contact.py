@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..controllers.odometry import vehicle_wheels
 from ..model.algebra.linear_numbers import least_norm
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.contacts import GRAVITY, axles, narrow, unknown_loads
 from ..model.mechanism import Mechanism
-from ..planning.profile import Accelerations
 from ..readers.errors import BadInput
+from .controllers.odometry import vehicle_wheels
+from .planning.profile import Accelerations
 from .plant import Plant
 from .specification.spec import ContactSection
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Protocol
 import casadi as ca
 import numpy as np
 
-from ..controllers.controller import RUNNING
-from ..controllers.direct import Direct
-from ..controllers.velocity import VehicleLimits, make_acceleration, make_velocity, velocity_limits
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.reading import one_for_each
+from .controllers.controller import RUNNING
+from .controllers.direct import Direct
+from .controllers.velocity import VehicleLimits, make_acceleration, make_velocity, velocity_limits
 from .plant import Plant, motion
 from .specification.given import Given
 

@@ -13,24 +13,24 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import casadi as ca
 import numpy as np
 
-from ..controllers.angles import nearest_angle
-from ..controllers.controller import Controller
-from ..controllers.direct import Direct
 from ..model.algebra.portable import portable
 from ..model.algebra.trigonometry import cosine, sine_cosine
 from ..model.law import ControlLaw, symbols
 from ..model.outputs import forward_speed
 from ..model.paths import course
 from ..model.reduction import ReducedSystem
-from ..planning.course import SmoothCurve
-from ..planning.course_tracker import CourseGuide, CourseTracker
 from ..readers.errors import BadInput
+from .controllers.angles import nearest_angle
+from .controllers.controller import Controller
+from .controllers.direct import Direct
+from .planning.course import SmoothCurve
+from .planning.course_tracker import CourseGuide, CourseTracker
 from .specification.spec import CourseSection, Spec
 
 if TYPE_CHECKING:
-    from ..controllers.approach import Approach
-    from ..controllers.tracking import Guide, Tracker, TrackerOptions
-    from ..planning.profile import SpeedProfile
+    from .controllers.approach import Approach
+    from .controllers.tracking import Guide, Tracker, TrackerOptions
+    from .planning.profile import SpeedProfile
 
 
 class Side:

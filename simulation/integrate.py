@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..controllers.controller import RUNNING
 from ..readers.errors import BadInput
+from .controllers.controller import RUNNING
 from .drive import whole_periods
 from .loop import Loop
 from .runge_kutta import SHRINK, AcceptedStep, Integrator, resize

@@ -8,19 +8,6 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import polynomial
 
-from ..controllers.approach import Approach, make_approach
-from ..controllers.backends import SCALAR, make_controller
-from ..controllers.balance.steady import analyse_at_rest
-from ..controllers.balance.zero_dynamics import of_outputs
-from ..controllers.controller import RUNNING, Controller, Evaluation, Friction, Limits
-from ..controllers.direct import Direct
-from ..controllers.estimation.adaptation import Adaptation, AdaptationOptions
-from ..controllers.estimation.disturbance import DisturbanceObservers
-from ..controllers.ground.slip import Noticed
-from ..controllers.integral import IntegralAction, hurwitz
-from ..controllers.odometry import vehicle_wheels
-from ..controllers.tracking import Tracker, TrackerOptions, make_tracker
-from ..controllers.velocity import VehicleLimits
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.contacts import GRAVITY
 from ..model.errors import ModelError
@@ -30,14 +17,23 @@ from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import PATH_GAIN, axle
 from ..model.vehicle import steered_axle
-from ..planning.course import SmoothCurve
-from ..planning.course_tracker import CourseOptions, CourseTracker
-from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys, one_for_each
 from ..readers.robots import find_robot, law_of
-from ..verification.cases import gain_entries, integral_entries, observer_entries
 from .contact import check_share, friction_accelerations
+from .controllers.approach import Approach, make_approach
+from .controllers.backends import SCALAR, make_controller
+from .controllers.balance.steady import analyse_at_rest
+from .controllers.balance.zero_dynamics import of_outputs
+from .controllers.controller import RUNNING, Controller, Evaluation, Friction, Limits
+from .controllers.direct import Direct
+from .controllers.estimation.adaptation import Adaptation, AdaptationOptions
+from .controllers.estimation.disturbance import DisturbanceObservers
+from .controllers.ground.slip import Noticed
+from .controllers.integral import IntegralAction, hurwitz
+from .controllers.odometry import vehicle_wheels
+from .controllers.tracking import Tracker, TrackerOptions, make_tracker
+from .controllers.velocity import VehicleLimits
 from .drive import Drive, make_drive
 from .feedback.guidance import desired_of, feedback_law, feedback_of, make_guidance, start_of
 from .guidance import (
@@ -59,8 +55,12 @@ from .guidance import (
     point_followed,
     smooth_curve,
 )
+from .planning.course import SmoothCurve
+from .planning.course_tracker import CourseOptions, CourseTracker
+from .planning.profile import Accelerations, make_profile
 from .plant import Plant
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
+from .specification.cases import gain_entries, integral_entries, observer_entries
 from .specification.given import at_start, known_functions
 from .specification.spec import AdaptationSection, ApproachSection, Initial, OscillationSection, PathSection, Simulation, Spec
 from .specification.units import check_units

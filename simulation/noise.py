@@ -7,7 +7,7 @@ from typing import Any
 import cffi
 import numpy as np
 
-from ..controllers.runtime import SOURCE, load
+from .controllers.runtime import SOURCE, load
 
 HEADER = "noise.h"
 DECLARED = """

@@ -9,12 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..controllers.odometry import vehicle_wheels
 from ..model.paths import Path
 from ..model.segments import Segment
 from ..model.vehicle import point_on_body
 from ..readers.errors import BadInput
-from ..verification.cases import gain_entries, integral_entries, observer_entries
+from .controllers.odometry import vehicle_wheels
 from .drawing import (
     at_times,
     draw_floor,
@@ -29,6 +28,7 @@ from .drawing import (
 from .engine.measured import SLIPS, FloorMeasurements
 from .guidance import course_of, vehicle_motion
 from .run import Run
+from .specification.cases import gain_entries, integral_entries, observer_entries
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
 SENSED = "#d08a00"

@@ -27,8 +27,8 @@ from ..readers.files import read_input
 from ..readers.progress import Reported, silent
 
 if TYPE_CHECKING:
-    from ..controllers.pil import Call
     from ..model.law import ControlLaw
+    from .controllers.pil import Call
 
 FIRST = "noslip record 1"
 NUMBER = struct.Struct("<I")
@@ -94,7 +94,7 @@ def first_difference(record: Record, session, backend: str, progress: Reported =
     `progress` receives the number of calls repeated. Raises BadInput if a call of the record is invalid, and if a result is too
     long or too short.
     """
-    from ..controllers.pil import TargetFault
+    from .controllers.pil import TargetFault
 
     for done, (call, line) in enumerate(zip(record.calls, record.lines, strict=True)):
         progress(done, len(record.calls), "calls repeated")
@@ -121,7 +121,7 @@ def _entry(file: str, lines: Sequence[str], k: int, key: str) -> str:
 
 
 def _call(line: str, where: str) -> "Call":
-    from ..controllers.pil import OPERATIONS, Call
+    from .controllers.pil import OPERATIONS, Call
 
     given, arrow, answered = (part.split() for part in line.partition("->"))
     if not arrow or len(given) < 2 or not answered or given[0].upper() not in OPERATIONS:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..controllers.controller import RUNNING
 from ..model.law import ControlLaw
 from ..model.mechanism import Mechanism, Quantity
+from .controllers.controller import RUNNING
 from .engine.measured import FloorMeasurements
 from .plant import Plant
 from .specification.spec import Spec

@@ -5,18 +5,18 @@ from collections import deque
 
 import numpy as np
 
-from ..controllers import SCALAR
-from ..controllers.angles import nearest_angle
-from ..controllers.direct import Direct
-from ..controllers.estimation.ekf import Filter, FilterOptions
-from ..controllers.ground.slip import Noticed, SlipOptions, make_slip
-from ..controllers.odometry import arm_function, make_odometry, vehicle_wheels
 from ..model.algebra.trigonometry import sine_cosine, unit
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..model.vehicle import point_on_body
 from ..readers.errors import BadInput
 from ..readers.reading import one_for_each
+from .controllers import SCALAR
+from .controllers.angles import nearest_angle
+from .controllers.direct import Direct
+from .controllers.estimation.ekf import Filter, FilterOptions
+from .controllers.ground.slip import Noticed, SlipOptions, make_slip
+from .controllers.odometry import arm_function, make_odometry, vehicle_wheels
 from .guidance import Number, vehicle_motion
 from .noise import Noise
 from .specification.spec import Correction, EstimatorSection, LimitsSection, Sensors, Simulation

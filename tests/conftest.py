@@ -8,7 +8,7 @@ from weakref import WeakSet
 
 import pytest
 from noslip.cli.main import main
-from noslip.controllers.targets import missing
+from noslip.simulation.controllers.targets import missing
 from noslip.tests.nightly import faults, is_nightly
 from noslip.tests.tools import lacking, skip_without
 
@@ -98,7 +98,7 @@ def legible():
 @pytest.fixture(scope="session")
 def built(tmp_path_factory):
     """Objects of all sources by compiler and level, made once: without a warning, for a shared library, without a library."""
-    from noslip.tests.test_runtime import STRICT, objects
+    from noslip.tests.runtime_c.test_runtime import STRICT, objects
 
     @cache
     def built(cc: str, level: str) -> list[str]:

@@ -7,10 +7,10 @@ from contextlib import nullcontext
 from functools import cache
 from unittest.mock import patch
 
-from noslip.evidence import production
-from noslip.evidence.catalogue import FIGURES
-from noslip.evidence.framework import FigureRun, carry_out
-from noslip.evidence.production import Made, produce
+from noslip.examples.evidence import production
+from noslip.examples.evidence.catalogue import FIGURES
+from noslip.examples.evidence.framework import FigureRun, carry_out
+from noslip.examples.evidence.production import Made, produce
 from noslip.simulation import drawing
 from noslip.simulation.specification.spec import Spec
 

@@ -15,16 +15,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from noslip.codegen.targets import STANDARD
-from noslip.controllers.controller import ON_TARGET
-from noslip.controllers.pil import recorded, replay_session
-from noslip.controllers.targets import CONSOLE, TARGETS, Target, processor_of, required
 from noslip.readers.errors import BadInput
 from noslip.readers.reading import section
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.controllers.controller import ON_TARGET
+from noslip.simulation.controllers.pil import recorded, replay_session
+from noslip.simulation.controllers.targets import CONSOLE, TARGETS, Target, processor_of, required
 from noslip.simulation.loop import make_loop
 from noslip.simulation.replay import Record, first_difference
 from noslip.simulation.specification.spec import ApproachSection, ContactSection, LimitsSection, Spec, read_spec
-from noslip.tests.test_bits import TIMEOUT, table, targeted
+from noslip.tests.runtime_c.test_bits import TIMEOUT, table, targeted
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMOS = ("cortex-m4f", "cortex-m7", "netduinoplus2", "rv32imafc", "rv32imac")  # of firmware/Makefile
@@ -55,7 +55,7 @@ stop = "axle"
 
 def runs() -> dict[str, Spec]:
     """Closed loops by name, the controller called every 10 ms."""
-    specs = {name: read_spec(ROOT / "specs" / f"{name}.toml") for name in ("line", "circle")}
+    specs = {name: read_spec(ROOT / "examples/specs" / f"{name}.toml") for name in ("line", "circle")}
     called = {name: replace(spec, simulation=replace(spec.simulation, period=0.01)) for name, spec in specs.items()}
     gripped = {"contact": ContactSection(mu=0.4, height=0.1), "limits": LimitsSection(mode="grip")}
     approach = replace(called["line"].reference, approach=ApproachSection(acceleration=0.4))

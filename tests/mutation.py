@@ -30,6 +30,8 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+from noslip.tests.tools import path_of
+
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = "tests/mutation_equivalent.toml"
 LEAST, SEED, SAMPLE = 0.97, 1992, 15
@@ -51,7 +53,7 @@ def _chosen(names: str, words: str) -> tuple[str, ...]:
     some = [word for word in words.split() if word[0] != "-"]
     none = [f"not {word[1:]}" for word in words.split() if word[0] == "-"]
     expression = " and ".join([*([f"({' or '.join(some)})"] if some else []), *none])
-    return (*(f"tests/{name}.py" for name in names.split()), "-k", expression)
+    return (*map(path_of, names.split()), "-k", expression)
 
 
 _TRIG = _chosen("test_runtime test_odometry test_tracking", "trig_and_roots sinc tanc atan2_against atan2_is angle_of")
@@ -60,7 +62,7 @@ _PATH = _chosen(
     "against_the_reference never_back several_turns laps crosses passes drift pushed beside cusp profile smooth errors centre "
     "error_on is_an_update null however_far too_many refused not_finite largest_gap whole_turns tight -casadi",
 )
-_SHIPPED = "tests/test_codegen.py::test_shipped_files_are_current"
+_SHIPPED = "tests/codegen/test_codegen.py::test_shipped_files_are_current"
 _CODEGEN = {  # by what else than the shipped C
     "derivation/foot": ("test_codegen test_follow test_verify", "foot_is_enough labmate who_has no_follow any_shape remembered"),
     "derivation/grip": ("test_codegen test_grip test_verify", "c_is_the_reference rolls_or_says remembered"),

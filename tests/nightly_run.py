@@ -27,9 +27,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
-from noslip.guarantees.__main__ import CHECKS
+from noslip.checks.guarantees.__main__ import CHECKS
 from noslip.tests.mutation import LEAST, SOURCES, files_of
 from noslip.tests.processors import choices, lacking
+from noslip.tests.tools import path_of
 
 ROOT = Path(__file__).resolve().parent.parent
 LONGEST = 3600  # s: a step that takes longer is ended, and has failed
@@ -96,12 +97,12 @@ def steps(folder: Path) -> list[Step]:
         command = _pytest(folder, f"kernels {choice}", *(f"test_{name}" for name in NUMERICAL))
         if environment:  # the margins have the kernels of this processor
             found.append(Step(f"kernels {choice}", command, environment, lacking=lacking(choice)))
-    alone = [path.stem for path in sorted(ROOT.glob("tests/test_*.py")) if COMPILES.search(path.read_text())]
+    alone = [path.stem for path in sorted(ROOT.glob("tests/*/test_*.py")) if COMPILES.search(path.read_text())]
     absent = "" if shutil.which("gcc") else "gcc is not installed"
     found.append(Step("gcc alone", _pytest(folder, "gcc alone", *alone), {"PATH": str(folder / "gcc")}, lacking=absent))
     others = [name for name in CHECKS if name not in ("eva", "fuzz")]
     for name, checks in {"eva": ["eva"], "fuzz": ["fuzz"], "others": others}.items():
-        command = [python, "-m", "noslip.guarantees", *checks, "-o", str(folder / "guarantees" / name)]
+        command = [python, "-m", "noslip.checks.guarantees", *checks, "-o", str(folder / "guarantees" / name)]
         found.append(Step(f"guarantees {name}", command))
     for path in SOURCES:
         sample = OF_CODEGEN if path.startswith("codegen") else OF_C
@@ -114,7 +115,7 @@ def steps(folder: Path) -> list[Step]:
 
 def _pytest(folder: Path, name: str, *arguments: str) -> list[str]:
     """Return the command of a step that runs tests, of files named without their ending."""
-    named = [f"tests/{argument}.py" if argument.startswith("test_") else argument for argument in arguments]
+    named = [path_of(argument) if argument.startswith("test_") else argument for argument in arguments]
     return [*PYTEST, "-n", "0", f"--junitxml={_file(folder, name, 'xml')}", *named]
 
 
@@ -123,7 +124,7 @@ def _files_of_the_night() -> list[str]:
     listed = subprocess.run(
         [*PYTEST, "-n", "0", "--collect-only", "-q", "-m", "nightly", "tests"], cwd=ROOT, capture_output=True, text=True
     ).stdout
-    return sorted(set(re.findall(r"^tests/(test_\w+)\.py", listed, re.M)))
+    return sorted(set(re.findall(r"^tests/\w+/(test_\w+)\.py", listed, re.M)))
 
 
 def _only_gcc(folder: Path) -> None:

@@ -14,11 +14,11 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from noslip.controllers.controller import BACKENDS
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.controllers.controller import BACKENDS
 from noslip.simulation.specification.spec import read_spec
 
-SPECS = sorted((Path(__file__).resolve().parent.parent / "specs").rglob("*.toml"))
+SPECS = sorted((Path(__file__).resolve().parent.parent / "examples/specs").rglob("*.toml"))
 
 
 CORES = {"Prescott": "sse3", "Nehalem": "sse4_2", "Haswell": "avx2", "Zen": "avx2", "SkylakeX": "avx512f"}  # what they need

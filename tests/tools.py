@@ -5,13 +5,21 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import pytest
-from noslip.controllers.targets import PACKAGES, missing, required
+from noslip.simulation.controllers.targets import PACKAGES, missing, required
 
+ROOT = Path(__file__).resolve().parent.parent
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]  # for this host
 HOST_CC = (*COMPILERS, "cc")[0]
 NOSLIP = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]  # the command, in a process
+
+
+def path_of(name: str) -> str:
+    """Return where a test file is, from the repository's root: `test_model` is tests/model/test_model.py."""
+    (path,) = ROOT.glob(f"tests/*/{name}.py")
+    return path.relative_to(ROOT).as_posix()
 
 
 def skip_without(absent: Sequence[str]) -> None:

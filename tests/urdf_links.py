@@ -81,9 +81,7 @@ class Links:
                 continue
             turn, place = origin(inertial)
             values = inertial.find("inertia")
-            xx, xy, xz, yy, yz, zz = (
-                float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-            )
+            xx, xy, xz, yy, yz, zz = (float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
             inertia = R @ turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ (R @ turn).T
             centre = J[:3] - cross(R @ place) @ J[3:]
             M = M + mass * centre.T @ centre + J[3:].T @ inertia @ J[3:]

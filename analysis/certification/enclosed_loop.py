@@ -18,14 +18,14 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from ...controllers.odometry import arm_function, vehicle_wheels
-from ...controllers.symbolic import slowed
 from ...model.law import symbols
 from ...model.outputs import body_point, forward_speed, reference_point
 from ...model.reduction import ReducedSystem
 from ...model.segments import Segment
 from ...model.vehicle import point_on_body, required_point
 from ...readers.errors import BadInput
+from ...simulation.controllers.odometry import arm_function, vehicle_wheels
+from ...simulation.controllers.symbolic import slowed
 from ...simulation.guidance import Route
 from ...simulation.loop import Loop, make_loop
 from ...simulation.specification.spec import Spec

@@ -15,12 +15,12 @@ import sympy as sp
 from scipy.linalg import null_space
 from scipy.optimize import linear_sum_assignment
 
-from ...controllers.balance.steady import analyse_at_rest, listed
 from ...model.algebra.integration import runge_kutta
 from ...model.linearization import Linearization, linearize
 from ...model.names import LawName
 from ...model.outputs import forward_speed, output_map
 from ...readers.errors import Contradiction
+from ...simulation.controllers.balance.steady import analyse_at_rest, listed
 from .normal_form import ExtendedForm, NormalForm, PartialForm, StraightMotion
 from .shape import Shape, posture_names
 

@@ -16,10 +16,10 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from ...controllers.balance.steady import analyse_at_rest, listed
-from ...controllers.balance.zero_dynamics import of_outputs
 from ...model.algebra.samples import Sampled
 from ...model.errors import ModelError
+from ...simulation.controllers.balance.steady import analyse_at_rest, listed
+from ...simulation.controllers.balance.zero_dynamics import of_outputs
 from ..exact.points import random_point
 from ..exact.readable import readable
 from ..exact.symbolic import written

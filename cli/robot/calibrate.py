@@ -34,9 +34,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip calibrate`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
-    from ...identification.geometry import calibrate, pose_names, sensor_parameters
-    from ...identification.log import read_poses
-    from ...identification.plausibility import check_sizes
+    from ...analysis.identification.geometry import calibrate, pose_names, sensor_parameters
+    from ...analysis.identification.log import read_poses
+    from ...analysis.identification.plausibility import check_sizes
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
     from ...readers.tables import read_table

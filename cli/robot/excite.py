@@ -8,7 +8,7 @@ from ...readers.files import check_targets
 from ..commands import show
 
 if TYPE_CHECKING:
-    from ...identification.excitation import Manoeuvre
+    from ...analysis.identification.excitation import Manoeuvre
 
 EXAMPLE = """example:
   noslip excite line --fit m_c I_c --room 6 -o eight.toml
@@ -44,8 +44,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip excite`. Return 0. Raises BadInput, ModelError, OSError."""
-    from ...identification.excitation import excite
-    from ...identification.log import check_known
+    from ...analysis.identification.excitation import excite
+    from ...analysis.identification.log import check_known
     from ...readers.files import write_whole
     from ...readers.progress import Progress
     from ...readers.reading import number

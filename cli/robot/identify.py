@@ -11,7 +11,7 @@ from ...readers.files import check_targets, write_whole
 from ..commands import add_columns, show
 
 if TYPE_CHECKING:
-    from ...identification.result import Identification
+    from ...analysis.identification.result import Identification
     from ...model.mechanism import Mechanism, Quantity
     from ...model.reduction import ReducedSystem
 
@@ -57,10 +57,10 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
-    from ...identification.dynamics import GYRO, Dynamics, described, usual_outputs
-    from ...identification.fit import identify
-    from ...identification.log import check_known, quantities_in, read_log
-    from ...identification.motors import KINDS, kind_of_inputs, logged_inputs
+    from ...analysis.identification.dynamics import GYRO, Dynamics, described, usual_outputs
+    from ...analysis.identification.fit import identify
+    from ...analysis.identification.log import check_known, quantities_in, read_log
+    from ...analysis.identification.motors import KINDS, kind_of_inputs, logged_inputs
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
     from ...readers.tables import read_table
@@ -120,7 +120,7 @@ def reduced(robot: "Mechanism") -> "ReducedSystem":
 
 def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], robot: "Mechanism") -> dict[str, float]:
     """Return the values of --set; check the names of --fit. Raises BadInput, ModelError."""
-    from ...identification.log import check_known
+    from ...analysis.identification.log import check_known
 
     by_name = {p.name: p for p in parameters}
     single = tuple(f"_{each.name}" for each in robot.inputs)
@@ -162,7 +162,7 @@ def show_result(args: argparse.Namespace, robot: "Mechanism", result: "Identific
     not identified.
     """
     if args.plot:
-        from ...identification.drawing import draw
+        from ...analysis.identification.drawing import draw
         from ...simulation.drawing import encoded
 
         write_whole(args.plot, encoded(draw(result), Path(args.plot).suffix[1:]))

@@ -23,7 +23,7 @@ import numpy as np
 from noslip import simulate
 from noslip.simulation.specification.vary import read_varied
 
-SPECS = Path(noslip.__file__).parent / "specs/figures"
+SPECS = Path(noslip.__file__).parent / "examples/specs/figures"
 R, D = 0.15, 0.30  # m, wheel radius, and distance of the centre of mass ahead of the axle
 
 

@@ -10,8 +10,8 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 project, version, copyright = "noslip", __version__, "the noslip maintainers"
-include_patterns = ["*.md", "docs/*.md", "lessons/*.md", "reference/*.md", "guarantees/*.md", "codegen/derivation/*.md"]
-include_patterns += ["readers/*.md", "bench/README.md"]
+include_patterns = ["*.md", "docs/*.md", "lessons/*.md", "reference/*.md", "checks/guarantees/*.md", "codegen/derivation/*.md"]
+include_patterns += ["readers/*.md", "checks/bench/README.md"]
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 html_theme, html_title, html_copy_source = "furo", f"noslip {version}", False
 html_math_renderer = "mathml"
@@ -71,9 +71,9 @@ CONTRIBUTING
 docs/method
 codegen/derivation/README
 docs/faults
-bench/README
-guarantees/README
-guarantees/misra
+checks/bench/README
+checks/guarantees/README
+checks/guarantees/misra
 ```
 ```{toctree}
 :hidden:

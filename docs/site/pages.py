@@ -20,8 +20,8 @@ from noslip.cli import COMMANDS
 from noslip.cli.commands import parser_of, run
 from noslip.codegen.loop.stages import STAGES
 from noslip.codegen.runtime import runtime_files
-from noslip.evidence.catalogue import FIGURES
-from noslip.evidence.framework import SPECS, Case
+from noslip.examples.evidence.catalogue import FIGURES
+from noslip.examples.evidence.framework import SPECS, Case
 from noslip.readers.printing import toml
 
 ROOT = Path(noslip.__file__).parent
@@ -79,7 +79,7 @@ def command_line_page() -> str:
 
 def spec_page() -> str:
     """The entries of a SPEC, from its schema."""
-    schema = json.loads((ROOT / "specs/spec.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads((ROOT / "examples/specs/spec.schema.json").read_text(encoding="utf-8"))
     head = 'In [TOML](https://toml.io). Numbers are in SI units; with a unit they are strings, such as `"90 deg"`.'
     together = [
         "## What goes together",
@@ -156,7 +156,7 @@ def _command(label: str, case: Case) -> str:
     """What simulates a run of a figure, in a clone."""
     changes = [f"--set {shlex.quote(f'{key}={toml(value)}')}" for key, value in case.changes.items()]
     engine = [f"--engine {case.engine}"] if case.engine else []
-    return " ".join(["noslip simulate", f"specs/figures/{case.file}", *engine, *changes, f"-o run.csv  # {label}"])
+    return " ".join(["noslip simulate", f"examples/specs/figures/{case.file}", *engine, *changes, f"-o run.csv  # {label}"])
 
 
 def _fenced(language: str, text: str) -> str:
@@ -182,7 +182,7 @@ def films() -> Path:
 
 def playground_page(folder: Path) -> str:
     """What the playground is, and a link to its page if `make playground` has made it, which is then copied into a folder."""
-    heading, _, text = (ROOT / "playground/README.md").read_text(encoding="utf-8").partition("\n")
+    heading, _, text = (ROOT / "examples/playground/README.md").read_text(encoding="utf-8").partition("\n")
     if (page := ROOT / "build/playground/index.html").exists():
         shutil.copy(page, folder / "index.html")
         heading += "\n\n**[Drive a robot here](playground/index.html)**"

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...codegen.loop.stages import check
-from ...controllers.odometry import vehicle_wheels
 from ...model.vehicle import point_on_body, velocity_map
 from ...readers.errors import BadInput
+from ..controllers.odometry import vehicle_wheels
 from ..integrate import Row, sampled
 from ..loop import Loop
 from ..sensing import Sensing, angle_coordinates

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ...controllers.balance.steady import Steady, tidy
 from ...model.algebra.trigonometry import sine_cosine
-from ...planning.course import SmoothCurve
 from ...readers.errors import BadInput
+from ..controllers.balance.steady import Steady, tidy
 from ..guidance import vehicle_motion
+from ..planning.course import SmoothCurve
 from ..specification.feedback import Command
 
 STRAIGHT = 1e-9  # rad: an arc that turns less is a line

@@ -4,16 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...controllers import BACKENDS, ON_TARGET, SCALAR
-from ...controllers.balance.feedback import Balanced, Feedback, StateFeedback, design, feedback_law
-from ...controllers.balance.in_c import BalanceInC
-from ...controllers.balance.steady import analyse_steady
 from ...model.law import ControlLaw
 from ...model.mechanism import Mechanism
-from ...planning.course import SmoothCurve
 from ...readers.errors import BadInput, check_named
 from ...readers.reading import one_for_each
+from ..controllers import BACKENDS, ON_TARGET, SCALAR
+from ..controllers.balance.feedback import Balanced, Feedback, StateFeedback, design, feedback_law
+from ..controllers.balance.in_c import BalanceInC
+from ..controllers.balance.steady import analyse_steady
 from ..guidance import Leg, Side
+from ..planning.course import SmoothCurve
 from ..specification.spec import Spec
 from .desired import Desired, Motion, commanded, on_course
 
@@ -88,7 +88,7 @@ def _made(balanced: Balanced, backend: str) -> Feedback | None:
     if backend in SCALAR:
         return BalanceInC(balanced, SCALAR[backend])
     if backend in ON_TARGET:
-        from ...controllers.balance.on_target import BalanceOnTarget
+        from ..controllers.balance.on_target import BalanceOnTarget
 
         return BalanceOnTarget(balanced, backend)
     check_named(backend, (*BACKENDS, *ON_TARGET), "unknown backend")

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...codegen.loop.stages import check
-from ...controllers import DRIVES
 from ...model.names import EXTENDED, INTEGRAL, KINEMATIC, OBSERVER, TYPES, LawName
 from ...model.outputs import BAND
 from ...model.paths import PATHS
@@ -50,6 +49,7 @@ from ...readers.reading import (
     whole,
 )
 from ...readers.robots import beside, near
+from ..controllers import DRIVES
 from .feedback import Command, FeedbackSection, Push
 from .floor import Floor
 from .given import functions_of_time
@@ -85,13 +85,13 @@ class PathSection:
 
 
 def _segments_schema() -> Schema:
-    from ...planning import tables  # slow to import
+    from ..planning import tables  # slow to import
 
     return tables.schema()
 
 
 def _read_segments(value: Any, where: str) -> list[Segment]:
-    from ...planning import tables  # slow to import
+    from ..planning import tables  # slow to import
 
     return tables.segments_from_tables(value, where)
 
@@ -167,7 +167,7 @@ def _pieces(kind: str, given: dict[str, Any], closed: bool) -> list[Segment]:
     """Return the lines and arcs of a composite path, planned if it is given by poses or waypoints."""
     if kind == "composite":
         return given["segments"]
-    from ... import planning  # slow to import
+    from .. import planning  # slow to import
 
     if kind == "waypoints":
         return planning.fit(given["points"], given["tolerance"], closed=closed)
@@ -814,7 +814,7 @@ def _with_course(table: Mapping[str, Any], name: Path | str) -> Mapping[str, Any
     reference = table.get("reference")
     if not (isinstance(reference, dict) and isinstance(file := reference.get("course"), str)):
         return table
-    from ...planning.points import read_reference  # slow to import
+    from ..planning.points import read_reference  # slow to import
 
     return {**table, "reference": {**read_reference(near(file, name)), **{k: v for k, v in reference.items() if k != "course"}}}
 

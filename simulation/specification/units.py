@@ -9,7 +9,7 @@ from ...model.mechanism import per_second
 from ...readers.errors import BadInput
 from ...readers.quantities import Measured, check_unit
 from ...readers.reading import units
-from ...verification.cases import integral_entries, observer_entries
+from .cases import integral_entries, observer_entries
 from .distributions import Margin
 from .spec import Spec
 

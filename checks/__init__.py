@@ -1,0 +1,1 @@
+"""What shows that the C is the mathematics: comparisons with the model, guarantees of the C, measurements."""

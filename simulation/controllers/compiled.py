@@ -1,0 +1,310 @@
+"""Controllers and dynamics computed by the generated C, in double or float."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from functools import cache, cached_property, lru_cache
+from itertools import islice
+from threading import Lock
+from typing import Generic, TypeVar
+
+import cffi
+import numpy as np
+
+from ...codegen.files import dynamics_program, dynamics_text, law_program, law_text, shared_files, text_files
+from ...codegen.graph import Group
+from ...codegen.printing.dynamics_c import DynamicsC
+from ...codegen.printing.lanes_c import LanesC
+from ...codegen.printing.law_c import LawC, runtime_types
+from ...codegen.printing.robot_c import robot_declarations
+from ...codegen.printing.scalar import SCALARS
+from ...codegen.program import Entry
+from ...model.law import ControlLaw
+from ...model.reduction import ReducedSystem
+from ...readers.errors import BadInput
+from .controller import ON_LIMIT, RUNNING, Evaluation, Friction, Limits, check_point
+from .runtime import InC, load, runtime
+
+Text = TypeVar("Text", LawC, DynamicsC)
+
+
+class _Compiled(InC, Generic[Text]):
+    """Compiled C of a robot in one scalar: `ffi` has its types, `lib` its functions, `files` its text."""
+
+    def _load(self, system: ReducedSystem, text: Text, written: Mapping[str, str] | None) -> None:
+        self.text: Text = text
+        self.ffi = cffi.FFI()
+        status = "const char *noslip_status_name(int status);"
+        declared = [status, runtime_types(text.scalar), robot_declarations(system, text.scalar), text.declarations()]
+        self.ffi.cdef("\n".join(declared))  # at once: each call reads what is known again
+        self.files = written or {**shared_files(system, text.scalar), **text_files(text)}
+        self.lib = load(self.ffi, self.files)
+
+    @cached_property
+    def _lengths(self) -> dict[str, int]:
+        """Numbers of fields of structs, by kind, as far as they have been asked for."""
+        return {}
+
+    def name(self, name: str) -> str:
+        """Return the C name of something of this law or dynamics."""
+        return self.text.scalar.name(f"{self.text.prefix}_{name}" if name else self.text.prefix)
+
+    def robot_name(self, name: str) -> str:
+        """Return the C name of something that the robot's laws share."""
+        return self.text.scalar.name(f"{self.text.robot}_{name}")
+
+    def instance(self):
+        """Return a law, or dynamics, that is not yet initialized."""
+        return self.ffi.new(f"{self.name('')} *")
+
+    def function(self, name: str):
+        """Return an entry point."""
+        return getattr(self.lib, self.name(name))
+
+    def struct(self, kind: str, values: Iterable[float]):
+        """Return a new C struct of scalars, filled in the order of its fields."""
+        if kind not in self._lengths:
+            self._lengths[kind] = len(self.ffi.typeof(kind).fields)
+        return self.ffi.new(f"{kind} *", [float(value) for value in islice(values, self._lengths[kind])])
+
+    def array(self, values: Iterable[float]):
+        """Return a new C array of scalars."""
+        return self.ffi.new(f"{self.text.scalar.real}[]", [float(value) for value in values])
+
+    def numbers(self, place) -> np.ndarray:
+        """Return a struct or array of scalars as a NumPy array in the same memory."""
+        return np.frombuffer(self.ffi.buffer(place), f"f{self.ffi.sizeof(self.text.scalar.real)}")
+
+
+class Library(_Compiled[LawC]):
+    """The compiled C of one law in one scalar."""
+
+    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str] | None = None):
+        """`written`: files that are there already, by name, these among them; they make one library."""
+        self._load(law.system, law_text(law_program(law), SCALARS[scalar]), written)
+
+    def set_friction(self, instance, friction: Friction) -> None:
+        """Set the friction of a law, as noslip_slip_grip does."""
+        c, scalar = runtime("noslip_grip.h"), self.text.scalar.real
+        grip = c.function("noslip_grip_of", scalar)(c.new("noslip_friction", scalar, dataclasses.asdict(friction)))
+        self.ffi.memmove(self.ffi.addressof(instance, "grip"), c.ffi.addressof(grip), c.ffi.sizeof(grip))
+
+
+class BatchLibrary(Library):
+    """The compiled C of one law and of its batch law in one scalar."""
+
+    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str]):
+        """`written` as for `Library`, the files of the batch law among them."""
+        super().__init__(law, scalar, written)
+        self.ffi.cdef(LanesC(self.text.program, SCALARS[scalar], []).declarations())
+
+
+class DynamicsLibrary(_Compiled[DynamicsC]):
+    """The compiled C of a robot's dynamics in one scalar."""
+
+    def __init__(self, system: ReducedSystem, scalar: str, written: Mapping[str, str] | None = None):
+        """`written` as for `Library`."""
+        self._load(system, dynamics_text(dynamics_program(system), SCALARS[scalar]), written)
+
+
+@lru_cache(maxsize=64)
+def library(law: ControlLaw, scalar: str) -> Library:
+    """Return the law's compiled C, loaded once per process."""
+    return Library(law, scalar)
+
+
+@lru_cache(maxsize=16)
+def dynamics_library(system: ReducedSystem, scalar: str) -> DynamicsLibrary:
+    """Return the compiled C of a robot's dynamics, loaded once per process."""
+    return DynamicsLibrary(system, scalar)
+
+
+class CompiledController:
+    """One instance of a generated law: its struct, initialized with parameters, configuration, gains and limits.
+
+    If init returns an error, it is kept as `refused`, and every call returns it, as in firmware.
+    """
+
+    def __init__(
+        self,
+        law: ControlLaw,
+        params: Iterable[float],
+        config: Iterable[float],
+        gains: Iterable[float],
+        scalar: str = "double",
+        limits: Limits | None = None,
+        made_by: Library | None = None,
+    ):
+        """`made_by`: the library of the law, if it is not that of this host and scalar."""
+        self.law = law
+        self._library = made_by or library(law, scalar)
+        ffi, name = self._library.ffi, self._library.name
+        self._self = self._library.instance()
+        self._state = ffi.new(f"{self._library.robot_name('state')} *")
+        self._reference = ffi.new(f"{name('reference')} *")
+        fields = ("extension", "extension_rate") if law.extension else ()
+        self._extension = [self._library.numbers(getattr(self._self, field)) for field in fields]
+        self._dt = (0.0,) if law.extension else ()
+        self._evaluation = ffi.new(f"{name('evaluation')} *")
+        self._tau = ffi.new(f"{self._library.text.scalar.real}[{len(law.inputs)}]")
+        self._quantities = tuple(law.quantities)
+        groups = [
+            (self._library.robot_name("params"), params),
+            (name("config"), config),
+            (name("gains"), gains),
+        ]
+        structs = [self._library.struct(kind, values) for kind, values in groups]
+        options = ffi.new(f"{self._library.robot_name('options')} *")  # all zero: no limits, zeros on an error
+        if limits is not None:
+            for k, value in enumerate(limits.torque):
+                options.limit[k] = value if np.isfinite(value) else 0.0
+            options.on_limit = ON_LIMIT.index(limits.mode)
+            if limits.mode == "grip" and limits.friction:
+                options.friction = dataclasses.asdict(limits.friction)
+        self._given = [*structs, options]
+        self._friction = limits.friction if limits and limits.mode == "grip" else None
+        status = self._library.function("init")(self._self, *structs, options)
+        self.refused = None if status == 0 else self._library.status(status)
+        self._evaluate, self._step = self._library.function("evaluate"), self._library.function("step")
+        self._status = cache(self._library.status)
+        self._seen = [self._library.numbers(self._state), self._library.numbers(self._reference)]
+        self._answer = self._library.numbers(self._tau)
+        self._lock = Lock()
+
+    def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
+        """Return the quantities of the law at one state, such as h, Phi and tau; no values unless the status is ok."""
+        check_point(self.law, state, reference)
+        if self.refused:
+            return Evaluation(self.refused, {})
+        with self._lock:
+            self._load(state, reference)
+            status = self._evaluate(self._self, self._state, self._reference, self._evaluation)
+            if status != 0:
+                return Evaluation(self._status(status), {})
+            found = self._found
+            return Evaluation("ok", {q: found[q].astype(float) if q in found else np.zeros(0) for q in self._quantities})
+
+    def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
+        """Return status and what the law gives, see Controller; zeros on an error."""
+        check_point(self.law, state, reference)
+        if self.refused:
+            return self.refused, np.zeros(len(self._tau))
+        with self._lock:
+            self._load(state, reference)
+            status = self._step(self._self, self._state, self._reference, *self._dt, self._tau)
+            return self._status(status), self._answer.astype(float)
+
+    def steps(self, state: np.ndarray, reference: np.ndarray) -> tuple[list[str], np.ndarray]:
+        """Return status and what the law gives, a row for each input, of n lanes; of a law of a `BatchLibrary`.
+
+        `state` and `reference` have a row for each member and a column for each lane, in the scalar of the law.
+        """
+        library, count = self._library, state.shape[1]
+        tau, status = np.zeros((len(self._tau), count), state.dtype), np.zeros(count, np.int32)
+        arrays = (np.ascontiguousarray(state), np.ascontiguousarray(reference), tau)
+        given = [library.ffi.from_buffer(f"{library.text.scalar.real}[]", array) for array in arrays]
+        library.function("steps")(self._self, count, *given, library.ffi.from_buffer("int[]", status))
+        return [self._status(number) for number in status.tolist()], tau
+
+    def believe(self, mu: float) -> None:
+        """See Controller."""
+        assert self._friction is not None, "there is friction in mode grip only"
+        believed = dataclasses.replace(self._friction, mu=min(mu, self._friction.mu))
+        with self._lock:
+            self._library.set_friction(self._self, believed)
+
+    def adapt(self, params: Iterable[float]) -> None:
+        """See Controller: by the init and update of the law."""
+        self._given[0] = self._library.struct(self._library.robot_name("params"), params)
+        if (status := self._renewed()) != "ok":
+            raise BadInput(f"{self.law.name}: update to other parameters returns {status!r}")
+
+    def place(self, config: Iterable[float]) -> None:
+        """See Controller: by the init and update of the law."""
+        self._given[1] = self._library.struct(self._library.name("config"), config)
+        status = self._renewed()
+        self.refused = None if status == "ok" else status
+
+    def _renewed(self) -> str:
+        """Return the status of an update of the law to what is given now."""
+        following = self._library.instance()
+        status = self._library.function("init")(following, *self._given)
+        with self._lock:
+            status = status or self._library.function("update")(self._self, following)
+        return self._library.status(status)
+
+    @property
+    def extension_rate(self) -> np.ndarray:
+        """See Controller."""
+        return self._extension[1].astype(float) if self._extension else np.zeros(0)
+
+    def entry(self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()) -> Evaluation:
+        """Return the quantity that an entry point computes. `more`: the reference, virtual input or inputs that it takes."""
+        if self.refused:
+            return Evaluation(self.refused, {})
+        library = self._library
+        ((quantity, matrix),) = library.text.program.entries[entry].quantities.items()
+        given = [library.struct(library.text.scalar.name("noslip_foot"), foot)] if entry.at_foot else []
+        given.append(library.struct(library.robot_name("state"), state))
+        if entry.takes is Group.REFERENCE:
+            given.append(library.struct(library.name("reference"), more))
+        elif entry.takes in (Group.VIRTUAL_INPUT, Group.INPUT):
+            given.append(library.array(more))
+        answer = library.array(np.zeros(len(matrix) * len(matrix[0])))
+        place = library.ffi.cast(library.ffi.typeof(library.function(entry.name)).args[-1], answer)
+        with self._lock:
+            self._load_extension(state)
+            status = self._status(library.function(entry.name)(self._self, *given, place))
+        values = library.numbers(answer).reshape(len(matrix), -1).astype(float)
+        return Evaluation(status, {quantity: values} if status in RUNNING else {})
+
+    def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
+        with np.errstate(over="ignore"):  # values too large for float become infinite, which the law rejects
+            for numbers, values in zip(self._seen, (state[: len(self._seen[0])], reference), strict=True):
+                numbers[:] = values
+            self._load_extension(state)
+
+    def _load_extension(self, state: np.ndarray) -> None:
+        """Set the states of the extension, the last of the state."""
+        if self._extension:
+            self._extension[0][:] = state[len(self._seen[0]) :]
+
+    @cached_property
+    def _found(self) -> dict[str, np.ndarray]:
+        """Return the vectors and matrices of the evaluation, in the same memory."""
+        found = {}
+        for name, _ in self._library.ffi.typeof(self._evaluation).item.fields:
+            values = getattr(self._evaluation, name)
+            found[name] = self._library.numbers(values).reshape((len(values), -1) if hasattr(values[0], "__len__") else -1)
+        return found
+
+
+class CompiledDynamics:
+    """The generated dynamics of a robot with their own memory, initialized with parameters (SI)."""
+
+    def __init__(self, made_by: DynamicsLibrary, params: Iterable[float]):
+        self._library = made_by
+        self._self = made_by.instance()
+        status = made_by.status(made_by.function("init")(self._self, made_by.struct(made_by.robot_name("params"), params)))
+        self.refused = None if status == "ok" else status
+
+    def entry(self, entry: Entry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
+        """Return the flattened result of an entry point at a state [q; nu] with the inputs tau (N or N m), which not all of
+        them use.
+        """
+        if self.refused:
+            return Evaluation(self.refused, {})
+        library, ffi = self._library, self._library.ffi
+        given = [library.struct(library.robot_name("state"), state), *([library.array(tau)] if entry.takes else [])]
+        evaluation = ffi.new(f"{library.name('evaluation')} *")
+        places = {name: getattr(evaluation, name, None) for name in entry.answers}
+        if entry.whole:
+            answers = [evaluation]
+        else:
+            places = {name: place if place is not None else library.array(self._empty()) for name, place in places.items()}
+            answers = list(places.values())
+        status = library.status(library.function(entry.name)(self._self, *given, *answers))
+        found: dict[str, np.ndarray] = {name: library.numbers(place).astype(float) for name, place in places.items()}
+        return Evaluation(status, found if status == "ok" else {})
+
+    def _empty(self) -> np.ndarray:
+        return np.zeros(self._library.text.system.dof)
