@@ -38,8 +38,8 @@ def make_cases(law: ControlLaw) -> Cases:
     function = law.function({"tau": law.tau, "Phi": found.Phi.T, "Phidot": found.Phidot.T, "sine": sine})
     states, references, rows = [], [], []
     for state, reference in _random(law):
-        *row, sine = (np.array(value).ravel(order="F") for value in function(*fixed.values(), state, reference))
-        if abs(sine) > REGULAR and np.abs(row[0]).max() < 1e3:
+        *row, size = (np.array(value).ravel(order="F") for value in function(*fixed.values(), state, reference))
+        if abs(size) > REGULAR and np.abs(row[0]).max() < 1e3:
             states.append(state)
             references.append(reference)
             rows.append(row)

@@ -58,36 +58,4 @@ def _panel(axis, results: dict[str, dict]) -> None:
 def _title(law: str) -> str:
     """Return the title of a law: type_iv_line -> Type IV line."""
     name = LawName.parse(law)
-    return f"Type {name.type} {name.path}".rstrip()
-
-
-LINES = {  # key in the results -> legend, colour
-    "sympy": ("SymPy, Lagrange's equations and cse", "#a9c8a4"),
-    "casadi": ("CasADi, S'MS by matrices", "#4d7aa8"),
-    "hand": ("hand-written loop", "#444444"),
-    "guarded": ("noslip, all guards", "#f0a5ad"),
-    "ours": ("noslip", "#d1495b"),
-}
-
-
-def draw_growth(results: dict, path: Path) -> None:
-    """Write a PNG of instructions against the number of trailers, with a panel for each scalar."""
-    scalars = [scalar for scalar in ("double", "float") if scalar in results]
-    figure, axes = plt.subplots(1, len(scalars), figsize=(6.5 * len(scalars), 4.8), squeeze=False, layout="constrained")
-    for axis, scalar in zip(axes[0], scalars, strict=True):
-        for key, (label, colour) in LINES.items():
-            counts = {int(n): count for n, count in results[scalar].get(key, {}).items()}
-            axis.loglog(list(counts), list(counts.values()), "o-", markersize=4, color=colour, label=label, base=2)
-            for n, count in counts.items() if key in ("ours", "casadi") else ():
-                below = key == "ours"
-                where = {"xytext": (0, -14 if below else 7), "textcoords": "offset points", "ha": "center", "fontsize": 8}
-                axis.annotate(f"{count:.0f}", (n, count), color=colour, **where)
-        axis.set_xticks([int(n) for n in results[scalar]["ours"]], results[scalar]["ours"])
-        axis.margins(y=0.1)
-        axis.set_xlabel("trailers N")
-        axis.set_title(f"{scalar}: instructions of S'MS and bias, sines included", loc="left", fontsize=11)
-        axis.yaxis.set_major_formatter("{x:.0f}")
-        axis.spines[["top", "right"]].set_visible(False)
-    axes[0, 0].legend(frameon=False, fontsize=9)
-    figure.savefig(path, dpi=120, metadata={"Software": None})
-    plt.close(figure)
+    return f"Type {name.type} {name.path}".rstrip() if name else law

@@ -50,7 +50,10 @@ def count_calls(
     plugin = ["-d", "plugin", "-D", str(log), "-plugin", ",".join([str(_plugin(folder)), *asked])]
     done = run([*machine, *plugin, "-kernel", str(image)], image.parent, check=False)
     rows = [line.split() for line in log.read_text(encoding="utf-8").splitlines()]
-    found = {int(at, 16): tuple(map(int, numbers[:5])) for at, *numbers in rows}
+    found: dict[int, tuple[int, int, int, int, int]] = {}
+    for at, *numbers in rows:
+        count, total, shortest, longest, cycles = map(int, numbers[:5])
+        found[int(at, 16)] = count, total, shortest, longest, cycles
     return done, {function: found[symbols[function][0]] for function, _ in calls}
 
 

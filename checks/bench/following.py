@@ -132,7 +132,8 @@ class CascadedPid:
     box = {"distance": (0.3, 6.0), "heading": (1.0, 12.0), "integral": (0.0, 6.0), "rate": (0.0, 0.3), "bandwidth": (1.0, 10.0)}
 
     def __init__(self, p: Mapping[str, float]):
-        self.p, self.sum, self.last = p, 0.0, None
+        self.p, self.sum = p, 0.0
+        self.last: float | None = None
 
     def __call__(self, pose: Pose, speed: float) -> tuple[float, float]:
         """Return forward speed (m/s) and yaw rate (rad/s)."""
@@ -167,7 +168,7 @@ class Wheels:
 ROBOT: Mechanism = find_robot("pioneer_3dx")
 SIZES = {parameter.name: parameter.default for parameter in ROBOT.parameters}
 OURS = {"kp": (0.5, 12.0), "kd": (1.0, 8.0), "kv": (0.5, 6.0), "ahead": (0.05, 0.4)}  # 1/s^2, 1/s, 1/s; m, of P_l from the axle
-USUAL: dict[str, Callable[[Mapping[str, float]], Any]] = {
+USUAL: dict[str, type[PurePursuit] | type[CascadedPid]] = {
     "pure pursuit": PurePursuit,
     "regulated pure pursuit": RegulatedPurePursuit,
     "cascaded PID": CascadedPid,
@@ -208,20 +209,22 @@ def run(controller: str, speed: float, mu: float, p: Mapping[str, float]) -> dic
     loop = make_loop(spec_of(speed, mu, start, "cut"))
     engine = FloorEngine(loop.plant, ContactSection(mu=mu), Floor(mu=mu), loop.start)
     wheels, nearest, stopped = Wheels(SIZES, p["bandwidth"]), Nearest(), None
-    t, q, tau, slip = [], [], [], []
-    while len(t) * PERIOD < 1.5 * LENGTH / speed and nearest.k * SPACING < LENGTH:
+    rows: list[tuple[float, np.ndarray, np.ndarray, float]] = []
+    while len(rows) * PERIOD < 1.5 * LENGTH / speed and nearest.k * SPACING < LENGTH:
         x = engine.state()
         place = axle(x[None])[0]
         k, distance = nearest(place)
-        torque = wheels(*made(Pose(place, x[2], k, distance), speed), x[5:])
-        for values, value in ((t, len(t) * PERIOD), (q, x[:5]), (tau, torque), (slip, engine.look()[0].max())):
-            values.append(value)
+        v, w = made(Pose(place, x[2], k, distance), speed)
+        torque = wheels(v, w, x[5:])
+        t = len(rows) * PERIOD
+        rows.append((t, x[:5], torque, engine.look()[0].max()))
         try:
-            engine.hold(t[-1], x, torque, PERIOD)
+            engine.hold(t, x, torque, PERIOD)
         except Refused as refused:
             stopped = refused.status
             break
-    return measured(np.array(t), np.array(q), np.array(tau), np.array(slip), stopped)
+    t_of, q, tau, slip = (np.array(column) for column in zip(*rows, strict=True))
+    return measured(t_of, q, tau, slip, stopped)
 
 
 def axle(q: np.ndarray) -> np.ndarray:

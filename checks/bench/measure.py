@@ -17,9 +17,13 @@ from noslip.codegen.targets import STANDARD, flags
 from programs import Program, main_text
 
 BENCH = Path(__file__).resolve().parent
+ROOT = BENCH.parents[1]
 COMMON = [*STANDARD[1:], "-ffunction-sections", "-fcallgraph-info=su,da", "-w"]
 LANGUAGE = {"c": [STANDARD[0]], "c++": ["-std=c++14", "-fno-exceptions", "-fno-rtti"]}
 M4F = flags("cortex-m4f")
+
+
+Executed = tuple[float, int | None, int | None, float | None]  # mean, least, most instructions of a call; its cycles
 
 
 @dataclass(frozen=True)
@@ -80,13 +84,13 @@ class Target:
         return {
             p.name: Count(
                 *counts[p.name],
-                text_bytes=sum(symbols[f][1] for f in reached(graph, p.measured) if f in symbols and f in graph),
-                stack_bytes=deepest(graph, p.measured),
+                sum(symbols[f][1] for f in reached(graph, p.measured) if f in symbols and f in graph),
+                deepest(graph, p.measured),
             )
             for p in programs
         }
 
-    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, tuple]:
+    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, Executed]:
         """Program name -> mean, least, most, cycles."""
         out = image.with_suffix(".callgrind")
         command = ["valgrind", "--tool=callgrind", "-q", f"--callgrind-out-file={out}", "--compress-strings=no"]
@@ -126,13 +130,13 @@ class CortexM4F(Target):
     name = "cortex-m4f"
     prefix = "arm-none-eabi-"
     flags = M4F
-    startup = (BENCH.parent / "firmware/boards/start_cortex_m.c",)
-    link = ("-nostartfiles", "--specs=nosys.specs", f"-T{BENCH.parent / 'firmware/boards/mps2-an386.ld'}", "-Wl,--gc-sections")
+    startup = (ROOT / "firmware/boards/start_cortex_m.c",)
+    link = ("-nostartfiles", "--specs=nosys.specs", f"-T{ROOT / 'firmware/boards/mps2-an386.ld'}", "-Wl,--gc-sections")
     runner = ("qemu-system-arm", "gcc")
     machine = ("qemu-system-arm", "-M", "mps2-an386", *"-display none -monitor none -serial none".split())
     machine += ("-semihosting-config", "enable=on,target=native")
 
-    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, tuple]:
+    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, Executed]:
         """Program name -> mean, least, most, cycles."""
         calls = [(p.measured, p.driver) for p in programs]
         done, found = count_calls(self.machine, image, symbols, calls, self.folder, write_costs(image, self.prefix))
@@ -140,7 +144,7 @@ class CortexM4F(Target):
         for name, (number, *_) in found.items():
             if number != cases.COUNT:
                 raise RuntimeError(f"{image}: {name} was called {number} times, not {cases.COUNT}")
-        made = {}
+        made: dict[str, Executed] = {}
         for program in programs:
             _, total, least, most, cycles = found[program.measured]
             made[program.name] = total / cases.COUNT, least, most, round(cycles / cases.COUNT, 1)
@@ -165,7 +169,7 @@ class CortexM0Plus(CortexM4F):
     peers = False
     flags = ("-mcpu=cortex-m0plus", "-mthumb", "-mfloat-abi=soft")
 
-    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, tuple]:
+    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, Executed]:
         """Program name -> mean, least, most, no cycles."""
         counted = super().count(image, programs, symbols)
         return {name: (mean, least, most, None) for name, (mean, least, most, _) in counted.items()}

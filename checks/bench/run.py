@@ -9,10 +9,8 @@ import argparse
 import json
 from pathlib import Path
 
-import batch
 import cases
 import chart
-import growth
 import lanes
 import peers
 import programs
@@ -39,7 +37,7 @@ def main() -> int:
     )
     much = parser.add_mutually_exclusive_group()
     much.add_argument("--quick", action="store_true", help="only ours and the hand-written laws; write nothing but the tables")
-    much.add_argument("--all", action="store_true", help="also generation without a cache, sweeps, and robots of many trailers")
+    much.add_argument("--all", action="store_true", help="also generation without a cache")
     args = parser.parse_args()
     out = Path(args.out)
     work = (out / "bench").resolve()
@@ -79,17 +77,9 @@ def main() -> int:
     if args.quick:
         return 0
 
-    result["simulation"] = rates.simulation(laws[0], given[0].fixed, shared, work) if result["laws"] else {}
+    result["simulation"] = rates.simulation()
     result["generation"] = rates.generation(cold=args.all)
     print(_rates(result))
-    if args.all:
-        result["sweep"] = batch.measure()
-        print(batch.table(result["sweep"]))
-    if args.all and not Target(work).missing:
-        result["growth"] = growth.growth(work / "growth")
-        print(growth.table(result["growth"]))
-        chart.draw_growth(result["growth"], out / "growth.png")
-        print(f"{out}/growth.png")
     write_whole(out / "bench.json", json.dumps(result, indent=1) + "\n")
     print(f"{out}/bench.json")
     if panels := _panels(result):
@@ -196,16 +186,8 @@ def _rates(result: dict) -> str:
     if found := result["generation"].get("cold_processor_seconds"):
         cold = ", ".join(f"{robot} {seconds}" for robot, seconds in found.items())
         generated += f"without a cache, processor seconds: {cold}\n"
-    simulated = dict(result["simulation"])
-    if not simulated:
-        return generated
-    duration = simulated.pop("duration_s")
-    each = list(simulated.values())
-    rows = [["", *simulated]]
-    rows += [[name, *(_number(one["times"][name]) or "not reached" for one in each)] for name in each[0]["times"]]
-    rows.append(["us a step, ours", *(f"{one['microseconds_per_step']:.3f}" for one in each)])
-    title = f"closed loop, {duration} s, Type I: time as a multiple of ours, at equal accuracy"
-    return f"\n{title}\n{_aligned(rows)}\n\n{generated}"
+    times = ", ".join(f"{name} {seconds} s" for name, seconds in result["simulation"].items())
+    return f"{generated}a second of a simulated run: {times}\n"
 
 
 def _panels(result: dict) -> dict[str, dict]:

@@ -20,11 +20,10 @@ from noslip.checks.guarantees.callgraph import call_graph, deepest, reached
 from noslip.codegen.targets import STANDARD
 from noslip.simulation.controllers.targets import QUIET, SEMIHOSTING, TARGETS, missing
 
-BENCH = Path(__file__).resolve().parent
-ROOT = BENCH.parent
+ROOT = Path(__file__).resolve().parents[2]
 TARGET = TARGETS["cortex-m4f"]
 PREFIX = "arm-none-eabi-"
-SOURCES = ("runtime_c/noslip_path_f.c", "runtime_c/noslip_status.c", "generated/labmate/labmate_f.c")
+SOURCES: tuple[str, ...] = ("runtime_c/noslip_path_f.c", "runtime_c/noslip_status.c", "generated/labmate/labmate_f.c")
 SOURCES += ("generated/labmate/labmate_type_iv_segment_f.c", "checks/bench/target/whole_step.c")
 INCLUDE = ("runtime_c", "generated/labmate", "firmware/boards")
 COUNTS, PERIOD, SPEED, DECELERATION, DURATION = 4096, 0.01, 1.4, 0.5, 17.0
@@ -129,7 +128,8 @@ def _record(folder: Path) -> list[tuple[int, int]]:
     run([str(Path(sys.executable).parent / "noslip"), "simulate", "spec.toml", "-o", "run.csv"], folder)
     with open(folder / "run.csv", encoding="utf-8") as file:
         rows = [[float(row[name]) for name in ("theta_r", "theta_l")] for row in csv.DictReader(file)]
-    return [tuple(round(angle * COUNTS / (2 * math.pi)) % 2**16 for angle in row) for row in rows]
+    counts = [[round(angle * COUNTS / (2 * math.pi)) % 2**16 for angle in row] for row in rows]
+    return [(right, left) for right, left in counts]
 
 
 def _header(recorded: list[tuple[int, int]], pieces: int) -> str:

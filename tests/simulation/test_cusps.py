@@ -20,8 +20,8 @@ from noslip.simulation.planning.points import read_reference
 from noslip.simulation.planning.ramps import with_ramps
 from noslip.simulation.specification.spec import read_spec, spec_of
 from noslip.simulation.specification.vary import read_varied
-from scipy.integrate import cumulative_simpson, solve_ivp
 from noslip.tests.runtime_c.test_course import CourseInC
+from scipy.integrate import cumulative_simpson, solve_ivp
 
 BACKING = Path(noslip.__file__).parent / "examples/specs" / "backing"
 TURN = SmoothCurve(1.0, -0.5, 0.3, 1.0, (1.0, 2.0, -1.5, -2.0, 1.0), (0.0, 0.3, 0.25, -0.4, -0.4, 0.0))

@@ -27,7 +27,8 @@ def train(N: int = 2) -> Mechanism:
     b, d, r, m, I_t, I_w = tractor_sizes(robot)
 
     # From the last axle to the tractor: velocities of each body along its own axes, and its share of S.
-    turning, heading, axle = robot.rate(phi), phi, (x, y)
+    turning, heading = robot.rate(phi), phi
+    axle: Place = (x, y)
     forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
     left = cos(phi) * robot.rate(y) - sin(phi) * robot.rate(x)
     speed, yaw = ca.SX(1), []  # of a body, for each unit of the speed of the last axle
