@@ -6,6 +6,7 @@
 #              small changes of the sources are found. Goes on after a step that fails, and where it was stopped:
 #              build/nightly.html
 # make margins the tests, and how much of its tolerance each comparison needs: fails where it is more than a tenth
+# make test-TOPIC   the tests of a folder: make test-model, make test-runtime_c
 # make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html;
 #              with ALL=--all also those of other robots and of the floor in a physics engine, which take minutes
@@ -138,6 +139,9 @@ test: $(READY_DEV)
 
 suite: $(READY_DEV)
 	env -u MAKEFLAGS -u MFLAGS $(PYTEST) # tests run make themselves, without this one's jobs
+
+test-%: $(READY_DEV)
+	$(PYTEST) tests/$*
 
 margins: $(READY_DEV)
 	env -u MAKEFLAGS -u MFLAGS $(PYTEST) --margins=build/margins.json

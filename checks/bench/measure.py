@@ -14,7 +14,7 @@ from noslip.checks.guarantees.callgraph import call_graph, deepest, reached
 from noslip.checks.guarantees.cycles import write_costs
 from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD, flags
-from programs import Program, main_text
+from programs import MeasuredProgram, main_text
 
 BENCH = Path(__file__).resolve().parent
 ROOT = BENCH.parents[1]
@@ -44,7 +44,7 @@ class Count:
         return int(self.instructions) if self.instructions == int(self.instructions) else round(self.instructions, 2)
 
 
-class Target:
+class Host:
     """A compiler and a machine."""
 
     name = "host"
@@ -65,7 +65,7 @@ class Target:
         tools = [*(self.prefix + tool for tool in ("gcc", "g++", "nm", "objcopy")), *self.runner]
         return next((tool for tool in tools if not shutil.which(tool)), "")
 
-    def measure(self, label: str, programs: Sequence[Program], scalar: str, shared: Path) -> dict[str, Count]:
+    def measure(self, label: str, programs: Sequence[MeasuredProgram], scalar: str, shared: Path) -> dict[str, Count]:
         """Return program name -> count. `shared`: generated headers, cases and the source of the robot."""
         folder = self.folder / scalar / label
         folder.mkdir(parents=True, exist_ok=True)
@@ -90,15 +90,15 @@ class Target:
             for p in programs
         }
 
-    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, Executed]:
-        """Program name -> mean, least, most, cycles."""
+    def count(self, image: Path, programs: Sequence[MeasuredProgram], symbols: dict) -> dict[str, Executed]:
+        """MeasuredProgram name -> mean, least, most, cycles."""
         out = image.with_suffix(".callgrind")
         command = ["valgrind", "--tool=callgrind", "-q", f"--callgrind-out-file={out}", "--compress-strings=no"]
         _checked(run([*command, "--compress-pos=no", str(image)], image.parent, check=False), programs, image)
         inclusive = _inclusive(out.read_text(encoding="utf-8"))
         return {p.name: (inclusive[p.measured] / cases.COUNT, None, None, None) for p in programs}
 
-    def _compile(self, folder: Path, program: Program, shared: Path) -> Path:
+    def _compile(self, folder: Path, program: MeasuredProgram, shared: Path) -> Path:
         path = folder / f"{program.name}.{'c' if program.language == 'c' else 'cc'}"
         path.write_text(program.text, encoding="utf-8")
         compiler = self.prefix + ("gcc" if program.language == "c" else "g++")
@@ -124,7 +124,7 @@ class Target:
         return target
 
 
-class CortexM4F(Target):
+class CortexM4F(Host):
     """Cortex-M4F with its single-precision FPU, in QEMU; a plugin counts every executed instruction, and its estimated cycles."""
 
     name = "cortex-m4f"
@@ -136,8 +136,8 @@ class CortexM4F(Target):
     machine = ("qemu-system-arm", "-M", "mps2-an386", *"-display none -monitor none -serial none".split())
     machine += ("-semihosting-config", "enable=on,target=native")
 
-    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, Executed]:
-        """Program name -> mean, least, most, cycles."""
+    def count(self, image: Path, programs: Sequence[MeasuredProgram], symbols: dict) -> dict[str, Executed]:
+        """MeasuredProgram name -> mean, least, most, cycles."""
         calls = [(p.measured, p.driver) for p in programs]
         done, found = count_calls(self.machine, image, symbols, calls, self.folder, write_costs(image, self.prefix))
         _checked(done, programs, image)
@@ -169,13 +169,13 @@ class CortexM0Plus(CortexM4F):
     peers = False
     flags = ("-mcpu=cortex-m0plus", "-mthumb", "-mfloat-abi=soft")
 
-    def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, Executed]:
-        """Program name -> mean, least, most, no cycles."""
+    def count(self, image: Path, programs: Sequence[MeasuredProgram], symbols: dict) -> dict[str, Executed]:
+        """MeasuredProgram name -> mean, least, most, no cycles."""
         counted = super().count(image, programs, symbols)
         return {name: (mean, least, most, None) for name, (mean, least, most, _) in counted.items()}
 
 
-def measure_all(target: Target, jobs: Sequence[tuple[str, Sequence[Program], str]], shared: Path) -> dict:
+def measure_all(target: Host, jobs: Sequence[tuple[str, Sequence[MeasuredProgram], str]], shared: Path) -> dict:
     """Return (label, scalar) -> program name -> count; with one job per processor."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         futures = {
@@ -184,7 +184,7 @@ def measure_all(target: Target, jobs: Sequence[tuple[str, Sequence[Program], str
         return {key: future.result() for key, future in futures.items()}
 
 
-def _checked(done: subprocess.CompletedProcess, programs: Sequence[Program], image: Path) -> None:
+def _checked(done: subprocess.CompletedProcess, programs: Sequence[MeasuredProgram], image: Path) -> None:
     """Raise RuntimeError for a program with wrong results, which is not measured."""
     if 0 < done.returncode <= len(programs):
         raise RuntimeError(f"{image}: {programs[done.returncode - 1].name} answers wrong numbers")

@@ -11,7 +11,7 @@ import casadi as ca
 import sympy
 from noslip.model.algebra.expression import fold
 from noslip.model.law import ControlLaw
-from programs import ONCE, Program, arrays, flat
+from programs import ONCE, MeasuredProgram, arrays, flat
 from sympy.codegen.ast import float32, real
 from sympy.printing.c import C99CodePrinter
 
@@ -19,7 +19,7 @@ CAP = 60  # s, time limit of a tool for a law
 GROUPS = ("params", "config", "gains", "state", "reference")
 
 
-def casadi(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def casadi(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return CasADi's C, with common subexpressions eliminated, unchanged."""
     arguments = [ca.vertcat(*[q.symbol for q in law.groups[group]]) for group in GROUPS]
     function = ca.Function("MEASURED", arguments, [ca.cse(ca.densify(law.tau))])
@@ -30,13 +30,13 @@ def casadi(law: ControlLaw, scalar: str, quantity: str) -> Program:
     return flat(law, scalar, quantity, f"{declared}\n{generator.dump()}", f"{call}        MEASURED(in, out, 0, 0, 0);")
 
 
-def casadi_single(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def casadi_single(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return the same with sin, cos, sqrt and fabs replaced by their float versions."""
     made = casadi(law, scalar, quantity)
-    return Program(made.law, made.quantity, re.sub(r"\b(sin|cos|sqrt|fabs)\(", r"\1f(", made.text))
+    return MeasuredProgram(made.law, made.quantity, re.sub(r"\b(sin|cos|sqrt|fabs)\(", r"\1f(", made.text))
 
 
-def sympy_cse(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def sympy_cse(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return the C by SymPy: cse over both torques, then the C99 printer."""
     symbols, tau = _translated(law, sympy)
     steps, results = sympy.cse(tau)
@@ -46,7 +46,7 @@ def sympy_cse(law: ControlLaw, scalar: str, quantity: str) -> Program:
     return flat(law, scalar, quantity, f"#include <math.h>\n{_function(law, scalar, symbols, lines)}", _call(law))
 
 
-def symforce(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def symforce(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return SymForce's C++ for a function of scalars."""
     sf, codegen, Values = _symforce()
     symbols, tau = _translated(law, sf)
@@ -76,7 +76,7 @@ def missing(tool: str) -> str:
     return ""
 
 
-def capped(write: Callable[[], Program]) -> Program | None:
+def capped(write: Callable[[], MeasuredProgram]) -> MeasuredProgram | None:
     """Return the result of `write`, or None if it takes longer than CAP seconds."""
 
     def stop(*_):

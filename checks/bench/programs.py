@@ -15,7 +15,7 @@ ONCE = "__attribute__((noipa))"  # GCC: not inlined, cloned or analysed for its 
 
 
 @dataclass(frozen=True)
-class Program:
+class MeasuredProgram:
     """A C (or C++) file with `measured`, the function to count, called only by `driver`."""
 
     law: str
@@ -46,7 +46,7 @@ class Unguarded(LawC):
         return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super().leave(condition, answer)
 
 
-def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True, kind: type[LawC] = Unguarded) -> Program:
+def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True, kind: type[LawC] = Unguarded) -> MeasuredProgram:
     """Return our law without guards: the body of the generated function."""
     text = kind(compile_law(law, optimize), SCALARS[scalar], ["for the bench, without guards"])
     core = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}") + "_law"
@@ -65,12 +65,12 @@ def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True, kin
     )
 
 
-def tested(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def tested(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return our law with the tests that it is not singular, and without other guards."""
     return ours(law, scalar, quantity, kind=LawC)
 
 
-def guarded(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def guarded(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return our public function, as users call it."""
     text = LawC(compile_law(law), SCALARS[scalar], ["for the bench"])
     public = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}")
@@ -85,12 +85,12 @@ def guarded(law: ControlLaw, scalar: str, quantity: str) -> Program:
     )
 
 
-def unoptimized(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def unoptimized(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return the reference law without optimizer passes and guards."""
     return ours(law, scalar, quantity, optimize=False)
 
 
-def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
+def hand(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     """Return the hand-written law."""
     name, kind, robot = SCALARS[scalar].name, HAND[law.name], law.system.mechanism.name
     what = f"hand_{kind}" if quantity == "tau" else f"hand_{kind}_matrix"
@@ -121,7 +121,7 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
     )
 
 
-def flat(law: ControlLaw, scalar: str, quantity: str, text: str, call: str, language: str = "c") -> Program:
+def flat(law: ControlLaw, scalar: str, quantity: str, text: str, call: str, language: str = "c") -> MeasuredProgram:
     """Return another tool's function of plain arrays, without precomputed constants; `call` is C in terms of `arrays` and
     answer[i]."""
     return _program(law, scalar, quantity, [text], "", "", call, language)
@@ -163,8 +163,8 @@ def _program(
     prepare: str,
     call: str,
     language: str = "c",
-) -> Program:
-    empty = Program(law.name, quantity, "")
+) -> MeasuredProgram:
+    empty = MeasuredProgram(law.name, quantity, "")
     size = 2 if quantity == "tau" else 4
     text = f"""#define NOSLIP_QUICK
 #define MEASURED {empty.measured}
@@ -204,10 +204,10 @@ int check_{empty.name}(void)
         text = text.replace("int check_", 'extern "C" int check_').replace(
             f"{ONCE} void drive_", f'extern "C" {ONCE} void drive_'
         )
-    return Program(law.name, quantity, text, language)
+    return MeasuredProgram(law.name, quantity, text, language)
 
 
-def main_text(programs: list[Program]) -> str:
+def main_text(programs: list[MeasuredProgram]) -> str:
     """Return a main that runs every program and returns the number of the first wrong one."""
     lines = [f"int check_{program.name}(void);" for program in programs]
     lines += ["int main(void)", "{"]
@@ -215,4 +215,4 @@ def main_text(programs: list[Program]) -> str:
     return "\n".join([*lines, "    return 0;", "}", ""])
 
 
-Writer = Callable[[ControlLaw, str, str], Program]
+Writer = Callable[[ControlLaw, str, str], MeasuredProgram]

@@ -16,7 +16,7 @@ import peers
 import programs
 import rates
 import whole_step
-from measure import CortexM0Plus, CortexM4F, CortexM4FSmall, Count, Target, measure_all
+from measure import CortexM0Plus, CortexM4F, CortexM4FSmall, Count, Host, measure_all
 from noslip.codegen.files import robot_files
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.files import write_folder, write_whole
@@ -52,7 +52,7 @@ def main() -> int:
 
     written = _programs(laws, OURS if args.quick else OURS | PEERS)
     result: dict = {"laws": {}, "targets": {}}
-    for target in (Target(work), CortexM4F(work), CortexM4FSmall(work), CortexM0Plus(work)):
+    for target in (Host(work), CortexM4F(work), CortexM4FSmall(work), CortexM0Plus(work)):
         if target.missing:
             print(f"{target.name}: skipped, {target.missing} is not installed")
             continue
@@ -93,9 +93,9 @@ def _case_files(given: list[cases.Cases]) -> dict[str, str]:
     return files | {f"cases_{c.law.name}_{scalar}.c": cases.source(c, scalar) for c in given for scalar in SCALARS}
 
 
-def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, str], list[programs.Program]]:
+def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, str], list[programs.MeasuredProgram]]:
     """Return (method, scalar) -> programs: ours for every law, others for laws with a hand-written version."""
-    written: dict[tuple[str, str], list[programs.Program]] = {}
+    written: dict[tuple[str, str], list[programs.MeasuredProgram]] = {}
     for label, way in ways.items():
         if why := peers.missing(label):
             print(f"{label}: skipped, {why}")

@@ -36,6 +36,8 @@ GENERATED = {  # by `noslip generate`
     "docs/underactuated.md": "balancer --lqr pitch=10 x=40 phi=20 speed=1 pitch_rate=0.1 yaw_rate=0.5",
 }
 
+FENCED = re.compile(r"(?:<!-- (?:run|compiled) by (tests/\w+/\w+\.py) -->\n)?^```(\w*)\n(.*?)^```$", re.S | re.M)
+
 
 class Block(NamedTuple):
     """A block of code of a page."""
@@ -53,7 +55,9 @@ class Block(NamedTuple):
 def blocks() -> Iterator[Block]:
     for path in PAGES:
         page = path.read_text()
-        for match in re.finditer(r"(?:<!-- (?:run|compiled) by (tests/\w+\.py) -->\n)?^```(\w*)\n(.*?)^```$", page, re.S | re.M):
+        for match in re.finditer(
+            r"(?:<!-- (?:run|compiled) by (tests/\w+/\w+\.py) -->\n)?^```(\w*)\n(.*?)^```$", page, re.S | re.M
+        ):
             line = page[: match.start(2)].count("\n") + 1
             yield Block(str(path.relative_to(ROOT)), line, match[2], match[1], match[3])
 

@@ -99,7 +99,7 @@ LIBM = re.compile(
     r"\b(?:np|math|cmath)\.(?:a?(?:sin|cos|tan)h?|arc\w+|atan2|exp\w*|log\w*|pow\w*|float_power|angle|phase|rect|polar)\("
 )
 NOT_IN_RUNS = (  # what draws; the physics engine; numbers that are rounded or drawn, of which docs/sweep.md says so
-    "simulation/(plot|drawing|film/.*|engine/.*|specification/(distributions|floor)).py|planning/(picture|smooth).py"
+    "simulation/(plot|drawing|film/.*|engine/.*|sweeping/.*|telemetry/.*|specification/(distributions|floor)).py|simulation/planning/(picture|smooth).py"
     "|simulation/controllers/balance/(steady|zero_dynamics).py"
 )
 

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import noslip
 import pytest
+from noslip.tests.mutation import files_of
 
 ROOT = Path(noslip.__file__).parent
 # Each room imports from those before it only. Imports inside functions count as well.
-ROOMS = (*("model", "readers", "codegen", "simulation", "analysis", "checks", "examples", "cli"),)
+ROOMS = (*("model", "readers", "codegen", "simulation", "analysis", "examples", "checks", "cli"),)
 MOST_FILES = 16  # in one folder
+MOST_TESTS = 40  # files in one folder of tests
 LARGEST_SHARE = 0.3  # of all lines, in one room
 
 
@@ -99,6 +101,17 @@ def test_every_room_is_named_and_of_a_size_to_walk_through():
         text = ROOT.joinpath(folder, "__init__.py")
         described = text.is_file() and ast.get_docstring(ast.parse(text.read_text()))
         assert described or ROOT.joinpath(folder, "README.md").is_file(), f"{folder} says nowhere what it holds"
+
+
+def test_tests_are_in_the_folders_of_what_they_test():
+    """A folder at the top with Python in it is a room; each folder of tests has the name of one at the top, but for two."""
+    top = {Path(name).parts[0] for name in files_of(ROOT) if "/" in name and name[0] != "."}
+    python = {path.relative_to(ROOT).parts[0] for path in ROOT.glob("*/**/*.py") if "__pycache__" not in path.parts}
+    assert (python & top) - {"tests", "docs", "firmware", "runtime_c"} == set(ROOMS)
+    tested = {path.parent.name for path in ROOT.glob("tests/*/test_*.py")}
+    assert tested - top == {"repository"} and set(ROOMS) <= tested
+    files = Counter(path.parent for path in ROOT.glob("tests/**/*.py"))
+    assert max(files.values()) <= MOST_TESTS, files.most_common(3)
 
 
 def test_one_name_is_one_class():

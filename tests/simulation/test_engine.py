@@ -451,7 +451,7 @@ def test_which_of_the_papers_starts_survive_on_a_floor(mu, survive):
 @pytest.mark.nightly
 def test_halving_the_step_changes_a_path_by_less_than_a_millimetre(monkeypatch):
     """Each halving halves the change: the method is of first order. Slowly and with much friction it agrees with rolling."""
-    monkeypatch.syspath_prepend(LINE.parents[2] / "checks/bench/physics")
+    monkeypatch.syspath_prepend(LINE.parents[2] / "checks/bench")
     bench = importlib.import_module("engine")
     for name, (changes, limit) in bench.RUNS.items():
         first, second = bench.moved(changes)

@@ -1,6 +1,6 @@
 """Slip of the shipped robots in the physics engine, from the start of their SPECs and from random ones, with and without limiter.
 
-    python checks/bench/simulation/starts_on_floors.py [--starts N] [--seconds S] [--robot NAME ...]
+    python checks/bench/starts_on_floors.py [--starts N] [--seconds S] [--robot NAME ...]
 
 Prints, for each robot and friction, the largest slip of a wheel and the largest error of dead reckoning at the end, of all
 starts; "stopped": the wheels spin, or the loop is singular. Random starts move the place by up to 0.5 m and turn the heading by

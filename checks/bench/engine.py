@@ -1,7 +1,7 @@
 """The physics engine: how far a path moves when its step is halved, how far it is from rolling and from that of the same robot
 in a scene, and how long a run takes.
 
-python checks/bench/physics/engine.py
+python checks/bench/engine.py
 """
 
 import tempfile
