@@ -107,7 +107,7 @@ def test_tests_are_in_the_folders_of_what_they_test():
     """A folder at the top with Python in it is a room; each folder of tests has the name of one at the top, but for two."""
     top = {Path(name).parts[0] for name in files_of(ROOT) if "/" in name and name[0] != "."}
     python = {path.relative_to(ROOT).parts[0] for path in ROOT.glob("*/**/*.py") if "__pycache__" not in path.parts}
-    assert (python & top) - {"tests", "docs", "firmware", "runtime_c"} == set(ROOMS)
+    assert (python & top) - {"tests", "docs"} == set(ROOMS)
     tested = {path.parent.name for path in ROOT.glob("tests/*/test_*.py")}
     assert tested - top == {"repository"} and set(ROOMS) <= tested
     files = Counter(path.parent for path in ROOT.glob("tests/**/*.py"))
