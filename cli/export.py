@@ -1,22 +1,29 @@
 """`noslip export`: writes C that builds without further set-up: a folder, a firmware project, or an FMU."""
 
+from __future__ import annotations
+
 import argparse
 import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput, Mismatch
 from ..readers.files import check_folder, check_targets, work_folder, write_folder, write_whole
 from .commands import show
-from .generate import DYNAMICS, add_selection, robot_name, select_follower, selected_files, selected_laws
+from .generate import DYNAMICS, FOLLOWER, add_selection, robot_name, select_follower, selected_files, selected_laws
+
+if TYPE_CHECKING:
+    from ..codegen.project.vehicle import Vehicle
 
 EXAMPLE = """examples:
   noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
   noslip export labmate --output type_iv_circle --firmware cortex-m4f -o my_firmware
   noslip export labmate --output type_iv_circle --fmu loop -o circle.fmu
   noslip export labmate --output type_iv_circle --package cmake -o my_package
-  noslip export labmate --output follower --firmware cortex-m4f -o my_vehicle"""
+  noslip export labmate --output follower --firmware cortex-m4f -o my_vehicle
+  noslip export agv.toml --firmware generic -o my_agv"""
 FMU = ("controller", "plant", "loop")
 PACKAGES = ("cmake", "platformio", "arduino", "zephyr", "esp-idf")
 
@@ -34,7 +41,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "package in the form of a package manager, with the self-test (float, unless --scalar is double).",
         epilog=EXAMPLE,
     )
-    parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help="name of a shipped robot or path/to/file.py:name; with --firmware also SPEC.toml: the firmware of its vehicle",
+    )
     add_selection(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument(
@@ -58,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder is not empty."""
     if args.fmu:
         return _export_fmu(args)
+    vehicle = _vehicle(args) if args.robot.endswith(".toml") else None
     from ..checks.verification.generate import rejected
     from ..codegen.project.example import example
     from ..readers.robots import refuse_course
@@ -82,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.firmware:
         from ..checks.verification import project
 
-        files, board = project.project_files(args.firmware, library, laws, args.scalar)
+        files, board = project.project_files(args.firmware, library, laws, args.scalar, vehicle)
     else:
         files = {**library, **example(generated, laws[0])}
         if why := rejected(files):
@@ -111,6 +123,23 @@ def run(args: argparse.Namespace) -> int:
         lambda: {"folder": args.out, "robot": robot, "laws": [law.name for law in laws], "files": sorted(files)},
     )
     return 0
+
+
+def _vehicle(args: argparse.Namespace) -> Vehicle:
+    """Return the numbers of the vehicle of a SPEC, whose follower is then what is exported."""
+    if not args.firmware:
+        raise BadInput(f"{args.robot} is a SPEC, where a robot is expected; with --firmware TARGET its vehicle is exported")
+    if args.output:
+        raise BadInput(f"--output {args.output[0]}: the SPEC says what is exported; leave it out")
+    from ..readers.errors import naming
+    from ..simulation.specification.spec import read_spec
+    from ..simulation.vehicle import vehicle_of
+
+    spec = read_spec(args.robot)
+    with naming(args.robot):
+        _, vehicle = vehicle_of(spec)
+    args.robot, args.output = spec.robot, [FOLLOWER]
+    return vehicle
 
 
 def _refuse_kinematic(laws: Sequence[str]) -> None:

@@ -16,6 +16,7 @@ from ...codegen.packages.packages import package
 from ...codegen.printing.scalar import SCALARS
 from ...codegen.project import project
 from ...codegen.project.selftest import ExpectedStep, Golden, digest, digests, selftest, slows
+from ...codegen.project.vehicle import Vehicle, example, vehicle_files
 from ...codegen.targets import BOARDS
 from ...model.law import ControlLaw
 from ...readers.errors import BadInput
@@ -38,10 +39,10 @@ TIMEOUT = 120  # s, of each tool
 
 
 def project_files(
-    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str
+    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str, vehicle: Vehicle | None = None
 ) -> tuple[dict[str, str], project.Board]:
     """Return file name -> text of everything but README.md, for a target of FIRMWARE; `sources`: C of the laws and the
-    runtime.
+    runtime; `vehicle`: the numbers of a follower, by default examples.
     """
     target, robot = FIRMWARE[name], laws[0].system.mechanism.name
     board = _board(name, target)
@@ -53,8 +54,10 @@ def project_files(
     files["selftest/selftest.c"] = selftest(golden, SCALARS[scalar], _digests(golden, sources, scalar))
     follows = f"{SCALARS[scalar].name(f'{robot}_follower')}.h" in sources
     files["loop.c"] = (project.follower_loop if follows else project.loop)(laws[0], SCALARS[scalar])
+    if follows:
+        files |= vehicle_files(laws[0], SCALARS[scalar], vehicle or example(laws[0]))
     files = _needed(files)
-    files["Makefile"] = project.makefile(robot, board)
+    files["Makefile"] = project.makefile(robot, board, drives=follows)
     files["CMakeLists.txt"] = project.cmake(robot, board)
     return files, board
 
@@ -72,9 +75,8 @@ def readme(name: str, manifest: str, laws: Sequence[ControlLaw], scalar: str, bo
     head = f"| law, {scalar} | bytes of its struct | + − | × | ÷ | √ | sine and cosine |\n|---|---|---|---|---|---|---|"
     table = "\n".join([head, *rows])
     costs = f"A step, apart from its checks, and the memory of one law (on a target with int of 4 bytes):\n\n{table}\n\n"
-    return project.readme(
-        entries["robot"], [law.name for law in laws], board, entries["tools"], costs + _measured(name, folder) + "\n"
-    )
+    names, drives = [law.name for law in laws], (folder / "vehicle.c").exists()
+    return project.readme(entries["robot"], names, board, entries["tools"], f"{costs}{_measured(name, folder)}\n", drives)
 
 
 def _board(name: str, target: Target) -> project.Board:

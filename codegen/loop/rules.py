@@ -33,6 +33,7 @@ USERS = {  # what runs a loop, or answers about one -> what it is
     "the C of a sweep": "what runs the samples of a sweep fast; without it each is run by noslip simulate",
     "--engine mujoco": "a loop on a floor where wheels may slip",
     "--record": "a loop on an emulated processor, whose calls are recorded",
+    "export --firmware": "the firmware of the vehicle of a SPEC: its follower in C",
     "noslip outer-loop": "gains and margins about the steady motion of a SPEC",
     "analyse --start": "whether a start avoids the singular set for certain",
     "analyse --table": "offsets from the path that do so",

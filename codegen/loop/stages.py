@@ -71,6 +71,7 @@ SAMPLED, SCALAR = "[simulation] period > 0", '[simulation] backend = "casadi" | 
 TIMED, IN_TIME = '[output] type != "IV"', ("[reference] circle", "[reference] oscillation")
 LAW_READS, LAW_WRITES = ("seen", "config", "reference", "addition", "parameters"), ("inputs", "status")  # in all its variants
 NOT_IN_C = "the C of a sweep", "each sample is run by noslip simulate"
+NOT_IN_FIRMWARE = "export --firmware", "a follower does not have it"
 NO_REVERSING = (
     '[output] reversing = "refuse" | "switch"',
     "it needs no reversing: P_l on the axle is followed forward and in reverse",
@@ -94,7 +95,10 @@ STAGES = (
         where=("[sensors]",),
         reads=("state",),
         writes=("sensed rates", "wheel angles", "yaw rate", "acceleration"),
-        rules=(Needs("[sensors]", SAMPLED, "sensors are read at the calls of the controller"),),
+        rules=(
+            Needs("[sensors]", SAMPLED, "sensors are read at the calls of the controller"),
+            Needs("export --firmware", "[sensors] counts", "a vehicle has encoders: their counts of a turn of a wheel"),
+        ),
     ),
     Stage(
         name="dead reckoning",
@@ -107,6 +111,8 @@ STAGES = (
         rules=(
             Needs("[correction]", "[sensors]", "without them the pose is the true one"),
             Excludes("[correction]", '[sensors] pose = "true"', "the true pose needs no correction"),
+            Excludes("export --firmware", '[sensors] pose = "true"', 'a vehicle reckons its pose: set pose = "reckoned"'),
+            Excludes("[correction]", "export --firmware", "call the follower's correct where the pose is measured; leave it out"),
         ),
     ),
     Stage(
@@ -122,6 +128,7 @@ STAGES = (
             Excludes("[estimator]", "[correction]", "give it poses by [estimator] pose"),
             Needs("[estimator]", SCALAR, "emulated processors have no filter"),
             Excludes("[estimator]", *NOT_IN_C),
+            Excludes("[estimator]", *NOT_IN_FIRMWARE),
         ),
     ),
     Stage(
@@ -136,6 +143,7 @@ STAGES = (
             Excludes("[limits] notice_slip", '[drive] kind = "kinematic"', "it lowers the friction of a law that gives torques"),
             Needs("[limits] notice_slip", '[limits] mode = "grip"', "other modes do not use friction"),
             Needs("[limits] notice_slip", "[sensors] gyro", "slip is where it differs from the wheels"),
+            Excludes("[limits] notice_slip", *NOT_IN_FIRMWARE),
             Bound("[limits.notice_slip] least", "[contact] mu", "friction is lowered from there"),
             Bound("[limits.notice_slip] pause", "[limits.notice_slip] hold", "a pause ends before friction rises again"),
         ),
@@ -160,6 +168,7 @@ STAGES = (
             ),
             Needs("[adaptation]", SCALAR, "emulated processors do not learn"),
             Excludes("[adaptation]", *NOT_IN_C),
+            Excludes("[adaptation]", *NOT_IN_FIRMWARE),
         ),
     ),
     Stage(
@@ -171,6 +180,7 @@ STAGES = (
         module="noslip_path.h",
         columns=("piece",),
         rules=(
+            Needs("export --firmware", "a composite path", 'a follower drives lines and arcs: path = { kind = "composite" }'),
             *(
                 Needs(f"[reference] {key}", ("a composite path", COURSE), "elsewhere there is no end of the path")
                 for key in ("deceleration", "creep")
@@ -190,6 +200,7 @@ STAGES = (
                 for key in ("lateral", "acceleration", "angular")
             ),
             Needs('[reference] speed = "fastest"', "a composite path", "give a speed in m/s"),
+            Excludes("a profile of the speed", *NOT_IN_FIRMWARE),
             *(
                 Needs(f"[reference] {key}", "a profile of the speed", 'give lateral, or speed = "fastest"')
                 for key in ("acceleration", "angular")
@@ -281,6 +292,9 @@ STAGES = (
             Excludes("[reference] approach", '[drive] kind = "kinematic"', "most_acceleration bounds how the vehicle starts"),
             Excludes("[reference] approach", "[output] extension", "its reference has no third derivative"),
             Needs("[reference] approach", SAMPLED, "it is advanced at the calls of the controller"),
+            Excludes(
+                "[reference] approach", "export --firmware", "a follower leads the distance alone, at the speed of the path"
+            ),
         ),
     ),
     Stage(
@@ -342,6 +356,7 @@ STAGES = (
                 '[drive] kind = "velocity" | "velocity+torque"',
                 "v acts later than it is given",
             ),
+            Excludes("a disturbance observer (gain ko)", *NOT_IN_FIRMWARE),
         ),
     ),
     Stage(
@@ -363,6 +378,7 @@ STAGES = (
             Needs('[output] type = "IV"', "[output] path", "its first output is the distance from it"),
             Needs("[output] parameters", "an output of the robot's own", "types I to IV have L, W and path"),
             Needs("[output] L_backward", '[output] reversing = "switch"', "only then the side of the axle changes"),
+            Excludes("[output] W", *NOT_IN_FIRMWARE),
         ),
     ),
     Stage(
@@ -380,6 +396,7 @@ STAGES = (
                 "accelerations are damped, without integrators, along one curve",
             ),
             Excludes('[output] near_singular = "damped"', "analyse --table", 'take near_singular = "refuse"'),
+            Excludes('[output] near_singular = "damped"', *NOT_IN_FIRMWARE),
         ),
     ),
     Stage(
@@ -482,6 +499,8 @@ STAGES = (
         rules=(
             Needs(VELOCITY, SAMPLED, "commands are given at calls"),
             Needs(VELOCITY, "[drive] bandwidth", "it is that of the drives' own loop"),
+            Excludes('[drive] kind = "velocity+torque" | "kinematic"', *NOT_IN_FIRMWARE),
+            Needs("export --firmware", ("[limits] torque", VELOCITY), "drives that take torques have a largest one"),
             Excludes(
                 '[drive] kind = "torque"',
                 ("[drive] bandwidth", "[drive] delay", "[drive] most_speed", "[drive] most_acceleration"),

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from ...model.law import ControlLaw
 from ...model.mechanism import Quantity
-from ...model.vehicle import steered_axle
 from ...readers.templates import render
 from ..printing.layout import table
 from ..printing.scalar import Scalar
@@ -41,9 +40,11 @@ class Board:
         return " ".join([*self.flags, *["-ffreestanding"] * self.bare])
 
 
-def makefile(robot: str, board: Board) -> str:
-    """Return the Makefile, which builds the library, the loop and the self-test, runs the self-test and prints sizes."""
-    return render(__file__, "project.mk", robot=robot, board=board, standard=STANDARD)
+def makefile(robot: str, board: Board, drives: bool) -> str:
+    """Return the Makefile, which builds the library, the loop and the self-test, runs the self-test and prints sizes; it also
+    `drives` the vehicle of a follower.
+    """
+    return render(__file__, "project.mk", robot=robot, board=board, standard=STANDARD, drives=drives)
 
 
 def cmake(robot: str, board: Board) -> str:
@@ -84,11 +85,8 @@ def loop(law: ControlLaw, scalar: Scalar) -> str:
 
 def follower_loop(law: ControlLaw, scalar: Scalar) -> str:
     """Return loop.c of a follower: counters to commands at a fixed rate; the user provides a timer, counters and drives."""
-    system = law.system
-    wheels, robot = [q.name for q in system.quasi_velocities], system.mechanism.name
-    common = {"robot": robot, "own": scalar.name, "real": scalar.real, "literal": scalar.literal, "wheels": wheels}
-    steered = steered_axle(system) is not None
-    return render(__file__, "follower.c", **common, steered=steered, gains=initializers(law, scalar)["gains"])
+    wheels, robot = [q.name for q in law.system.quasi_velocities], law.system.mechanism.name
+    return render(__file__, "follower.c", robot=robot, own=scalar.name, real=scalar.real, wheels=wheels)
 
 
 def initializers(law: ControlLaw, scalar: Scalar) -> dict[str, str]:
@@ -103,6 +101,6 @@ def starting_value(config: Quantity) -> float:
     return config.default or 0.25
 
 
-def readme(robot: str, laws: Sequence[str], board: Board, tools: str, costs: str) -> str:
-    """Return README.md; `costs` is text on memory and instructions."""
-    return render(__file__, "project.md", robot=robot, laws=laws, board=board, tools=tools, costs=costs)
+def readme(robot: str, laws: Sequence[str], board: Board, tools: str, costs: str, drives: bool) -> str:
+    """Return README.md; `costs` is text on memory and instructions; `drives`: as for `makefile`."""
+    return render(__file__, "project.md", robot=robot, laws=laws, board=board, tools=tools, costs=costs, drives=drives)

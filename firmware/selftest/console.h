@@ -5,7 +5,7 @@
 #if __STDC_HOSTED__
 #include <stdio.h>
 
-static void say(const char *text)
+static inline void say(const char *text)
 {
     (void)fputs(text, stdout);
 }
@@ -13,13 +13,13 @@ static void say(const char *text)
 #else /* without a debugger, a board stops at the first output: call the function of your serial port here instead */
 #include "semihosting.h"
 
-static void say(const char *text)
+static inline void say(const char *text)
 {
     (void)semihosting(SEMIHOSTING_WRITE0, text);
 }
 #endif
 
-static void say_number(unsigned number)
+static inline void say_number(unsigned number)
 {
     char digits[16];
     char *first = digits + sizeof digits - 1;

@@ -1,0 +1,129 @@
+"""A SPEC as the numbers of the firmware of its vehicle."""
+
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from ..codegen.follower.follower import is_followers, why_no_follower
+from ..codegen.loop.stages import check
+from ..codegen.project.vehicle import Vehicle, VelocityDrives
+from ..model.law import ControlLaw
+from ..readers.errors import BadInput
+from ..readers.reading import one_for_each
+from .controllers.controller import Limits
+from .controllers.odometry import vehicle_wheels
+from .controllers.velocity import velocity_limits
+from .guidance import Direct, vehicle_motion
+from .loop import Loop, make_loop
+from .specification.spec import Spec
+
+EXPORT = "export --firmware"  # in the table of stages
+COUNTER_BITS = 16
+FASTER = 3.0  # than a wheel turns on the path: what is faster is a misread counter
+ASTRAY = 0.3  # m, from the path beyond the start
+ON_LIMIT = {"cut": "NOSLIP_CUT", "slow": "NOSLIP_SLOW", "grip": "NOSLIP_GRIP"}
+OUTPUTS = ("distance", "speed")  # in the order of the follower's integral action
+
+
+def vehicle_of(spec: Spec) -> tuple[ControlLaw, Vehicle]:
+    """Return the law and the numbers of a follower for the vehicle of a SPEC, SI.
+
+    Raises BadInput for options that a follower does not have, by the table of stages, for a robot that has none, and as
+    `make_loop` does.
+    """
+    check(spec, EXPORT)
+    assert spec.sensors and spec.sensors.counts and spec.output.path, "by the table of stages"
+    loop = make_loop(replace(spec, simulation=replace(spec.simulation, backend="cf")))
+    law, system = loop.law, loop.law.system
+    if not is_followers(law):
+        raise BadInput(f"--firmware: {why_no_follower(system)}")
+    route, period = loop.route, spec.simulation.period
+    assert route is not None, "a composite path is followed"
+    options = route.options
+    start = Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
+    off = abs(float(route.guide(loop.start).distance))
+    path = {
+        "speed": options.speed,
+        "deceleration": options.deceleration,
+        "creep": options.creep,
+        "L": tuple(options.L),
+        "reversing": f"NOSLIP_{options.reversing.upper()}",
+        "stop": f"NOSLIP_STOP_{options.stop.upper()}",
+        "closed": options.closed,
+    }
+    config = {
+        "params": _named(law.parameters, loop.believed),
+        "period": period,
+        "counts_per_turn": (float(spec.sensors.counts),) * 2,
+        "counter_bits": COUNTER_BITS,
+        "fastest": _fastest(loop, spec),
+        "start": dict(zip(("x", "y", "heading"), map(float, start[:3]), strict=True)),
+        "path": {name: value for name, value in path.items() if value},
+        "astray": off + ASTRAY,
+        "gains": _named(law.gains, loop.gains),
+        **_integral(loop),
+        "limits": _limits(loop.limits),
+        **_drives(spec, loop),
+        "watchdog": {"tolerated": 3, "forgiven": 100},
+    }
+    assumed = [
+        f"counters of {COUNTER_BITS} bits, which increase driving forward",
+        f"a wheel that turns {FASTER:g} times as fast as on the path is misread",
+        f"{ASTRAY:g} m farther from the path than at the start is astray",
+        "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are stuck",
+    ]
+    drive = spec.drive if spec.drive and spec.drive.takes_velocity else None
+    names = [v.name for v in system.quasi_velocities]
+    follows = drive and VelocityDrives(
+        drive.omega, drive.delay, one_for_each(drive.most_acceleration, names, "[drive] most_acceleration")
+    )
+    plant, begins = loop.plant.parameters.tolist(), loop.start.tolist()
+    late = spec.simulation.delay
+    return law, Vehicle(config, spec.output.segments, plant, begins, spec.simulation.duration, late, follows, assumed)
+
+
+def _named(quantities, values) -> dict[str, float]:
+    return {q.in_c: float(value) for q, value in zip(quantities, values, strict=True)}
+
+
+def _fastest(loop: Loop, spec: Spec) -> float:
+    """Return an upper bound of the rate of a wheel, rad/s: of its drive, or FASTER times that on the path."""
+    forward, turn, _ = vehicle_wheels(loop.law.system, loop.believed)
+    speed = max(abs(loop.route.options.speed), abs(spec.initial.speed or 0.0) if spec.initial else 0.0)
+    bends = [segment.curvature for segment in spec.output.segments]
+    rates = np.linalg.solve(np.array([forward, turn]), speed * np.array([np.ones(len(bends)), bends]))
+    return FASTER * float(np.abs(rates).max())
+
+
+def _integral(loop: Loop) -> dict[str, tuple[float, ...]]:
+    """Return gains and limits of integral action, of distance and speed."""
+    rows = loop.integral.rows
+    if not rows:
+        return {}
+    values = [dict(zip(rows, each, strict=True)) for each in (loop.integral.ki.tolist(), loop.integral.limit)]
+    ki, limit = (tuple(found.get(name, 0.0) for name in OUTPUTS) for found in values)
+    return {"ki": ki, "ki_limit": limit}
+
+
+def _limits(limits: Limits | None) -> dict[str, object]:
+    """Return the options of the law."""
+    if limits is None:
+        return {}
+    torque = tuple(value if math.isfinite(value) else 0.0 for value in limits.torque)
+    friction = {"friction": asdict(limits.friction)} if limits.friction else {}
+    return {"limit": torque, "on_limit": ON_LIMIT[limits.mode], **friction}
+
+
+def _drives(spec: Spec, loop: Loop) -> dict[str, object]:
+    """Return what the drives take, and the limits of their commands."""
+    drive = spec.drive
+    if drive is None or not drive.takes_velocity:
+        return {}
+    names = [v.name for v in loop.law.system.quasi_velocities]
+    speed = one_for_each(drive.most_speed, names, "[drive] most_speed")
+    acceleration = one_for_each(drive.most_acceleration, names, "[drive] most_acceleration")
+    limits = velocity_limits(speed, acceleration, drive.lag + spec.simulation.period)
+    members = zip(limits.speed, limits.acceleration, limits.band, strict=True)
+    velocity = [dict(zip(("speed", "acceleration", "band"), each, strict=True)) for each in members]
+    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}

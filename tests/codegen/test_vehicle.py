@@ -1,0 +1,162 @@
+"""The firmware of the vehicle of a SPEC: its numbers are those of the SPEC, and it drives as `noslip simulate` says."""
+
+import csv
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from noslip.checks.verification.project import FIRMWARE
+from noslip.cli.main import main
+from noslip.codegen.printing.scalar import SCALARS
+from noslip.codegen.project.vehicle import vehicle_files
+from noslip.readers.errors import BadInput
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.specification.spec import spec_of
+from noslip.simulation.vehicle import vehicle_of
+from noslip.tests.tools import skip_without
+
+AGV = """
+robot = "labmate"
+parameters = { b = 0.29, d = 0.07, r = 0.085, m_c = 41.0, I_c = 3.1 }
+plant = { m_c = 44.0 }
+gains = { kp = 2.0, kd = 3.0, kv = 2.0 }
+output = { type = "IV", L = 0.21, path = { kind = "composite", stop = "axle", segments = [
+  { kind = "line", from = [0.0, 0.0], to = [1.5, 0.0] },
+  { kind = "arc", radius = 1.1, angle = 1.2 },
+  { kind = "line", length = 1.0 } ] } }
+reference = { speed = 0.7, deceleration = 0.6 }
+initial = { point = [0.3, 0.05], heading = 0.08, speed = 0.0 }
+sensors = { counts = 4096, pose = "reckoned" }
+limits = { torque = 8.0, mode = "slow" }
+simulation = { duration = 7.0, period = 0.01, output_step = 0.01 }
+"""
+VELOCITY = 'drive = { kind = "velocity", bandwidth = 4.0, delay = 0.013, most_speed = 20.0, most_acceleration = 30.0 }'
+VARIANTS = {  # what is replaced, or added before the first line
+    "torque": {},
+    "late": {"period = 0.01, output": "period = 0.01, delay = 0.006, output"},
+    "cut": {'mode = "slow"': 'mode = "cut"'},
+    "integral": {"kv = 2.0 }": "kv = 2.0, ki_distance = 0.8, ki_speed = 0.5 }", "torque = 8.0": "torque = 8.0, integral = 0.4"},
+    "grip": {'mode = "slow"': 'mode = "grip"', "robot =": "contact = { mu = 0.4, height = 0.2 }\nrobot ="},
+    "velocity": {'limits = { torque = 8.0, mode = "slow" }': VELOCITY},
+    "in reverse": {
+        '{ kind = "line", length = 1.0 }': '{ kind = "line", length = 1.0 }, { kind = "line", length = 0.8, backward = true }',
+        "L = 0.21": 'L = 0.21, reversing = "switch"',
+    },
+}
+WITHIN = 4e-3  # m: the follower begins without the rates of the wheels, and the plant has fixed steps in float
+
+
+def variant(name: str) -> str:
+    text = AGV
+    for old, new in VARIANTS[name].items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    return text
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory) -> Path:
+    """The project of AGV for this host."""
+    folder = tmp_path_factory.mktemp("vehicle")
+    (folder / "agv.toml").write_text(AGV)
+    assert main(["export", str(folder / "agv.toml"), "--firmware", "generic", "-o", str(folder / "agv")]) == 0
+    return folder / "agv"
+
+
+def driven(folder: Path) -> list[dict[str, str]]:
+    """The rows of the drive of a project."""
+    done = subprocess.run(["make", "-s", "-C", folder, "test"], capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""  # no warning
+    with (folder / "build/run.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def off(rows: list[dict[str, str]], text: str) -> float:
+    """How far the vehicle is from where `noslip simulate` has it, at most, m."""
+    run = simulate(spec_of(text, "agv.toml"), "cf")
+    assert len(rows) == len(run.t)
+    return max(float(np.hypot(float(row["x_c"]) - q[0], float(row["y_c"]) - q[1])) for row, q in zip(rows, run.q, strict=True))
+
+
+def of_variant(project: Path, folder: Path, text: str) -> Path:
+    """A copy of the project with the numbers of another SPEC."""
+    shutil.copytree(project, folder, ignore=shutil.ignore_patterns("build", "*.run"))
+    law, vehicle = vehicle_of(spec_of(text, "agv.toml"))
+    for name, content in vehicle_files(law, SCALARS["float"], vehicle).items():
+        (folder / name).write_text(content)
+    return folder
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_it_drives_as_simulated(name, project, tmp_path):
+    text = variant(name)
+    assert off(driven(of_variant(project, tmp_path / "agv", text)), text) < WITHIN
+
+
+def test_the_numbers_are_those_of_the_spec(project):
+    text = (project / "vehicle.c").read_text()
+    members = dict(re.findall(r"\.(\w+) = (-?[\d.e-]+)f?\b", text))
+    for name, value in {"b": 0.29, "d": 0.07, "r": 0.085, "m_c": 41.0, "I_c": 3.1, "period": 0.01, "kp_distance": 2.0}.items():
+        assert float(members[name]) == pytest.approx(value, rel=1e-6)
+    assert ".counts_per_turn = {4096.0f, 4096.0f}" in text and ".limit = {8.0f, 8.0f}" in text
+    assert text.count("Assumed:") == 4
+    assert ".m_c = 44.0f" in (project / "selftest/drive.c").read_text()  # the true mass is that of the plant
+
+
+@pytest.mark.parametrize(
+    "old, new", [(".b = 0.29f", ".b = 0.24f"), (".counts_per_turn = {4096.0f", ".counts_per_turn = {3900.0f")]
+)
+def test_a_wrong_number_is_found(old, new, project, tmp_path):
+    """The comparison above sees it."""
+    folder = tmp_path / "agv"
+    shutil.copytree(project, folder, ignore=shutil.ignore_patterns("build", "*.run"))
+    text = (folder / "vehicle.c").read_text()
+    assert text.count(old) == 1
+    (folder / "vehicle.c").write_text(text.replace(old, new))
+    assert off(driven(folder), AGV) > 10 * WITHIN
+
+
+@pytest.mark.parametrize("target", [name for name in FIRMWARE if name != "generic"])
+def test_the_same_rows_on_every_target(target, project, tmp_path):
+    skip_without(FIRMWARE[target].missing("make"))
+    (tmp_path / "agv.toml").write_text(AGV)
+    assert main(["export", str(tmp_path / "agv.toml"), "--firmware", target, "-o", str(tmp_path / "agv")]) == 0
+    assert driven(tmp_path / "agv") == driven(project)
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("counts = 4096, ", "", "requires [sensors] counts"),
+        ('pose = "reckoned"', 'pose = "true"', "set pose"),
+        ("period = 0.01, ", "", "period"),
+        ("kv = 2.0 }", "kv = 2.0, ko_speed = 1.0 }", "a follower does not have it"),
+        ("speed = 0.7", 'speed = "fastest", lateral = 1.0, acceleration = 1.0, angular = 2.0', "a follower does not have it"),
+        ("L = 0.21", "L = 0.21, W = 0.05", "a follower does not have it"),
+        ("deceleration = 0.6", "deceleration = 0.6, approach = { acceleration = 0.4 }", "a follower leads the distance alone"),
+        ('limits = { torque = 8.0, mode = "slow" }', "", "requires [limits] torque"),
+    ],
+)  # fmt: skip
+def test_what_a_follower_does_not_have_is_refused(old, new, says):
+    assert AGV.count(old) == 1
+    with pytest.raises(BadInput, match=re.escape(says)):
+        vehicle_of(spec_of(AGV.replace(old, new), "agv.toml"))
+
+
+def test_a_robot_without_a_follower_is_refused():
+    others = AGV.strip().split("\n", 3)[3]
+    with pytest.raises(BadInput, match="dead reckoning needs"):
+        vehicle_of(spec_of(f'robot = "car"\n{others}', "agv.toml"))
+
+
+def test_the_command_line_says_what_is_wrong(bad_input, tmp_path):
+    (tmp_path / "agv.toml").write_text(AGV.replace("counts = 4096, ", ""))
+    spec, out = str(tmp_path / "agv.toml"), ["-o", str(tmp_path / "out")]
+    assert spec in bad_input(["export", spec, "--firmware", "generic", *out])
+    assert "--firmware" in bad_input(["export", spec, *out])
+    assert "leave it out" in bad_input(["export", spec, "--firmware", "generic", "--output", "follower", *out])
+    assert "absent.toml" in bad_input(["export", "absent.toml", "--firmware", "generic", *out])
