@@ -57,7 +57,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, Vehicle]:
         "period": period,
         "counts_per_turn": (float(spec.sensors.counts),) * 2,
         "counter_bits": COUNTER_BITS,
-        "fastest": _fastest(loop, spec),
+        "fastest": _fastest(loop, options.speed, spec),
         "start": dict(zip(("x", "y", "heading"), map(float, start[:3]), strict=True)),
         "path": {name: value for name, value in path.items() if value},
         "astray": off + ASTRAY,
@@ -73,11 +73,11 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, Vehicle]:
         f"{ASTRAY:g} m farther from the path than at the start is astray",
         "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are stuck",
     ]
-    drive = spec.drive if spec.drive and spec.drive.takes_velocity else None
-    names = [v.name for v in system.quasi_velocities]
-    follows = drive and VelocityDrives(
-        drive.omega, drive.delay, one_for_each(drive.most_acceleration, names, "[drive] most_acceleration")
-    )
+    follows, drive = None, spec.drive
+    if drive and drive.takes_velocity:
+        names = [v.name for v in system.quasi_velocities]
+        most = one_for_each(drive.most_acceleration, names, "[drive] most_acceleration")
+        follows = VelocityDrives(drive.omega, drive.delay, most)
     plant, begins = loop.plant.parameters.tolist(), loop.start.tolist()
     late = spec.simulation.delay
     return law, Vehicle(config, spec.output.segments, plant, begins, spec.simulation.duration, late, follows, assumed)
@@ -87,10 +87,10 @@ def _named(quantities, values) -> dict[str, float]:
     return {q.in_c: float(value) for q, value in zip(quantities, values, strict=True)}
 
 
-def _fastest(loop: Loop, spec: Spec) -> float:
+def _fastest(loop: Loop, desired: float, spec: Spec) -> float:
     """Return an upper bound of the rate of a wheel, rad/s: of its drive, or FASTER times that on the path."""
     forward, turn, _ = vehicle_wheels(loop.law.system, loop.believed)
-    speed = max(abs(loop.route.options.speed), abs(spec.initial.speed or 0.0) if spec.initial else 0.0)
+    speed = max(desired, abs(spec.initial.speed or 0.0) if spec.initial else 0.0)
     bends = [segment.curvature for segment in spec.output.segments]
     rates = np.linalg.solve(np.array([forward, turn]), speed * np.array([np.ones(len(bends)), bends]))
     return FASTER * float(np.abs(rates).max())
