@@ -5,6 +5,7 @@ COMMANDS = (
     "robots",
     "laws",
     "stages",
+    "new",
     "import",
     "generate",
     "check",

@@ -35,11 +35,24 @@ FIRST = """noslip: no command is given. To begin:
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser that reports errors in one line; the help of a command keeps its own line breaks."""
+    """An ArgumentParser that reports errors in one line; the help of a command keeps its own line breaks.
+
+    With `mixed` it takes options between positional arguments of which there may be none.
+    """
+
+    mixed = False
 
     def __init__(self, **settings: Any):
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
         self._negative_number_matcher = re.compile(r"-\.?[0-9]")  # `--poles -1,-2`: a value; no option begins so
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """See ArgumentParser, whose way of mixing calls this method for each of its two passes."""
+        mixed, self.mixed = self.mixed, False
+        try:
+            return (self.parse_known_intermixed_args if mixed else super().parse_known_args)(args, namespace)
+        finally:
+            self.mixed = mixed
 
     @property
     def options(self) -> list[str]:
