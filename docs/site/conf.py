@@ -36,6 +36,7 @@ CONTENTS = """
 :hidden:
 :caption: Start
 playground
+docs/agv
 docs/your_robot
 docs/paths
 docs/firmware

@@ -17,7 +17,7 @@ from noslip.simulation.specification.vary import read_varied
 ROOT = Path(noslip.__file__).parent
 FURTHER = (ROOT / "checks/guarantees/README.md", ROOT / "examples/playground/README.md")
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *FURTHER]
-WHOLE = {"docs/your_robot.md", "docs/api.md"}  # run as a whole by test_tutorial and test_api
+WHOLE = {"docs/your_robot.md", "docs/api.md", "docs/agv.md"}  # run as a whole by test_tutorial, test_api and test_agv
 OTHERS = r"make\b|cmake\b|pip |dask |platformio |west |idf.py |\.venv/bin/|cc |cd |sh "  # commands besides noslip in sh blocks
 DECLARED = {  # what a piece of C takes for granted
     "docs/estimator.md": """#include "labmate_ekf_f.h"

@@ -1,0 +1,43 @@
+"""docs/agv.md: its commands, one after the other, give a SPEC, a run, margins and firmware that drives the vehicle."""
+
+import json
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import noslip
+import pytest
+from noslip.checks.verification.project import FIRMWARE
+from noslip.cli.main import main
+from noslip.simulation.specification.spec import spec_of
+
+PAGE = (Path(noslip.__file__).parent / "docs/agv.md").read_text()
+COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S) for line in block.splitlines()]
+TARGET = "cortex-m4f" if not FIRMWARE["cortex-m4f"].missing("make") else "generic"
+
+
+def test_the_commands(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert [shlex.split(line)[1] for line in COMMANDS] == ["new", "simulate", "outer-loop", "export", "-C"]
+    for line in COMMANDS[:-1]:
+        argv = [TARGET if word == "cortex-m4f" else word for word in shlex.split(line)[1:]]
+        assert main([*argv, *(["--json"] if argv[0] == "outer-loop" else [])]) == 0, line
+    printed = capsys.readouterr().out
+    margins = json.loads(printed[printed.index("{") : printed.rindex("}") + 1])
+    assert set(margins["channels"]) == {"distance", "speed"}
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    done = subprocess.run(shlex.split(COMMANDS[-1]), capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert done.returncode == 0 and "selftest: pass" in done.stdout
+    assert (tmp_path / "agv/build/run.csv").read_text().splitlines()[-1].endswith(",arrived")
+
+
+def test_its_velocity_drives(tmp_path):
+    (drive,) = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
+    assert main(["new", str(tmp_path / "agv.toml")]) == 0
+    text = (tmp_path / "agv.toml").read_text()
+    limits = re.search(r"\[limits\]\n.*?\n\n", text, re.S)
+    spec = spec_of(text.replace(limits[0], f"{drive}\n"), "agv.toml")
+    assert spec.drive.takes_velocity and spec.limits is None
+    with pytest.raises(Exception, match="bandwidth"):
+        spec_of(text.replace(limits[0], drive.replace("bandwidth", "# ") + "\n"), "agv.toml")
