@@ -10,7 +10,7 @@ from scipy.special import betaincinv
 
 from ..model.mechanism import Quantity
 from ..model.reduction import counted
-from ..readers.errors import BadInput
+from ..readers.errors import check_named
 from ..readers.reading import number, whole
 from ..simulation.controllers.balance.feedback import Balanced
 from ..simulation.controllers.balance.steady import STILL, Steady, listed
@@ -133,8 +133,8 @@ class Region:
 def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count: int, duration: float, seed: int = 0) -> Region:
     """Return the region from `count` runs of `duration` (s), from random starts with the states named up to `sizes` off rest."""
     rest = balanced.steady
-    if unknown := [name for name in sizes if name not in rest.names]:
-        raise BadInput(f"region: unknown state {unknown[0]!r}; states are {', '.join(rest.names)}")
+    for name in sizes:
+        check_named(name, rest.names, "region: unknown state")
     wide = np.array([sizes.get(name, 0.0) for name in rest.names])
     off = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(wide))) * wide
     middle = rest.state

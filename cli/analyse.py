@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..readers.errors import BadInput
 from ..readers.files import check_targets, write_whole
 from ..readers.kept import remembered
 from ..readers.progress import Progress
@@ -124,17 +123,11 @@ def read_uncertainty(texts: Sequence[str], system: "System") -> dict[str, float]
     """Return relative uncertainties by parameter name. A size without a name applies to all parameters not named. Raises
     BadInput.
     """
-    sizes: dict[str, float] = {}
-    for text in texts:
-        name, _, size = text.rpartition("=")
-        try:
-            sizes[name] = float(size)
-        except ValueError:
-            raise BadInput(f"--uncertainty {text}: give a number such as 0.01, or m_c=0.01 for one parameter") from None
-    if "" not in sizes:
-        return sizes
-    common = sizes.pop("")
-    return {q.name: common for q in getattr(system, "parameters", ())} | sizes
+    from ..readers.reading import by_name
+
+    sizes = by_name("--uncertainty", [text if "=" in text else f"={text}" for text in texts], "NAME=SIZE, such as m_c=0.01")
+    common = {q.name: size for name, size in sizes.items() if not name for q in getattr(system, "parameters", ())}
+    return common | {name: size for name, size in sizes.items() if name}
 
 
 def find_system(text: str) -> "System":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from ..readers.errors import BadInput
 from ..readers.progress import Progress
 from ..simulation.controllers import BACKENDS
-from .commands import show
+from .commands import refuse_given, show
 
 if TYPE_CHECKING:
     from ..checks.verification.check import Comparison
@@ -44,9 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from ..checks.verification.check import MOST_STATES, RANDOM_LIMITS, check_files, check_random  # slow to import
 
     if args.cases:
-        for option in ("robot", "output", "states", "seed"):
-            if getattr(args, option) is not None:
-                raise BadInput(f"--{option} applies to random states only; omit it, or omit the files")
+        refuse_given(args, ("robot", "output", "states", "seed"), "applies to random states only; omit it, or omit the files")
         return _shown(args, check_files(args.cases, args.backend or BACKENDS))
     backends = args.backend or list(RANDOM_LIMITS)
     if "casadi" in backends:

@@ -8,7 +8,7 @@ import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
 
@@ -32,6 +32,13 @@ FIRST = """noslip: no command is given. To begin:
   noslip simulate line -o run.csv --plot run.png           a closed loop with the generated C
   noslip generate labmate -o generated                     the C of every control law of a robot
   noslip --help                                            all commands"""
+
+
+def refuse_given(args: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Raise BadInput for the first of these options, by its name in `args`, that is given where it does not apply: `why`."""
+    for name in names:
+        if (value := getattr(args, name)) is not None and value is not False and value != []:
+            raise BadInput(f"--{name.replace('_', '-')} {why}")
 
 
 class Parser(argparse.ArgumentParser):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput, Mismatch
-from ..readers.files import check_folder, check_targets, work_folder, write_folder, write_whole
+from ..readers.files import check_ending, check_folder, check_targets, work_folder, write_folder, write_whole
 from .commands import show
 from .generate import DYNAMICS, FOLLOWER, add_selection, robot_name, select_follower, selected_files, selected_laws
 
@@ -152,8 +152,7 @@ def _refuse_kinematic(laws: Sequence[str]) -> None:
 
 def _export_fmu(args: argparse.Namespace) -> int:
     """Write an FMU, whose steps have been compared with those of the compiled C."""
-    if not args.out.endswith(".fmu"):
-        raise BadInput(f"{args.out}: the name of an FMU ends in .fmu")
+    check_ending(args.out, [".fmu"], "an FMU")
     if args.scalar == "float":
         raise BadInput("--scalar float: FMUs are in double; leave it out")
     check_targets([args.out])

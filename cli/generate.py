@@ -4,7 +4,6 @@ import argparse
 import difflib
 import hashlib
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 from ..readers.errors import BadInput, naming
 from ..readers.files import MARK, check_folder, write_folder
 from ..readers.progress import Progress
-from .commands import show
+from .commands import refuse_given, show
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
@@ -117,8 +116,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("--for is gone, since it saved nothing that could be measured: leave it out; the C suits all targets")
     if args.lqr:
         return _generate_balance(args)
-    if args.limit is not None or args.without or args.effort is not None or args.motion:
-        raise BadInput("--effort, --limit, --motion and --without apply to --lqr NAME=WEIGHT ...")
+    refuse_given(args, ("effort", "limit", "motion", "without"), "applies to --lqr NAME=WEIGHT ...")
     select_follower(args)
     if args.explain:
         from ..codegen.explain import explain
@@ -147,7 +145,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _generate_balance(args: argparse.Namespace) -> int:
     """Write the header of a state feedback. Return 1 if its C differs from it; nothing is written then."""
-    from ..readers.reading import number
+    from ..readers.reading import by_name, number
     from ..readers.robots import find_robot
     from ..simulation.controllers.balance.feedback import design
     from ..simulation.controllers.balance.in_c import ROUNDING, differences, header
@@ -160,8 +158,8 @@ def _generate_balance(args: argparse.Namespace) -> int:
     if args.limit is not None:
         number("positive")(args.limit, "--limit")
     effort = 1.0 if args.effort is None else args.effort
-    steady = analyse_steady(find_robot(args.robot), _named("--motion", args.motion, "speed=0.5"))
-    weights = _named("--lqr", args.lqr, "pitch=10")
+    steady = analyse_steady(find_robot(args.robot), by_name("--motion", args.motion, "NAME=NUMBER, such as speed=0.5"))
+    weights = by_name("--lqr", args.lqr, "NAME=NUMBER, such as pitch=10")
     balanced = design(steady, weights, effort, args.without, args.limit or float("inf"))
     found = differences(balanced)
     if wrong := [f"{scalar} by {difference:.2g}" for scalar, difference in found.items() if not difference <= ROUNDING[scalar]]:
@@ -176,23 +174,6 @@ def _generate_balance(args: argparse.Namespace) -> int:
     write_folder(folder, {name: header(balanced, about)}, stale=set())
     show(args, lambda: f"{folder / name}: compared at random states", lambda: {"folder": str(folder), "files": [name]})
     return 0
-
-
-def _named(option: str, texts: Sequence[str], example: str) -> dict[str, float]:
-    """Return the numbers of an option by name. Raises BadInput for what is not NAME=NUMBER, or given twice."""
-    numbers: dict[str, float] = {}
-    for text in texts:
-        name, _, number = text.partition("=")
-        try:
-            value = float(number)
-        except ValueError as error:
-            raise BadInput(f"{option} {text}: give NAME=NUMBER, such as {example}") from error
-        if not math.isfinite(value):
-            raise BadInput(f"{option} {text}: give a finite number")
-        if name in numbers:
-            raise BadInput(f"{option} {text}: {name} has a number already")
-        numbers[name] = value
-    return numbers
 
 
 def select_follower(args: argparse.Namespace) -> None:
@@ -281,9 +262,8 @@ def _scaled(args: argparse.Namespace, everything: bool) -> list[str] | None:
     from ..readers.robots import find_robot, system_of
 
     asked = EKF in args.output
-    if args.scale and not (asked or everything):
-        raise BadInput(f"--scale applies to the filter: add --output {EKF}")
     if not (asked or everything):
+        refuse_given(args, ["scale"], f"applies to the filter: add --output {EKF}")
         return None
     system = system_of(find_robot(args.robot))
     if not asked and not args.scale and why_no_filter(system):
@@ -299,9 +279,8 @@ def _adapted(args: argparse.Namespace) -> list[str]:
     from ..model.errors import ModelError
     from ..readers.robots import find_robot, system_of
 
-    if args.adapt and ADAPTATION not in args.output:
-        raise BadInput(f"--adapt names what --output {ADAPTATION} learns: add it")
     if ADAPTATION not in args.output:
+        refuse_given(args, ["adapt"], f"names what --output {ADAPTATION} learns: add it")
         return []
     if not args.adapt:
         raise BadInput(f"--output {ADAPTATION} requires --adapt NAME: a parameter that changes, such as the mass")

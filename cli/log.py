@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..readers.errors import BadInput, naming
 from ..readers.files import check_targets, write_whole
-from .commands import show
+from .commands import refuse_given, show
 
 if TYPE_CHECKING:
     from ..simulation.run import Run
@@ -82,8 +82,7 @@ def run_view(args: argparse.Namespace) -> int:
     check_targets([], [args.output], inputs=[args.dump, *([args.spec] if args.spec else [])])
     if _is_table(args.dump):
         return _view_table(args)
-    if args.spec:
-        raise BadInput(f"--spec: {args.dump} is a dump, which says what it belongs to; leave it out")
+    refuse_given(args, ["spec"], f"is for tables: {args.dump} is a dump, which says what it belongs to; leave it out")
     dump, start, _, ticks = _read(args)
     write_whole(args.output, encoded(draw(ticks), Path(args.output).suffix[1:]))
     _show(args, dump, start, ticks)
@@ -105,8 +104,7 @@ def _view_table(args: argparse.Namespace) -> int:
     from ..simulation.specification.vary import read_varied
     from ..simulation.telemetry.table import run_of_table
 
-    if args.robot or args.start is not None:
-        raise BadInput(f"--robot and --start are for dumps; {args.dump} is a table, whose robot --spec says")
+    refuse_given(args, ("robot", "start"), f"is for dumps; {args.dump} is a table, whose robot --spec says")
     if not args.spec:
         raise BadInput(f"{args.dump} is a table, which does not say what was followed: give --spec SPEC, or the dump of bytes")
     spec = read_varied(args.spec, {})

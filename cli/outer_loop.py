@@ -12,7 +12,7 @@ from ..readers.files import check_folder, write_folder
 from ..readers.progress import Progress
 from ..readers.quantities import in_range, quantity
 from ..simulation.controllers import DRIVES
-from .commands import rendered
+from .commands import refuse_given, rendered
 
 if TYPE_CHECKING:
     from ..analysis.outer.design import Gains
@@ -99,10 +99,9 @@ def run(args: argparse.Namespace) -> int:
     from numpy.linalg import LinAlgError
 
     from ..analysis.outer.channel import Required
-    from ..analysis.outer.design import positive
     from ..analysis.outer.report import OuterLoopReport
     from ..analysis.outer.robustness import Loops
-    from ..readers.reading import number
+    from ..readers.reading import number, positive
 
     law, spec = _law_and_spec(args)
     if args.period is None and args.spec and spec.simulation.period:
@@ -113,10 +112,8 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"{law.name} has a dynamic extension, which does not go with {drive}; leave out --drive")
     if args.period is not None:
         positive("period", args.period, "--period")
-    elif args.delay or args.discrete_poles:
-        raise BadInput(f"--{'delay' if args.delay else 'discrete-poles'} needs --period")
-    elif drive:
-        raise BadInput(f"{drive} need --period: commands are given at calls")
+    else:
+        refuse_given(args, ("delay", "discrete_poles"), "needs --period")
     number("positive", below=1.0)(args.wrong, "--wrong")
     required = Required(
         gain=10 ** (number("positive", most=1000.0)(args.gain_margin, "--gain-margin") / 20),
@@ -126,19 +123,16 @@ def run(args: argparse.Namespace) -> int:
     if args.figures:
         check_folder(args.figures)
     pictures = {}
-    try:
-        with Progress() as progress:
-            gains, sizes = _gains(args, law, spec), _sizes(args, law)
-            loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
-            report = OuterLoopReport(law, spec, gains, loops, *more)
-            if args.figures:
-                from ..analysis.outer.pictures import pictures_of
+    problem = "outer-loop: gains, speeds or lengths are too far apart to be computed with"
+    with naming(problem, LinAlgError, "choose some that are nearer to 1 in SI units"), Progress() as progress:
+        gains, sizes = _gains(args, law, spec), _sizes(args, law)
+        loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
+        report = OuterLoopReport(law, spec, gains, loops, *more)
+        if args.figures:
+            from ..analysis.outer.pictures import pictures_of
 
-                pictures = pictures_of(report)
-            result = rendered(args, report.text, report.as_json)
-    except LinAlgError as error:
-        problem = "gains, speeds or lengths are too far apart to be computed with"
-        raise BadInput(f"outer-loop: {problem} ({error}); choose some that are nearer to 1 in SI units") from error
+            pictures = pictures_of(report)
+        result = rendered(args, report.text, report.as_json)
     if pictures:
         folder = Path(args.figures)
         write_folder(folder, pictures)
@@ -167,9 +161,7 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
     if spec.kinematic != (kind == "kinematic"):
         raise BadInput(f"--drive {kind} does not fit {spec.law}: a kinematic law goes with --drive kinematic, and no other does")
     if kind == "torque":
-        for name in ("bandwidth", "drive_delay"):
-            if getattr(args, name) is not None:
-                raise BadInput(f"--{name.replace('_', '-')} requires --drive velocity, velocity+torque or kinematic")
+        refuse_given(args, ("bandwidth", "drive_delay"), "requires --drive velocity, velocity+torque or kinematic")
         return None
     bandwidth = args.bandwidth if args.bandwidth is not None else own.bandwidth if own else None
     if bandwidth is None:
@@ -262,8 +254,9 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
             gains[row] = from_settling(degree, settling, damping, args.integral, row)
         ko = _one(requested["observer"].get(row, [observers.get(f"ko_{row}", 0.0)]), "observer", row)
         gains[row] = replace(gains[row], observer=ko).check(row)
-    if args.integral and not any(requested[name] for name in DESIGNS):
-        raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling, --lqr, --hinf or --mixed")
+    if not any(requested[name] for name in DESIGNS):
+        designs = "--poles, --discrete-poles, --settling, --lqr, --hinf or --mixed"
+        refuse_given(args, ["integral"], f"requires a design: {designs}")
     return gains
 
 

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..readers.errors import BadInput, naming
+from ..readers.errors import naming
 from ..readers.files import check_targets, write_whole
 from ..readers.quantities import Measured, quantity
-from .commands import add_columns, show
+from .commands import add_columns, refuse_given, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,13 +119,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Run `noslip plan`. Return 0. Raises BadInput, ModelError, OSError."""
     inputs = [arguments.points] if arguments.way == "waypoints" else []
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], inputs)
-    if arguments.scalar and not arguments.c:
-        raise BadInput("--scalar requires --c")
+    if not arguments.c:
+        refuse_given(arguments, ["scalar"], "requires --c")
     segments, waypoints = arguments.plan(arguments)
     if getattr(arguments, "course", None) is not None:
         return _run_between(arguments, segments)
-    if getattr(arguments, "speed", None) is not None:
-        raise BadInput("--speed requires --course: lines and arcs have no speed of their own")
+    if "speed" in arguments:
+        refuse_given(arguments, ["speed"], "requires --course: lines and arcs have no speed of their own")
     written = _written(segments, arguments)
     about = _summary(segments, arguments.way) + _from_origin(arguments)
 
@@ -170,8 +170,7 @@ def _run_between(arguments: argparse.Namespace, segments: list["Segment"]) -> in
     """Run `noslip plan dubins` or `reeds-shepp` with --course. Return 0. Raises BadInput, OSError."""
     from ..simulation.planning.ramps import with_ramps  # slow to import
 
-    if arguments.c:
-        raise BadInput("--c prints lines and arcs; with --course take --json, or nothing")
+    refuse_given(arguments, ["c"], "prints lines and arcs; with --course take --json, or nothing")
     speed = 1.0 if arguments.speed is None else arguments.speed
     return _hand_out_course(arguments, with_ramps(segments, arguments.course, speed), arguments.way, [])
 

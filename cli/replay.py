@@ -7,7 +7,7 @@ from ..readers.progress import Progress
 from ..simulation import replay
 from ..simulation.controllers import ON_TARGET
 from ..simulation.replay import first_difference, read_record
-from .commands import show
+from .commands import refuse_given, show
 from .log import add_start
 
 
@@ -40,8 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip replay`. Return 0 if all bits are equal, else 1. Raises BadInput."""
     if _is_dump(args.record):
         return _replay_dump(args)
-    if args.start is not None or args.robot:
-        raise BadInput(f"{args.record}: --start and --robot are for a dump of telemetry; a record names its robot")
+    refuse_given(args, ("start", "robot"), f"is for a dump of telemetry; {args.record} is a record, which names its robot")
     from ..simulation.controllers.pil import replay_session
 
     with Progress() as progress:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..readers.errors import BadInput, naming
-from ..readers.files import check_targets, write_whole
+from ..readers.files import check_ending, check_targets, write_whole
 from ..readers.progress import Progress
-from .commands import PrintSchema, show
+from .commands import PrintSchema, refuse_given, show
 
 if TYPE_CHECKING:
     from ..simulation.run import Run
@@ -84,16 +84,15 @@ def run(arguments: argparse.Namespace) -> int:
     outputs = (arguments.output, arguments.record, arguments.animate, arguments.write_scene)
     pictures = [name for name in (arguments.plot, arguments.contact) if name is not None]
     check_targets([name for name in outputs if name is not None], pictures, inputs=[arguments.spec])
-    if arguments.engine and arguments.contact:
-        raise BadInput(
-            "--contact shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
-        )
+    if arguments.engine:
+        shows = "shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
+        refuse_given(arguments, ["contact"], shows)
     if arguments.animate:
         from ..simulation.film.film import check_film  # slow to import
 
         check_film(Path(arguments.animate).suffix)
     changes = dict(map(change, arguments.set))
-    spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
+    spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments)
     with naming(arguments.spec, (BadInput, ModelError)):
         scene = _scene(spec, Path(arguments.write_scene)) if arguments.write_scene else ""
         with Progress() as shown:
@@ -135,14 +134,13 @@ def _scene(spec: "Spec", file: Path) -> str:
     from ..simulation.specification.floor import Floor
     from ..simulation.specification.spec import ContactSection
 
-    if file.suffix != ".xml":
-        raise BadInput(f"--write-scene {file}: the name of an MJCF ends in .xml")
+    check_ending(file, [".xml"], "an MJCF")
     if spec.scene:
         raise BadInput("--write-scene: the SPEC has [scene], which is in a file already")
     return scene_of(make_loop(spec).plant, spec.contact or ContactSection(), spec.floor or Floor())
 
 
-def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
+def _sample(arguments: argparse.Namespace) -> "Spec":
     """Return the SPEC of one sample of a finished sweep. Raises BadInput if there is no such sample, or if it is to be
     changed.
     """
@@ -151,8 +149,7 @@ def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
     from ..simulation.sweeping.store import sample_of
     from ..simulation.sweeping.study import sample_spec
 
-    if changes:
-        raise BadInput("--sample repeats a sample unchanged; --set requires a SPEC")
+    refuse_given(arguments, ["set"], "requires a SPEC: --sample repeats a sample unchanged")
     text, row, _ = sample_of(arguments.spec, arguments.sample)
     check_trust(spec_of(text, "[sweep]").robot, arguments.spec, arguments.trust)
     return sample_spec(text, row)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
-from ..readers.files import check_folder, check_targets, write_folder
+from ..readers.files import check_ending, check_folder, check_targets, write_folder
 from ..readers.progress import Progress
-from .commands import show
+from .commands import refuse_given, show
 
 if TYPE_CHECKING:
     from ..simulation.sweeping.study import Study
@@ -57,12 +57,12 @@ def run(args: argparse.Namespace) -> int:
     jobs, output = args.jobs or os.cpu_count() or 1, Path(args.output)
     text = read_text(args.spec)
     study = study_of(text, args.spec, args.samples)
+    if not study.plan.names:
+        refuse_given(args, ("worst", "indices"), "requires numbers that vary: nothing varies except the noise")
     if args.indices is not None:
         check_indices(study, args.indices)
     if args.verify is not None:
         check_verify(study)
-    if args.worst and not study.plan.names:
-        raise BadInput("--worst: nothing varies except the noise")
     if is_finished(output, study):
         print(f"{output} exists already and is complete", file=sys.stderr)
         _clear(study, output)
@@ -90,8 +90,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.output == "-":
         raise BadInput("-o -: a sweep is resumed from its file; give a file name")
     check_targets([args.output], inputs=[args.spec])
-    if Path(args.output).suffix != ".parquet":
-        raise BadInput(f"-o {args.output}: a sweep is written as Parquet; give a name that ends in .parquet")
+    check_ending(args.output, [".parquet"], "the results of a sweep")
     if args.figures:
         check_folder(args.figures)
 

@@ -115,7 +115,7 @@ class Linearization:
         """What replaces the inverse of Phi near its singular set; None unless the output has a band. Raises ModelError as
         `Damping` does.
         """
-        return Damping(self) if self.output.band else None
+        return Damping(self, self.output.band) if self.output.band else None
 
     def second_feedback(self, v: ca.SX) -> ca.SX:
         """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v. With an extension the
@@ -151,7 +151,7 @@ class Damping:
     Raises ModelError if P_l does not move with fixed combinations of the quasi-velocities, forward speed and yaw rate.
     """
 
-    def __init__(self, linearization: Linearization):
+    def __init__(self, linearization: Linearization, band: Quantity):
         system, output = linearization.system, linearization.output
         W = velocity_map(system)
         where = f"{system.mechanism.name}, output {output.name}"
@@ -164,7 +164,6 @@ class Damping:
             )
         if linearization.integrators or linearization.kinematic:
             raise ModelError(f"{where}: a damped law has no dynamic extension, and commands inputs, not velocities")
-        assert output.band is not None, "only outputs with a band are damped"
         self.linearization = linearization
         (through,) = [row.through for row in output.rows if row.through]
         J = ca.jacobian(through.inner, system.mechanism.q) @ system.S
@@ -176,8 +175,8 @@ class Damping:
         self.curvature = ca.bilin(hessian, J @ system.nu, J @ system.nu)
         self.forward, self.aside = ca.horzsplit(normal @ J @ self.directions)
         self.size = ca.norm_2(normal) * ca.sqrt(canonical(ca.sumsqr(J @ self.directions[:, 1])))
-        self.x = self.aside / (self.size * output.band.symbol)
-        self.inverse = self.x * (2 - self.x**2) / (output.band.symbol * self.size)
+        self.x = self.aside / (self.size * band.symbol)
+        self.inverse = self.x * (2 - self.x**2) / (band.symbol * self.size)
         self.W, self.J = W, J
 
     @property

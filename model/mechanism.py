@@ -142,6 +142,14 @@ def refuse_twice(names: Iterable[str], where: str) -> None:
         earlier.add(name)
 
 
+def refuse_unknown(names: Iterable[str], known: Iterable[str], where: str) -> None:
+    """Raise ModelError for a name that is not among the known ones."""
+    known = list(known)
+    for name in names:
+        if name not in known:
+            raise ModelError(f"{where}: unknown name {name!r}; known are {', '.join(known) or 'none'}")
+
+
 def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str) -> list[float]:
     """Return the value of each quantity: from `given` if named there, else its default.
 
@@ -149,10 +157,7 @@ def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str
     """
     if not isinstance(given, Mapping):
         raise ModelError(f"{where}: must be names with their values, not {given!r}")
-    names = {q.name for q in quantities}
-    for name in given:
-        if name not in names:
-            raise ModelError(f"{where}: unknown name {name!r}; known are {', '.join(sorted(names)) or 'none'}")
+    refuse_unknown(given, sorted(q.name for q in quantities), where)
     return [q.check(given.get(q.name, q.default), where) for q in quantities]
 
 
@@ -302,9 +307,7 @@ class Mechanism:
 
         A drive keeps the surface at its speed, whatever the robot does.
         """
-        if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise ModelError(f"{self.name}: a constraint's name must be text on one line, got {name!r}")
-        refuse_twice([*self.constraint_names, name], f"{self.name}, constraints")
+        self._refuse_name(name, "constraint", self.constraint_names)
         where = f"constraint {name!r}, surface"
         self._surfaces.append(self._smooth(self._at_rest(self._scalar(surface, where), where), where))
         self._constraints.append(self._velocity(velocity, f"constraint {name!r}"))
@@ -320,9 +323,7 @@ class Mechanism:
         be added before and after. Raises ModelError for a coordinate that is not one of the robot's, is moved already, or is
         given (`time`, `given`).
         """
-        names = [c.name for c in self.coordinates]
-        if unknown := [name for name in rates if name not in names]:
-            raise ModelError(f"{self.name}: ground_moves: no coordinate {unknown[0]!r}; coordinates are {', '.join(names)}")
+        refuse_unknown(rates, [c.name for c in self.coordinates], f"{self.name}: ground_moves")
         if given := [name for name in rates if name in self._known]:
             raise ModelError(f"{self.name}: ground_moves: {given[0]} is given; the ground cannot move it")
         if twice := [name for name in rates if name in self._ground]:
@@ -783,9 +784,7 @@ class Mechanism:
         self, kind: str, name: str, along: ca.SX | None, across: ca.SX | None, entries: tuple[ca.SX | float, ...]
     ) -> "Contact":
         """Return a contact or support, checked; `entries` are mass, left and ahead."""
-        if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise ModelError(f"{self.name}: a {kind}'s name must be text on one line, got {name!r}")
-        refuse_twice([*(c.name for c in self.standing), name], f"{self.name}, contacts")
+        self._refuse_name(name, kind, [c.name for c in self.standing])
         where = f"{kind} {name!r}"
         first, second = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
         places = [f"{where}, {entry}" for entry in ("mass", "left", "ahead")]
@@ -799,9 +798,14 @@ class Mechanism:
 
     def _new(self, name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
         new = quantity(name, unit, about, default, sign)
-        if name in self.names:
-            raise ModelError(f"{self.name}: the name {name!r} is used twice")
+        refuse_twice([*dict.fromkeys(self.names), name], self.name)
         return new
+
+    def _refuse_name(self, name: str, kind: str, others: Sequence[str]) -> None:
+        """Raise ModelError for a name of this kind that is no text on one line, or is used already."""
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            raise ModelError(f"{self.name}: a {kind}'s name must be text on one line, got {name!r}")
+        refuse_twice([*others, name], f"{self.name}, {kind}s")
 
     def _column(self, name: str, unit: str, about: str = "") -> Quantity:
         """Return a new quantity that is a column of the tables of runs."""

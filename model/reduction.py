@@ -289,8 +289,7 @@ def reduce(mechanism: Mechanism, partially: bool = False) -> ReducedSystem:
     S, quasi_velocities, by_bodies = null_space(mechanism)
     if S.shape != (n, n - m):
         raise ModelError(f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}; it must be n x (n-m) = {n} x {n - m}")
-    if len(quasi_velocities) != n - m:
-        raise ModelError(f"{mechanism.name}: S has {n - m} columns, null_space names {len(quasi_velocities)} quasi-velocities")
+    check_number(mechanism, len(quasi_velocities))
     product = _sampled(mechanism, mechanism.A @ S, "A S")
     if product.largest() > RANK_TOLERANCE:
         raise ModelError(
@@ -376,6 +375,13 @@ def _weights(weight: Sequence[float], r: int) -> ca.SX:
     return ca.SX([float(w) for w in weights])
 
 
+def check_number(mechanism: Mechanism, count: int) -> None:
+    """Raise ModelError unless there are n - m quasi-velocities."""
+    m, n = mechanism.A.shape
+    if count != n - m:
+        raise ModelError(f"{mechanism.name}: {count} quasi-velocities; there must be n - m = {n - m}")
+
+
 def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduced | None]:
     """Return S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from automatically chosen rates.
 
@@ -388,8 +394,7 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
     if rows is None:
         chosen = _choose_velocities(mechanism)
         rows, names = ca.vertcat(*[row for row, _ in chosen]), tuple(velocity for _, velocity in chosen)
-    if rows.shape[0] != n - m:
-        raise ModelError(f"{mechanism.name}: {rows.shape[0]} quasi-velocities; there must be n - m = {n - m}")
+    check_number(mechanism, rows.shape[0])
     square = ca.vertcat(mechanism.A, rows)
     if _sampled(mechanism, square, "the quasi-velocities").rank() < n:
         raise ModelError(

@@ -3,7 +3,7 @@
 import difflib
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module, metadata
 from importlib.util import find_spec
@@ -17,12 +17,21 @@ class BadInput(Exception):
 
 
 @contextmanager
-def naming(what: object, kinds: type[Exception] | tuple[type[Exception], ...] = BadInput) -> Iterator[None]:
-    """Raise BadInput with `what` before the message of an error of these kinds, by default a BadInput, that is raised inside."""
+def naming(what: object, kinds: type[Exception] | tuple[type[Exception], ...] = BadInput, remedy: str = "") -> Iterator[None]:
+    """Raise BadInput with `what` before the message of an error of these kinds, by default a BadInput, that is raised inside, and
+    a `remedy` after it.
+    """
     try:
         yield
     except kinds as error:
-        raise BadInput(f"{what}: {error}") from error
+        said = (error.strerror if isinstance(error, OSError) else None) or " ".join(map(str.strip, str(error).splitlines()))
+        raise BadInput("; ".join(filter(None, (": ".join(filter(None, (str(what), said))), remedy)))) from error
+
+
+def check_status(status: str, what: str, remedy: str = "", fine: Container[str] = ("ok",)) -> None:
+    """Raise BadInput, with a `remedy`, for the status of a call of the C, `what`, that is not among the `fine` ones."""
+    if status not in fine:
+        raise BadInput("; ".join(filter(None, (f"{what} returns {status!r}", remedy))))
 
 
 class Mismatch(Exception):

@@ -6,7 +6,7 @@ import errno
 import os
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -176,6 +176,12 @@ def read_input(file: str | Path, most: int = 16) -> bytes:
     return data
 
 
+def check_ending(file: str | Path, endings: Collection[str], what: str) -> None:
+    """Raise BadInput unless the name of a file has one of the endings of `what` it is."""
+    if Path(file).suffix.lower() not in endings:
+        raise BadInput(f"{file}: the name of {what} ends in {' or '.join(endings)}")
+
+
 def check_targets(outputs: Sequence[str], pictures: Sequence[str] = (), inputs: Sequence[str] = ()) -> None:
     """Raise BadInput, before a long run, if an output cannot be written or would overwrite one of the `inputs`.
 
@@ -200,8 +206,7 @@ def check_targets(outputs: Sequence[str], pictures: Sequence[str] = (), inputs: 
         if os.path.realpath(file) in map(os.path.realpath, files[:k]):
             raise BadInput(f"{file}: two outputs have the same file name")
     for picture in pictures:
-        if Path(picture).suffix not in (".png", ".pdf", ".svg"):
-            raise BadInput(f"{picture}: supported formats of plots are .png, .pdf and .svg")
+        check_ending(picture, (".png", ".pdf", ".svg"), "a plot")
 
 
 def _bytes(content: str | bytes) -> bytes:

@@ -10,9 +10,11 @@ import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..model.mechanism import SIGNS
 from .errors import BadInput, check_named
-from .quantities import LARGEST, PLAIN, QUANTITY, SMALLEST, Measured, check_unit, in_range, measured
+from .quantities import LARGEST, PLAIN, QUANTITY, SMALLEST, Measured, check_unit, in_range, measured, spaced
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -61,6 +63,13 @@ def reads(
 ) -> Callable[[Callable[[Any, str], Any]], Reader]:
     """Return a decorator that makes a function a Reader of values with this schema, with further `options` of Reader."""
     return lambda read: Reader(read, schema if callable(schema) else lambda: schema, unit, **options)
+
+
+def of_type(value: Any, kind: type | tuple[type, ...], where: str, what: str) -> Any:
+    """Return the value if it is of this type; `what` names it. Raises BadInput for others; true and false are no numbers."""
+    if not isinstance(value, kind) or isinstance(value, bool) and kind is not bool:
+        raise BadInput(f"{where} = {value!r} is not {what}")
+    return value
 
 
 def ref(name: str) -> Schema:
@@ -112,12 +121,10 @@ def number(
     def read(value: Any, where: str) -> float:
         if isinstance(value, str):
             value = measured(value, where, unit)
-        elif isinstance(value, bool) or not isinstance(value, int | float):
-            raise BadInput(f"{where} = {value!r} is not a number")
         elif unit is not None:
             check_unit(value, unit, where)
         try:
-            size = float(value)
+            size = float(of_type(value, (int, float), where, "a number"))
         except OverflowError:
             size = math.inf
         if not math.isfinite(size):
@@ -130,6 +137,12 @@ def number(
         return value if unit is None and isinstance(value, Measured) else size
 
     return read
+
+
+def positive(name: str, value: float, where: str = "") -> float:
+    """Return the value. Raises BadInput unless it is a positive finite number."""
+    named = f"{where}: {name}" if where else name
+    return number("positive")(value.item() if isinstance(value, np.number) else value, named)
 
 
 _radians = number(unit="rad")
@@ -146,15 +159,13 @@ def angle(value: Any, where: str) -> float:
     return radians
 
 
-def row(form: str, *readers: Reader) -> Reader:
-    """Return a reader of a list with a number for each reader; `form` shows it."""
+def row(form: str, *readers: Reader, entries: str = "numbers") -> Reader:
+    """Return a reader of a list with an entry for each reader; `form` shows it."""
     items = [reader.schema() for reader in readers]
 
     def read_all(value: Any, where: str) -> tuple[float, ...]:
-        if not isinstance(value, list):
-            raise BadInput(f"{where} = {value!r} is not a list of numbers")
-        if len(value) != len(readers):
-            raise BadInput(f"{where} has {len(value)} numbers; it must be {form}")
+        if len(of_type(value, list, where, f"a list of {entries}")) != len(readers):
+            raise BadInput(f"{where} has {len(value)} {entries}; it must be {form}")
         return tuple(read(item, f"{where}[{k}]") for k, (read, item) in enumerate(zip(readers, value, strict=True)))
 
     schema = {"type": "array", "items": items, "minItems": len(items), "maxItems": len(items)}
@@ -179,6 +190,11 @@ point = row("[x, y]", number(unit="m"), number(unit="m"))
 pose = row("[x, y, heading]", number(unit="m"), number(unit="m"), angle)
 
 
+def each_of(item: Callable[[Any, str], Any], value: Any, where: str, what: str) -> tuple[Any, ...]:
+    """Return what a reader reads of each item of a list; `what` names the list. Raises BadInput for what is no list."""
+    return tuple(item(each, f"{where}[{k}]") for k, each in enumerate(of_type(value, list, where, what)))
+
+
 def numbers_of(item: Reader, empty: str = "") -> Reader:
     """Return a reader of a list of numbers; an `empty` one is refused with what to do, if that is said."""
 
@@ -190,11 +206,9 @@ def numbers_of(item: Reader, empty: str = "") -> Reader:
 
     @reads({"type": "array", "items": item.schema(), **least, "description": SI}, check=check)
     def read(value: Any, where: str) -> tuple[float, ...]:
-        if not isinstance(value, list):
-            raise BadInput(f"{where} = {value!r} is not a list of numbers")
-        if empty and not value:
+        if empty and value == []:
             raise BadInput(f"{where} is empty: {empty}")
-        return tuple(item(each, f"{where}[{k}]") for k, each in enumerate(value))
+        return each_of(item, value, where, "a list of numbers")
 
     return read
 
@@ -214,12 +228,29 @@ def one_for_each(values: Sequence[float], names: Sequence[str], where: str, of_a
     raise BadInput(f"{where} has {len(values)} numbers; it must have {count}: {', '.join(names) or 'there is none'}")
 
 
+_plain = number()
+
+
+def by_name(option: str, texts: Iterable[str], example: str, read: Reader = _plain) -> dict[str, float]:
+    """Return the numbers of an option of a command line, NAME=NUMBER each, by name. Raises BadInput, with an example, for a text
+    of another form, and for a name that has a number already.
+    """
+    numbers: dict[str, float] = {}
+    for text in texts:
+        name, equals, size = text.rpartition("=")
+        if not equals or name in numbers:
+            raise BadInput(f"{option} {text}: {f'{name} has a number already' if equals else f'give {example}'}")
+        try:
+            numbers[name] = read(float(size), f"{option} {name}")
+        except ValueError:
+            numbers[name] = read(spaced(size), f"{option} {name}")
+    return numbers
+
+
 @reads({"type": "string"})
 def text(value: Any, where: str) -> str:
     """Read a string."""
-    if not isinstance(value, str):
-        raise BadInput(f"{where} = {value!r} is not a string")
-    return value
+    return of_type(value, str, where, "a string")
 
 
 def one_of(*words: str) -> Reader:
@@ -240,12 +271,8 @@ def whole(least: int, most: int | None = None) -> Reader:
 
     @reads({"type": "integer", "minimum": least, **maximum})
     def read(value: Any, where: str) -> int:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise BadInput(f"{where} = {value!r} is not an integer")
-        if value < least:
-            raise BadInput(f"{where} = {value} must be {least} or more")
-        if most is not None and value > most:
-            raise BadInput(f"{where} = {value} must be at most {most}")
+        if not least <= of_type(value, int, where, "an integer") <= (value if most is None else most):
+            raise BadInput(f"{where} = {value} must be {f'{least} or more' if value < least else f'at most {most}'}")
         return value
 
     return read
@@ -254,9 +281,7 @@ def whole(least: int, most: int | None = None) -> Reader:
 @reads({"type": "boolean"})
 def flag(value: Any, where: str) -> bool:
     """Read true or false."""
-    if not isinstance(value, bool):
-        raise BadInput(f"{where} = {value!r} is neither true nor false")
-    return value
+    return of_type(value, bool, where, "true or false")
 
 
 def one_or_each(item: Reader, empty: str = "") -> Reader:
@@ -320,9 +345,7 @@ def list_of(kind: "type[DataclassInstance]", example: str) -> Reader:
     """Return a reader of a list of tables of one kind."""
 
     def read(value: Any, where: str) -> tuple[Any, ...]:
-        if not isinstance(value, list):
-            raise BadInput(f"{where} = {value!r} is not a list, for example [{example}]")
-        return tuple(section(kind)(item, f"{where}[{k}]") for k, item in enumerate(value))
+        return each_of(section(kind), value, where, f"a list, for example [{example}]")
 
     def schema() -> Schema:
         return {"type": "array", "items": section(kind).schema()}
@@ -362,6 +385,4 @@ def _path(where: str, e: dataclasses.Field) -> str:
 
 def table(value: Any, where: str) -> dict[str, Any]:
     """Return the value if it is a table."""
-    if not isinstance(value, dict):
-        raise BadInput(f"{where} = {value!r} is not a table")
-    return value
+    return of_type(value, dict, where, "a table")

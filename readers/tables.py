@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from .errors import BadInput, library, suggestion
-from .files import read_input
+from .errors import BadInput, library, naming, suggestion
+from .files import check_ending, read_input
 from .quantities import in_base_units, is_unit, scaled_units
 from .text_tables import DECIMAL_COMMA, entries_of, text_table
 
@@ -77,10 +77,8 @@ class Column:
                 raise BadInput(f"{self.where} row {self.rows[k]}: {text} is not a number{hint}") from error
         if self.unit is None:
             return self.sign * values
-        try:
+        with naming(self.where, remedy="write another unit, --map 'NAME=COLUMN [UNIT]'"):
             factor, dimension = scaled_units(self.unit)
-        except BadInput as error:
-            raise BadInput(f"{self.where}: {error}; write another unit, --map 'NAME=COLUMN [UNIT]'") from error
         if dimension != in_base_units(unit or "1")[1]:
             hint = "; of a distance on the floor, with the wheel's radius in m: --map 'NAME=COLUMN [rad/0.15]'"
             hint = hint if unit == "rad" and dimension == in_base_units("m")[1] else ""
@@ -344,8 +342,8 @@ class Written:
 def check_format(file: str) -> None:
     """Raise BadInput unless the name of a table to write ends as one of FORMATS, and its library is there."""
     suffix = Path(file).suffix.lower()
-    if suffix not in FORMATS and file != "-":
-        raise BadInput(f"{file}: a log is written as {', '.join(FORMATS)}")
+    if file != "-":
+        check_ending(file, FORMATS, "a log")
     if suffix == ".parquet":
         library("pyarrow.parquet", "Parquet needs pyarrow", "sweep")
     if suffix == ".mcap":

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
-from .errors import BadInput
+from .errors import BadInput, naming
 from .quantities import is_unit
 
 SAMPLE = 200  # rows by which separator and header are recognized
@@ -91,11 +91,11 @@ def text_table(data: bytes, file: str, most: int, columns: Sequence[str] = (), i
 def _decoded(data: bytes, file: str, most: int) -> str:
     """Return the text, each line ended by a line feed."""
     if data.startswith(b"\x1f\x8b"):
-        try:
-            with gzip.open(io.BytesIO(data)) as stream:
-                data = stream.read((most << 20) + 1)
-        except (OSError, EOFError, zlib.error) as error:
-            raise BadInput(f"{file}: its gzip compression is damaged ({error}); compress it anew") from error
+        with (
+            naming(f"{file}: its gzip compression is damaged", (OSError, EOFError, zlib.error), "compress it anew"),
+            gzip.open(io.BytesIO(data)) as stream,
+        ):
+            data = stream.read((most << 20) + 1)
         if len(data) > most << 20:
             raise BadInput(f"{file} has more than {most} MB of text, the limit for such a file")
     encoding = next((name for mark, name in BOMS if data.startswith(mark)), "")

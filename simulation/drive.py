@@ -11,7 +11,6 @@ import numpy as np
 
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
-from ..readers.errors import BadInput
 from ..readers.reading import one_for_each
 from .controllers.controller import RUNNING
 from .controllers.direct import Direct
@@ -145,16 +144,9 @@ def make_drive(
     believed: np.ndarray,
     vehicle: VehicleLimits | None = None,
 ) -> Drive:
-    """Return the drives of a SPEC. Raises BadInput for limits that do not fit the robot, and for velocities of a robot that has
-    fewer inputs than velocities.
-    """
+    """Return the drives of a SPEC. Raises BadInput for limits that do not fit the robot."""
     if section is None or not section.takes_velocity:
         return TorqueDrive(plant)
-    if law.system.underactuated:
-        raise BadInput(
-            f'[drive] kind = "{section.kind}": {len(law.system.mechanism.inputs)} drives cannot make all {law.system.dof} '
-            f'quasi-velocities of {law.system.mechanism.name} follow commands; take "torque"'
-        )
     return VelocityDrive(section, simulation, plant, law, believed, vehicle)
 
 

@@ -25,7 +25,7 @@ from .controllers.controller import Controller
 from .controllers.direct import Direct
 from .planning.course import SmoothCurve
 from .planning.course_tracker import CourseGuide, CourseTracker
-from .specification.spec import CourseSection, Spec
+from .specification.spec import CourseSection
 
 if TYPE_CHECKING:
     from .controllers.approach import Approach
@@ -275,13 +275,6 @@ class AlongCourse(OnePath):
 COURSE_PARAMETERS = frozenset(q.name for q in course().parameters)
 
 
-def course_of(spec: Spec) -> SmoothCurve:
-    """Return the course of a SPEC that has one, from its place on."""
-    x, y, *_ = spec.reference.position or (0.0, 0.0)
-    assert spec.reference.course is not None, "the caller has a course"
-    return smooth_curve(spec.reference.course, x, y)
-
-
 def smooth_curve(course: CourseSection, x: float = 0.0, y: float = 0.0) -> SmoothCurve:
     """Return the curve of a course that begins at (x, y), m."""
     return SmoothCurve(x, y, course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
@@ -308,11 +301,8 @@ def led(law: ControlLaw) -> list[Led]:
 
 
 def led_units(law: ControlLaw) -> list[str]:
-    """Return the unit of what each of `led` leads: m or rad. Raises BadInput for an output in another unit."""
-    units = [law.output.rows[each.position[0]].unit if each.position else "m" for each in led(law)]
-    if not set(units) <= {"m", "rad"}:
-        raise BadInput(f"[reference] approach: the outputs of {law.name} are not all in m or rad; leave it out")
-    return units
+    """Return the unit of what each of `led` leads: m or rad."""
+    return [law.output.rows[each.position[0]].unit if each.position else "m" for each in led(law)]
 
 
 Number = TypeVar("Number", float, np.ndarray)

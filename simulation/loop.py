@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import polynomial
 
+from ..codegen.loop.stages import check
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.contacts import GRAVITY
 from ..model.errors import ModelError
@@ -16,8 +17,7 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import PATH_GAIN, axle
-from ..model.vehicle import steered_axle
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, check_named, check_status
 from ..readers.reading import check_keys, one_for_each
 from ..readers.robots import find_robot, law_of
 from .contact import check_share, friction_accelerations
@@ -50,8 +50,6 @@ from .guidance import (
     ShortWay,
     Side,
     accelerations,
-    course_of,
-    led_units,
     point_followed,
     smooth_curve,
 )
@@ -62,7 +60,19 @@ from .plant import Plant
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
 from .specification.cases import gain_entries, integral_entries, observer_entries
 from .specification.given import at_start, known_functions
-from .specification.spec import AdaptationSection, ApproachSection, Initial, OscillationSection, PathSection, Simulation, Spec
+from .specification.spec import (
+    AdaptationSection,
+    ApproachSection,
+    CircleSection,
+    ContactSection,
+    CourseSection,
+    Initial,
+    LimitsSection,
+    OscillationSection,
+    PathSection,
+    Simulation,
+    Spec,
+)
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
@@ -91,8 +101,7 @@ class Learning:
     def step(self, t: float, seen: np.ndarray, controller: Controller) -> None:
         """Learn from the motion since the last call, by the inputs `applied` in between, and change the controller."""
         status, params = self.adaptation.step(seen, self.applied, t - self._t)
-        if status != "ok":
-            raise BadInput(f"[adaptation] at t = {t:g} s returns {status!r}")
+        check_status(status, f"[adaptation] at t = {t:g} s")
         self._t, self.believed[:] = t, params
         controller.adapt(params)
 
@@ -234,6 +243,7 @@ def make_loop(spec: Spec) -> Loop:
     if spec.feedback:
         return _feedback_loop(mechanism, spec)
     law = _law(mechanism, spec)
+    check(spec, law=law)
     _check_axle(law, spec)
     names = [p.name for p in law.parameters]
     for where in ("parameters", "plant"):
@@ -268,11 +278,10 @@ def make_loop(spec: Spec) -> Loop:
             warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
     else:
         spec, warnings = _facing(spec, law, believed)
-        assert spec.initial is not None, "only a composite path defines its own start"
         course, L = spec.reference.course, spec.output.L
         if spec.output.along_course and course and course.cusps and spec.desired_speed < 0.0:
             L = sides(law, spec)[1]
-        start = _start(spec.initial, plant, L, spec.output.W)
+        start = _start(spec.initial or Initial(), plant, L, spec.output.W)
         guidance = _one_path(law, spec, believed, gains, make_leg, start)
         warnings = (*warnings, *_unstable(law, believed, guidance.leg.config))
     sensing: Sensing | None = None
@@ -282,13 +291,15 @@ def make_loop(spec: Spec) -> Loop:
             sensing = Estimating(spec.sensors, spec.estimator, law, *seen, spec.simulation)
         else:
             sensing = Sensing(spec.sensors, spec.correction, law, *seen, spec.simulation.backend)
-        if spec.limits and spec.limits.notice_slip and spec.contact:
+        notice, gyro = spec.limits and spec.limits.notice_slip, spec.sensors.gyro
+        if notice and gyro and spec.contact:
             known = (law, believed, spec.simulation.backend, spec.simulation.period)
-            sensing.slip = SlipSensing(sensing, spec.sensors, spec.limits, spec.contact.mu, *known)
+            sensing.slip = SlipSensing(sensing, spec.sensors, gyro, notice, spec.contact.mu, *known)
     if spec.reference.approach:
         generators = _generators(law, spec, spec.reference.approach)
         guidance = Approaching(guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start)
-    vehicle = _vehicle_limits(spec, law, believed) if spec.kinematic and spec.limits else None
+    grips = spec.limits if spec.kinematic else None
+    vehicle = _vehicle_limits(grips, spec.contact, law, believed) if grips and spec.contact else None
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
     memory = (integral, observers, sensing, drive, extension)
@@ -312,8 +323,7 @@ def _feedback_loop(mechanism: Mechanism, spec: Spec) -> Loop:
     desired = desired_of(balanced, spec)
     start = start_of(spec, balanced, desired)
     if start is None:
-        assert spec.initial is not None, "else the start is desired"
-        start = _start(spec.initial, plant, 0.0, 0.0)
+        start = _start(spec.initial or Initial(), plant, 0.0, 0.0)
     sensing = NoisyRates(spec.sensors, law.system, start) if spec.sensors else None
     parts = (
         IntegralAction(law, [], {}),
@@ -346,17 +356,13 @@ def _pushes(spec: Spec, plant: Plant) -> tuple[tuple[float, np.ndarray], ...]:
     """Return times and impulses of the pushes of a SPEC. Raises BadInput for an unknown quasi-velocity."""
     names = [q.name for q in plant.system.quasi_velocities]
     for k, push in enumerate(spec.push):
-        if push.on not in names:
-            raise BadInput(f"push[{k}] on = {push.on!r} is no quasi-velocity of the robot; these are {', '.join(names)}")
+        check_named(push.on, names, f"push[{k}] on: unknown quasi-velocity")
     return tuple((push.time, push.impulse * np.eye(len(names))[names.index(push.on)]) for push in spec.push)
 
 
 def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
     """Return the law of the SPEC. Raises BadInput if the type is neither one of the paper's nor an output of the robot."""
-    own = [output.name for output in mechanism.outputs]
-    if spec.output.own and spec.output.type not in own:
-        known = ", ".join([*TYPES, *own])
-        raise BadInput(f"[output] type = {spec.output.type!r} is not one of {known}")
+    check_named(spec.output.type, [*TYPES, *(output.name for output in mechanism.outputs)], "[output] type: unknown output")
     return law_of(mechanism, spec.law)
 
 
@@ -384,22 +390,19 @@ def _limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> Limits | None:
     if spec.limits is None or spec.kinematic:
         return None
     torque, friction = (0.0,) if spec.limits.torque is None else spec.limits.torque, None
-    if spec.limits.mode == "grip":
-        floor = spec.contact
-        assert floor is not None, "checked by the SPEC"
+    if spec.limits.mode == "grip" and (floor := spec.contact):
         height = floor.height or Plant(law.system, believed.tolist()).height
         friction = Friction(floor.mu, spec.limits.margin, floor.share, height)
     return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode, friction)
 
 
-def _vehicle_limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> VehicleLimits:
+def _vehicle_limits(limits: LimitsSection, contact: ContactSection, law: ControlLaw, believed: np.ndarray) -> VehicleLimits:
     """Return the accelerations that use all of friction together, with its margin: the vehicle as one body. Raises BadInput as
     `vehicle_wheels` does.
     """
-    assert spec.limits and spec.contact, "checked by the SPEC"
     forward, turn, _ = vehicle_wheels(law.system, believed)
-    part = spec.contact.share * Plant(law.system, believed.tolist()).part
-    most = spec.contact.mu * (1 - spec.limits.margin) * part * GRAVITY
+    part = contact.share * Plant(law.system, believed.tolist()).part
+    most = contact.mu * (1 - limits.margin) * part * GRAVITY
     return VehicleLimits(tuple(forward), tuple(turn), ALONG * most, LATERAL * most)
 
 
@@ -415,10 +418,6 @@ def _observers(spec: Spec, law: ControlLaw, gains: list[float]) -> DisturbanceOb
 
 def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[Approach]:
     """Return the generators of an approach, one for each of `led`."""
-    turns = "rad" in led_units(law)
-    if turns != (approach.angular is not None):
-        advice = "has an output in rad: give angular, in rad/s^2" if turns else "has no output in rad: leave out angular"
-        raise BadInput(f"[reference] approach: {law.name} {advice}")
     found = accelerations(law, approach.acceleration, approach.angular or 0.0)
     jerks = [each * (approach.jerk / approach.acceleration) for each in found]
     backend, period = spec.simulation.backend, spec.simulation.period
@@ -427,15 +426,13 @@ def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[
 
 def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Accelerations | None:
     """Return the largest accelerations along a composite path, if its speed follows a profile: those given, the others of
-    friction. Raises BadInput if one is not known.
+    friction.
     """
     if not spec.reference.profiled:
         return None
     names = [each.name for each in fields(Accelerations)]
     given = {name: value for name in names if (value := getattr(spec.reference, name))}
-    if missing := [name for name in names if name not in given]:
-        if spec.contact is None:
-            raise BadInput(f"[reference] {missing[0]} is missing; give it, or [contact] mu, the friction that there is")
+    if spec.reference.incomplete and spec.contact:
         limits = _limits(spec, law, believed)
         known = friction_accelerations(
             Plant(law.system, list(believed)), spec.contact, PROFILE_PART, limits.torque if limits else ()
@@ -450,8 +447,6 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
     speed, deceleration = reference.speed or 0.0, reference.deceleration or 0.0
     if limits:
         speed, deceleration = min(speed, limits.top_speed(path.segments)), limits.deceleration
-    if any(segment.backward for segment in path.segments) and steered_axle(law.system):
-        raise BadInput("[output] path: a vehicle with a steered wheel folds in reverse; give segments without backward")
     options = TrackerOptions(
         speed=speed,
         deceleration=deceleration,
@@ -524,14 +519,13 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
         offset += [start, rate, *[0.0] * (degree - 1)][: degree + 1]
         slope += [rate, *[0.0] * degree]
     begin, rates = np.array(offset), np.array(slope)
-    if not (kind := spec.reference.moves) or law.output.foot:
-        return lambda t: begin + rates * t
     if oscillation := spec.reference.oscillation:
         swung = _oscillating(oscillation, law)
         return lambda t: begin + rates * t + swung(t)
-    if [row.unit for row in law.output.rows[:2]] != ["m", "m"]:
-        raise BadInput(f"[reference] {kind}: the first two outputs of {law.name} are not a point: give position and velocity")
-    moved, (first, second) = _moved_point(spec, max(degrees[:2])), degrees[:2]
+    along = spec.reference.circle or spec.reference.course
+    if along is None or law.output.foot:
+        return lambda t: begin + rates * t
+    moved, (first, second) = _moved_point(along, max(degrees[:2])), degrees[:2]
 
     def at(t: float) -> np.ndarray:
         point, made = moved(t), begin + rates * t
@@ -567,7 +561,7 @@ def _one_path(
     if course is None or (law.output.foot is None and course.follow == "time"):
         leg = make_leg(config, start)
         return OnePath(leg, reference, ShortWay(law, believed, leg.config))
-    curve = course_of(spec)
+    curve = smooth_curve(course, *(spec.reference.position or ())[:2])
     if law.output.foot:
         return AlongCourse(
             law, believed, config, reference, _on_course(law, spec, curve, believed, config, start), make_leg, start
@@ -623,19 +617,17 @@ def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:
             )
 
 
-def _moved_point(spec: Spec, order: int) -> Callable[[float], np.ndarray]:
+def _moved_point(along: CircleSection | CourseSection, order: int) -> Callable[[float], np.ndarray]:
     """Return the function from t to how far a point has moved on a circle or a course, x + i y, and its derivatives up to
     `order`.
     """
-    if (course := spec.reference.course) is not None:
-        curve = smooth_curve(course)
+    if isinstance(along, CourseSection):
+        curve = smooth_curve(along)
         return lambda t: curve.derivatives(t, order)
-    circle = spec.reference.circle
-    assert circle is not None, "the caller has a circle or a course"
-    sizes, quarters = np.cumprod([circle.radius, *[circle.rate] * order]), np.arange(order + 1) % 4
+    sizes, quarters = np.cumprod([along.radius, *[along.rate] * order]), np.arange(order + 1) % 4
 
     def at(t: float) -> np.ndarray:
-        s, c = sine_cosine(circle.angle + circle.rate * t)
+        s, c = sine_cosine(along.angle + along.rate * t)
         return sizes * np.array([complex(c, s), complex(-s, c), complex(-c, -s), complex(s, -c)])[quarters]
 
     return at
@@ -669,8 +661,6 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
                 name = system.mechanism.coordinates[k].name
                 raise BadInput(f"[initial] q: {name} is {initial.q[k]:g}, but {value:g} by [given]: write 0 or that")
         return np.array([*(known.get(k, value) for k, value in enumerate(initial.q)), *nu])
-    if system.mechanism.vehicle is None:
-        raise BadInput(f"[initial] point: {system.mechanism.name} is not a vehicle (moves_in_plane); give q and nu instead")
     pose, speed = np.array([[*(initial.point or ()), initial.heading or 0.0]]), np.array([initial.speed or 0.0])
     begin = np.array([[known.get(k, 0.0) for k in range(n)]])
     (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed, begin)
@@ -695,8 +685,7 @@ def _check_start(loop: Loop) -> None:
     status, _ = loop.call(0.0, loop.start, loop.extension).command(np.zeros(len(loop.integral.rows)))
     if status in RUNNING:
         return
-    if status != "singular":
-        raise BadInput(f"[initial]: the controller returns {status!r} at the start")
+    check_status(status, "[initial]: the controller, at the start,", fine=["singular"])
     size = loop.guidance.leg.side.relative(np.append(loop.start, loop.extension))
     raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
 

@@ -26,9 +26,10 @@ from .drawing import (
     outlines,
 )
 from .engine.measured import SLIPS, FloorMeasurements
-from .guidance import course_of, vehicle_motion
+from .guidance import smooth_curve, vehicle_motion
 from .run import Run
 from .specification.cases import gain_entries, integral_entries, observer_entries
+from .specification.spec import CourseSection
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
 SENSED = "#d08a00"
@@ -170,8 +171,8 @@ def _draw_plane(axes: Axes, run: Run) -> None:
         axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired $P_l$", zorder=0)
     if run.composite:
         _draw_pieces(axes, run.spec.output.segments)
-    elif run.spec.output.along_course:
-        _draw_course(axes, run)
+    elif run.spec.output.along_course and run.spec.reference.course:
+        _draw_course(axes, run, run.spec.reference.course)
     elif run.law.output.path:
         _draw_followed(axes, run, run.law.output.path, p_l)
     else:
@@ -233,9 +234,10 @@ def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
     draw_implicit(axes, function, config, x, y, f"path to follow: {path.kind}", **style)
 
 
-def _draw_course(axes: Axes, run: Run) -> None:
+def _draw_course(axes: Axes, run: Run, section: CourseSection) -> None:
     """Draw the course of the reference, which Type IV follows, up to its end or as far as the run came."""
-    course, feet = course_of(run.spec), run.config[:, [c.name in ("x_s", "y_s") for c in run.law.config]]
+    course = smooth_curve(section, *(run.spec.reference.position or ())[:2])
+    feet = run.config[:, [c.name in ("x_s", "y_s") for c in run.law.config]]
     for piece in course.pieces:
         places = np.array([piece.position(length) for length in np.linspace(0.0, piece.way, 400)])
         backward = piece.stretches[0].backward and course.cusps

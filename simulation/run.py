@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..codegen.loop.stages import stages_of
 from ..model.law import ControlLaw
-from ..model.mechanism import Mechanism, Quantity
+from ..model.mechanism import Quantity
 from .controllers.controller import RUNNING
 from .engine.measured import FloorMeasurements
 from .plant import Plant
@@ -120,23 +122,50 @@ class Run(Outputs):
         return CubicSpline(self.t, power(self.x, self.tau)).antiderivative()(self.t)
 
     @property
+    def _filled(self) -> dict[str, tuple[Iterable[object], Iterable[np.ndarray]]]:
+        """For the columns of the table of stages, in the order of the file: what the <NAME> in each stands for, and the values,
+        (N) for each name.
+        """
+        system, rows = self.law.system, range(1, 1 + max(self.y.shape[1], self.forces.shape[1]))
+        single, state = ("",), [q.name for q in system.state]
+        filled: dict[str, tuple[Iterable[object], Iterable[np.ndarray]]] = {
+            "t": (single, [self.t]),
+            "<STATE>": (state, self.x.T),
+            "<INPUT>": ([q.name for q in system.mechanism.inputs], self.tau.T),
+            "y<NUMBER>": (rows, self.y.T),
+            "status": (single, [self.status]),
+            "lambda_<NUMBER>": (rows, self.forces.T),
+            "use_<CONTACT>": (self.use, self.use.values()),
+            "seen_<STATE>": (state, self.seen.T),
+            "integral_<OUTPUT>": (self.integral_rows, self.integral.T),
+            "disturbance_<OUTPUT>": (self.disturbance_rows, self.disturbance.T),
+            "<EXTENSION>": ([q.name for q in self.law.extension], self.extension.T),
+            "command_<VELOCITY>": ([q.name for q in system.quasi_velocities], self.command.T),
+            "believed_mu": (single, self.noticed.T[:1]),
+            "uncertain_heading": (single, self.noticed.T[1:2]),
+            "uncertain_way": (single, self.noticed.T[2:]),
+            "learned_<PARAMETER>": (self.spec.learned, self.learned.T),
+            **(self.floor.filled if self.floor else {}),
+            "distance": (single, [self.distance] if self.distance.size else []),
+            "piece": (single, [self.piece] if self.in_pieces else []),
+        }
+        stages = stages_of(self.spec, "--engine mujoco" if self.floor else "")
+        there = {column for stage in stages for column in stage.columns}
+        return {column: filled[column] for column in filled if column in there}
+
+    @property
+    def _columns(self) -> list[tuple[str, np.ndarray]]:
+        """Names and values of the CSV columns; a coordinate may be called t, too."""
+        return [
+            (re.sub("<[A-Z]+>", str(name), column).replace(" ", "_"), values)
+            for column, (names, several) in self._filled.items()
+            for name, values in zip(names, several, strict=False)
+        ]
+
+    @property
     def columns(self) -> list[str]:
         """Return the names of the CSV columns."""
-        mechanism = self.law.system.mechanism
-        state = self.law.system.state
-        names = ["t", *[q.name for q in (*state, *mechanism.inputs)]]
-        names += [*[f"y{k + 1}" for k in range(self.y.shape[1])], "status"]
-        names += [*lambda_columns(mechanism), *(f"use_{name.replace(' ', '_')}" for name in self.use)]
-        names += [f"seen_{q.name}" for q in state] if self.spec.sensors else []
-        names += [f"integral_{row}" for row in self.integral_rows]
-        names += [f"disturbance_{row}" for row in self.disturbance_rows]
-        names += [q.name for q in self.law.extension]
-        names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
-        names += ["believed_mu", "uncertain_heading", "uncertain_way"][: self.noticed.shape[1]]
-        names += [f"learned_{name}" for name in self.spec.learned]
-        names += self.floor.columns if self.floor else []
-        names += ["distance"] if self.distance.size else []
-        return [*names, "piece"] if self.in_pieces else names
+        return [name for name, _ in self._columns]
 
     @property
     def composite(self) -> bool:
@@ -155,32 +184,5 @@ class Run(Outputs):
 
     def csv(self) -> str:
         """Return the run as CSV, with 17 significant digits."""
-        numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
-        seen, floor = [self.seen] if self.spec.sensors else [], [self.floor.values] if self.floor else []
-        estimates = [self.disturbance] if self.disturbance_rows else []
-        more = np.column_stack(
-            [
-                self.forces,
-                *self.use.values(),
-                *seen,
-                self.integral,
-                *estimates,
-                self.extension,
-                self.command,
-                self.noticed,
-                self.learned,
-                *floor,
-                *([self.distance] if self.distance.size else []),
-            ]
-        ).tolist()
-        pieces = [[str(piece)] if self.in_pieces else [] for piece in self.piece]
-        lines = [
-            ",".join([*(f"{v:.17g}" for v in row), status, *(f"{v:.17g}" for v in rest), *piece])
-            for row, status, rest, piece in zip(numbers, self.status, more, pieces, strict=True)
-        ]
-        return "\n".join([",".join(self.columns), *lines]) + "\n"
-
-
-def lambda_columns(mechanism: Mechanism) -> list[str]:
-    """Return names for the columns of Plant.constraint_forces, in the order of the constraints (N for a constraint in m/s)."""
-    return [f"lambda_{k + 1}" for k in range(len(mechanism.constraint_names))]
+        texts = [[v if isinstance(v, str) else f"{v:.17g}" for v in values.tolist()] for _, values in self._columns]
+        return "\n".join(map(",".join, [self.columns, *zip(*texts, strict=True)])) + "\n"

@@ -9,7 +9,7 @@ from ..model.algebra.trigonometry import sine_cosine, unit
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..model.vehicle import point_on_body
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, check_status
 from ..readers.reading import one_for_each
 from .controllers import SCALAR
 from .controllers.angles import nearest_angle
@@ -19,7 +19,7 @@ from .controllers.ground.slip import Noticed, SlipOptions, make_slip
 from .controllers.odometry import arm_function, make_odometry, vehicle_wheels
 from .guidance import Number, vehicle_motion
 from .noise import Noise
-from .specification.spec import Correction, EstimatorSection, LimitsSection, Sensors, Simulation
+from .specification.spec import Correction, EstimatorSection, GyroSection, NoticeSlipSection, Sensors, Simulation
 
 GYRO_SEED = 2**63  # added to the seed for gyro and accelerometer, so that their noise is not that of the wheels
 ERRORS = 2**40  # added to the seed: errors of gyro and measured poses are independent of those of the wheels
@@ -162,7 +162,8 @@ class SlipSensing:
         self,
         sensing: Sensing,
         sensors: Sensors,
-        limits: LimitsSection,
+        gyro: GyroSection,
+        notice: NoticeSlipSection,
         mu: float,
         law: ControlLaw,
         believed: np.ndarray,
@@ -170,12 +171,11 @@ class SlipSensing:
         period: float,
     ):
         """`mu`: the friction of [contact]; `believed`: the parameters that the controller reckons with; `period` (s) of its
-        calls. Raises BadInput for a SPEC without gyro or notice_slip.
+        calls.
         """
-        assert sensors.gyro and limits.notice_slip, "checked by the SPEC"
-        self._gyro, self._accelerometer = sensors.gyro, sensors.accelerometer
+        self._gyro, self._accelerometer = gyro, sensors.accelerometer
         forward, turn, _ = vehicle_wheels(law.system, believed)
-        self.options = slip_options(sensors, limits, mu, turn, period)
+        self.options = slip_options(sensors, gyro, notice, mu, turn, period)
         self.notice = make_slip(backend, self.options, forward, turn, law)
         self._ahead = vehicle_wheels(law.system, sensing.parameters)[2]
         self._random = Noise(sensors.seed + GYRO_SEED, 2)
@@ -200,10 +200,11 @@ class SlipSensing:
         return float((c * x + s * y) / dt)
 
 
-def slip_options(sensors: Sensors, limits: LimitsSection, mu: float, turn: np.ndarray, period: float) -> SlipOptions:
+def slip_options(
+    sensors: Sensors, gyro: GyroSection, notice: NoticeSlipSection, mu: float, turn: np.ndarray, period: float
+) -> SlipOptions:
     """Return the options of noticing slip: errors of the sensors as the SPEC has them. `turn` (2,) is that of the wheels."""
-    notice, gyro, accelerometer = limits.notice_slip, sensors.gyro, sensors.accelerometer
-    assert notice and gyro, "checked by the SPEC"
+    accelerometer = sensors.accelerometer
     mean, sd = (np.broadcast_to(values, 2) for values in (sensors.noise.mean, sensors.noise.sd))
     count = 2 * math.pi / sensors.counts if sensors.counts else 0.0
     return SlipOptions(
@@ -285,8 +286,8 @@ class Estimating(Sensing):
         gyro = rate + estimator.bias + estimator.gyro_noise / math.sqrt(dt) * error[0] if estimator.gyro_noise else None
         if abs(self.filter.pose[2]) > UNWIND:
             self.filter.unwind()
-        if (status := self.filter.tick(moved, dt, gyro)) not in ("ok", "diverged"):
-            raise BadInput(f"[estimator] the filter's tick at t = {t:g} s returns {status!r}")
+        status = self.filter.tick(moved, dt, gyro)
+        check_status(status, f"[estimator] the filter's tick at t = {t:g} s", fine=("ok", "diverged"))
         if fixes and (due := _count(t, 1 / fixes.rate)) > self._measured:
             self._measured = due
             self._arriving.append((t, np.array([*place, heading]) + error[1:] * (fixes.sd, fixes.sd, fixes.heading_sd)))

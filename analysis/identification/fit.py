@@ -29,7 +29,7 @@ FRICTION = ("friction", "dry_friction", "bias_gyro")  # parameters that explain 
 MOST_STEPS = 50  # of the integration between two rows
 
 
-@solvable()
+@solvable
 def identify(
     log: Log,
     dynamics: Dynamics,

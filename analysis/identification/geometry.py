@@ -51,7 +51,7 @@ def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:
     )
 
 
-@solvable()
+@solvable
 def calibrate(
     logs: Sequence[PoseLog],
     system: ReducedSystem,

@@ -2,8 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +12,7 @@ from scipy.special import stdtrit
 
 from ...model.errors import ModelError
 from ...model.mechanism import Quantity
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, naming
 from ...readers.progress import Reported, silent
 from .bounds import Triangle, bounded_least_squares
 from .faults import EXACT, NORMAL, quantum
@@ -596,13 +595,8 @@ class OutputError:
         return np.where(self._angles, np.remainder(residual + np.pi, 2 * np.pi) - np.pi, residual), starts, parameters
 
 
-@contextmanager
-def solvable() -> Iterator[None]:
-    """Raise BadInput where a system of linear equations has no solution or is not finite."""
-    try:
-        yield
-    except np.linalg.LinAlgError as error:
-        raise BadInput(f"the log does not show the parameters ({error}); {BEYOND}") from error
+# A decorator: BadInput where a system of linear equations has no solution or is not finite.
+solvable = naming("the log does not show the parameters", np.linalg.LinAlgError, BEYOND)
 
 
 def with_derivatives(

@@ -11,7 +11,8 @@ from scipy.optimize import brentq
 
 from ...model.mechanism import derivative_name
 from ...readers.errors import BadInput
-from .design import Gains, by_speed, chain, positive, sampled_chain, show
+from ...readers.reading import positive
+from .design import Gains, by_speed, chain, sampled_chain, show
 from .drive import DriveLoop, sampled_late
 from .margins import Broken, Margins, margins, norm
 

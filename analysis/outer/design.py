@@ -19,8 +19,8 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 from scipy.optimize import brentq
 
 from ...model.law import GAINS, ORDINAL, gain_names
-from ...readers.errors import BadInput
-from ...readers.reading import number
+from ...readers.errors import BadInput, naming
+from ...readers.reading import positive
 from .exponential import exponential
 
 SETTLED = 0.02  # an error has settled if it stays within this part of its initial value
@@ -266,11 +266,6 @@ def sampled_chain(degree: int, period: float, integral: bool = False) -> tuple[n
     return np.vstack([above, np.hstack([np.zeros((degree, 1)), A])]), np.vstack([[[0.0]], B])
 
 
-def positive(name: str, value: float, where: str) -> float:
-    """Return the value. Raises BadInput unless it is a positive finite number."""
-    return number("positive")(value.item() if isinstance(value, np.number) else value, f"{where}: {name}")
-
-
 def by_speed(poles: np.ndarray) -> np.ndarray:
     """Poles sorted by magnitude, the upper one of a pair first."""
     return np.array(sorted(poles, key=lambda p: (round(abs(p), 12), -p.imag)), complex)
@@ -299,10 +294,8 @@ def gains_of(degree: int, of_errors: Sequence[float], integral: float = 0.0) -> 
 def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: str) -> np.ndarray:
     """Return the monic polynomial with these roots. Raises BadInput if a channel cannot have them."""
     count = _order(degree, integral, where)
-    try:
+    with naming(f"{where}: poles {poles!r} are not numbers", (TypeError, ValueError)):
         roots = np.array([complex(pole) for pole in poles])
-    except (TypeError, ValueError) as error:
-        raise BadInput(f"{where}: poles {poles!r} are not numbers") from error
     if len(roots) > count:
         better = ", or use integral action" if len(roots) == count + 1 and not integral else ""
         raise BadInput(

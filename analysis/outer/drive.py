@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...readers.reading import positive
 from ...simulation.drive import whole_periods
-from .design import positive
 from .exponential import exponential
 
 MOST_PERIODS = 30  # in the delay of a drive, when the longest period is searched for

@@ -8,11 +8,11 @@ import control
 import numpy as np
 
 from ...readers.errors import BadInput
+from ...readers.reading import positive
 from ...simulation.controllers.controller import Controller
 from ...simulation.controllers.integral import IntegralAction
 from ...simulation.loop import RUNNING, Loop
 from ...simulation.plant import Plant
-from .design import positive
 from .motion import SteadyMotion, coordinates, functions
 
 SHORTEST = 1e-12  # s, of a step with a torque held

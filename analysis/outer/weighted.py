@@ -19,8 +19,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ...readers.errors import BadInput
+from ...readers.reading import positive
 from .channel import Channel
-from .design import Gains, gains_of, positive
+from .design import Gains, gains_of
 
 LOW = 1e-3  # A: what S and T come down to, far from their bands
 ACCURACY = 1e-6  # relative, of a norm

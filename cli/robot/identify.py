@@ -121,17 +121,20 @@ def reduced(robot: "Mechanism") -> "ReducedSystem":
 def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], robot: "Mechanism") -> dict[str, float]:
     """Return the values of --set; check the names of --fit. Raises BadInput, ModelError."""
     from ...analysis.identification.log import check_known
+    from ...readers.quantities import check_unit
+    from ...readers.reading import by_name
 
-    by_name = {p.name: p for p in parameters}
+    named = {p.name: p for p in parameters}
     single = tuple(f"_{each.name}" for each in robot.inputs)
     own = {p.name for p in robot.parameters}
-    listed = [name for name in by_name if name in own or not name.endswith(single)]  # without those of single motors
+    listed = [name for name in named if name in own or not name.endswith(single)]  # without those of single motors
     values = {}
-    for name, text in _pairs(args.set, "--set"):
-        check_known("--set", name, "parameter", by_name, listed)
-        values[name] = by_name[name].check(_number(text, f"--set {name}={text}"), "--set")
+    for name, value in by_name("--set", args.set, "NAME=VALUE").items():
+        check_known("--set", name, "parameter", named, listed)
+        check_unit(value, named[name].unit, f"--set {name}")
+        values[name] = named[name].check(value, "--set")
     for name in args.fit or ():
-        check_known("--fit", name, "parameter", by_name, listed)
+        check_known("--fit", name, "parameter", named, listed)
         if args.fit.count(name) > 1:
             raise BadInput(f"--fit: {name} is given twice")
     return values
@@ -139,22 +142,10 @@ def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], r
 
 def columns(args: argparse.Namespace) -> dict[str, str]:
     """Return the columns of --map by the quantity."""
-    return dict(_pairs(args.map, "--map"))
-
-
-def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
-    pairs = [text.partition("=") for text in texts]
-    for name, equals, _ in pairs:
-        if not equals:
-            raise BadInput(f"{option} {name}: write NAME=VALUE")
-    return [(name, value) for name, _, value in pairs]
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise BadInput(f"{where}: {text!r} is not a number") from error
+    pairs = [text.partition("=") for text in args.map]
+    if missing := [name for name, equals, _ in pairs if not equals]:
+        raise BadInput(f"--map {missing[0]}: give NAME=COLUMN")
+    return {name: column for name, _, column in pairs}
 
 
 def show_result(args: argparse.Namespace, robot: "Mechanism", result: "Identification", head: str, outputs: str) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...readers.errors import BadInput
-from ...readers.files import check_own, check_targets, write_whole
+from ...readers.files import check_ending, check_own, check_targets, write_whole
 from ...readers.quantities import quantity
 from ..commands import show
 
@@ -61,20 +61,23 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip import`. Return 0. Raises BadInput, ModelError, OSError."""
+    from ...readers.reading import by_name, number
     from ...readers.urdf.importing import import_urdf
     from ...readers.urdf.parts import Options
 
     check_targets([args.output], inputs=[args.urdf])
     if args.output != "-":
-        if not args.output.endswith(".py"):
-            raise BadInput(f"{args.output}: a robot file ends in .py")
+        check_ending(args.output, [".py"], "a robot file")
         check_own(Path(args.output))
+    rollers = by_name("--rollers", args.rollers, "JOINT=ANGLE, such as front_left='-45 deg'", number(unit="rad"))
+    if steep := [joint for joint, angle in rollers.items() if not abs(angle) < math.pi / 2]:
+        raise BadInput(f"--rollers {steep[0]}: give JOINT=ANGLE between -90 and 90 deg")
     options = Options(
         args.wheels,
         args.castors,
-        dict(map(_radius, args.radius)),
+        by_name("--radius", args.radius, "LINK=METRES, such as wheel_left=0.05", number("positive", "m")),
         args.skid_steer_track,
-        dict(map(_roller, args.rollers)),
+        rollers,
         args.arm,
     )
     text, described = import_urdf(args.urdf, options, Path(args.output).parent)
@@ -83,28 +86,6 @@ def run(args: argparse.Namespace) -> int:
         print(f"noslip: {note}", file=sys.stderr)
     show(args, lambda: _summary(args.output, described), lambda: {"file": args.output, **described}, args.output)
     return 0
-
-
-def _radius(text: str) -> tuple[str, float]:
-    link, _, size = text.rpartition("=")
-    try:
-        radius = quantity("m")(size)
-    except (argparse.ArgumentTypeError, ValueError) as error:
-        raise BadInput(f"--radius {text}: give LINK=METRES, such as wheel_left=0.05") from error
-    if not link or not 0 < radius < float("inf"):
-        raise BadInput(f"--radius {text}: give LINK=METRES with a positive radius")
-    return link, radius
-
-
-def _roller(text: str) -> tuple[str, float]:
-    joint, _, size = text.rpartition("=")
-    try:
-        angle = quantity("rad")(size)
-    except (argparse.ArgumentTypeError, ValueError) as error:
-        raise BadInput(f"--rollers {text}: give JOINT=ANGLE, such as front_left='-45 deg'") from error
-    if not joint or not abs(angle) < math.pi / 2:
-        raise BadInput(f"--rollers {text}: give JOINT=ANGLE between -90 and 90 deg")
-    return joint, angle
 
 
 def _summary(file: str, described: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...model.algebra.exact import canonical
 from ...model.errors import ModelError
-from ...model.mechanism import Quantity
+from ...model.mechanism import Quantity, refuse_unknown
 from ...model.reduction import ReducedSystem
 from ...readers.templates import render
 from ..follower.follower import fitted
@@ -23,9 +23,7 @@ def adapted_parameters(system: ReducedSystem, names: Sequence[str]) -> list[Quan
     mechanism = system.mechanism
     known = {p.name: p for p in mechanism.parameters}
     where = f"{mechanism.name}: adaptation"
-    for name in names:
-        if name not in known:
-            raise ModelError(f"{where}: {name!r} is not a parameter; there are {', '.join(known)}")
+    refuse_unknown(names, known, where)
     if not names or len(set(names)) < len(names) or len(names) > MOST:
         raise ModelError(f"{where} of {', '.join(names) or 'nothing'}: name 1 to {MOST} different parameters")
     if system.dof > MOST_ROWS or not mechanism.inputs:

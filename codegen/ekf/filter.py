@@ -22,7 +22,7 @@ import numpy as np
 
 from ...model.algebra.exact import canonical
 from ...model.errors import ModelError
-from ...model.mechanism import Quantity, quantity
+from ...model.mechanism import Quantity, quantity, refuse_twice
 from ...model.reduction import ReducedSystem
 from ...model.vehicle import estimated_pose
 from ..derivation.stages import Result, inner_velocities
@@ -99,8 +99,7 @@ def _motion(system: ReducedSystem, scaled: tuple[str, ...]) -> TickMotion:
     )
     parameters = {p.name: p for p in mechanism.parameters}
     kinematics = ca.vertcat(ca.vec(S_pose), ca.vec(W))
-    if len(set(scaled)) < len(scaled):
-        raise ModelError(f"{name}: {', '.join(scaled)} names something twice")
+    refuse_twice(scaled, f"{name}: filter, scales")
     scales, real, factors = [], [], {q.name: ca.SX(1) for q in system.quasi_velocities}
     for each in scaled:
         scale = quantity(f"scale_{each}", "1", f"{each} is this times its nominal value")

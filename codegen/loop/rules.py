@@ -1,16 +1,21 @@
 """What options of a SPEC go together: rows of needs, exclusions and bounds, and the check of a SPEC against them.
 
 An option is written as a user would write it: `[sensors]`, `[limits] mode = "grip"`, `[simulation] period > 0`. It holds where
-the SPEC has it. `A with B` holds where both do. WORDS are options that follow from several keys.
+the SPEC has it. `A with B` holds where both do. WORDS are options that follow from several keys, OF_LAW those that follow from
+the law, which is known in a run only.
 """
 
 import dataclasses
 import json
 import operator
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+
+from ...model.law import ControlLaw
+from ...model.vehicle import steered_axle
 
 WORDS = {  # option -> property of the SPEC
     "a run": "simulation",
@@ -21,12 +26,30 @@ WORDS = {  # option -> property of the SPEC
     "a profile of the speed": "reference.profiled",
     "a position that is no point": "reference.no_point",
     "a position of more than x, y and heading": "reference.beyond_pose",
+    "a profile that leaves accelerations out": "reference.incomplete",
+    "segments in reverse": "output.reverses",
     "an end of the course": "reference.stops",
     "cusps of the course": "reference.course.cusps",
     "parts of the course in reverse": "reference.course.reverses",
     "a limit of integral action or observers": "limits.of_memory",
     "integral action (gain ki)": "integral_action",
     "a disturbance observer (gain ko)": "observes_disturbances",
+}
+
+
+def led_units(law: ControlLaw) -> set[str]:
+    """Return the units of outputs of relative degree 2, those that an approach leads besides speeds."""
+    return {row.unit for row, degree in zip(law.output.rows, law.linearization.relative_degree, strict=True) if degree == 2}
+
+
+OF_LAW: dict[str, Callable[[ControlLaw], bool]] = {  # what is known where the law of a SPEC is -> whether a law has it
+    "a vehicle with a steered wheel": lambda law: steered_axle(law.system) is not None,
+    "a robot that is no vehicle (moves_in_plane)": lambda law: law.system.mechanism.vehicle is None,
+    "fewer inputs than quasi-velocities": lambda law: law.system.underactuated,
+    "outputs that begin with no point": lambda law: not law.output.foot and [r.unit for r in law.output.rows[:2]] != ["m", "m"],
+    "an output in rad": lambda law: "rad" in led_units(law),
+    "outputs without an angle": lambda law: "rad" not in led_units(law),
+    "outputs in another unit than m and rad": lambda law: not led_units(law) <= {"m", "rad"},
 }
 USERS = {  # what runs a loop, or answers about one -> what it is
     "noslip sweep": "many loops of a SPEC",
@@ -77,10 +100,12 @@ class Option:
             value = None if value is None else getattr(value, name)
         return value
 
-    def holds(self, spec: object, user: str = "") -> bool:
-        """Return whether a SPEC, run by a user, has the option."""
+    def holds(self, spec: object, user: str = "", law: ControlLaw | None = None) -> bool:
+        """Return whether a SPEC, run by a user, has the option; what depends on its law holds only where that is known."""
         if self.text in USERS:
             return self.text == user
+        if self.text in OF_LAW:
+            return law is not None and OF_LAW[self.text](law)
         _, path, sign, _ = self._parsed
         section = getattr(spec, path[0])
         if section is None or section == _default(spec, path[0]):
@@ -99,7 +124,7 @@ class Option:
 
     def shown(self, spec: object) -> str:
         """Return the option with the value that it has in a SPEC."""
-        if self.text in USERS or not self._parsed[2] or self._parsed[3] == [0]:
+        if self.text in USERS or self.text in OF_LAW or not self._parsed[2] or self._parsed[3] == [0]:
             return self.text
         return f"{self.key} = {json.dumps(self.value(spec))}"
 
@@ -135,12 +160,12 @@ class Rule:
         """Return whether the row is about a user."""
         return any(option.text == user for option in self.options + self.others)
 
-    def applies(self, spec: object, user: str) -> bool:
+    def applies(self, spec: object, user: str, law: ControlLaw | None) -> bool:
         """Return whether the option, or all that it consists of, holds."""
-        return all(option.holds(spec, user) for option in self.options)
+        return all(option.holds(spec, user, law) for option in self.options)
 
-    def broken(self, spec: object, user: str = "") -> str:
-        """Return what is wrong with a SPEC, run by a user; an empty text if nothing is."""
+    def broken(self, spec: object, user: str = "", law: ControlLaw | None = None) -> str:
+        """Return what is wrong with a SPEC, run by a user with a law, if that is known; an empty text if nothing is."""
         raise NotImplementedError
 
     def as_json(self) -> dict[str, object]:
@@ -157,9 +182,9 @@ class Needs(Rule):
     relation = "requires"
     kind = "needs"
 
-    def broken(self, spec: object, user: str = "") -> str:
+    def broken(self, spec: object, user: str = "", law: ControlLaw | None = None) -> str:
         """Return that the option requires what is missing."""
-        if not self.applies(spec, user) or any(other.holds(spec, user) for other in self.others):
+        if not self.applies(spec, user, law) or any(other.holds(spec, user, law) for other in self.others):
             return ""
         shown = " with ".join(option.shown(spec) for option in self.options)
         return str(dataclasses.replace(self, option=shown))
@@ -171,9 +196,9 @@ class Excludes(Rule):
     relation = "does not go with"
     kind = "excludes"
 
-    def broken(self, spec: object, user: str = "") -> str:
+    def broken(self, spec: object, user: str = "", law: ControlLaw | None = None) -> str:
         """Return with what the option does not go."""
-        wrong = next((other for other in self.others if other.holds(spec, user)), None) if self.applies(spec, user) else None
+        wrong = next((o for o in self.others if self.applies(spec, user, law) and o.holds(spec, user, law)), None)
         if wrong is None:
             return ""
         return str(dataclasses.replace(self, option=" with ".join(o.shown(spec) for o in self.options), other=wrong.shown(spec)))
@@ -194,7 +219,7 @@ class Bound(Rule):
         times = "" if self.factor == 1.0 else f"{self.factor:g} times "
         return f"{IN_WORDS[self.sign]} {times}{other.path[-1] if other.path[:-1] == option.path[:-1] else other.text}"
 
-    def broken(self, spec: object, user: str = "") -> str:
+    def broken(self, spec: object, user: str = "", law: ControlLaw | None = None) -> str:
         """Return by what a number must be bounded and is not."""
         (option,), (other,) = self.options, self.others
         value, limit = option.value(spec), other.value(spec)

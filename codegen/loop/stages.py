@@ -5,8 +5,9 @@ A SPEC is checked against the rows of all stages (`check`); docs and `noslip sta
 
 from dataclasses import dataclass
 
+from ...model.law import ControlLaw
 from ...readers.errors import BadInput
-from .rules import USERS, Bound, Excludes, Needs, Rule
+from .rules import USERS, Bound, Excludes, Needs, Option, Rule
 
 SIGNALS = {  # name -> unit and meaning; a unit per output or input is that of the robot's
     "state": ("SI", "true coordinates q and quasi-velocities nu"),
@@ -185,6 +186,7 @@ STAGES = (
                 Needs(f"[reference] {key}", ("a composite path", COURSE), "elsewhere there is no end of the path")
                 for key in ("deceleration", "creep")
             ),
+            Excludes("segments in reverse", "a vehicle with a steered wheel", "it folds in reverse; give them without backward"),
         ),
     ),
     Stage(
@@ -201,6 +203,11 @@ STAGES = (
             ),
             Needs('[reference] speed = "fastest"', "a composite path", "give a speed in m/s"),
             Excludes("a profile of the speed", *NOT_IN_FIRMWARE),
+            Needs(
+                "a profile that leaves accelerations out",
+                "[contact]",
+                "these are of friction: give its mu, or lateral, acceleration, deceleration and angular",
+            ),
             *(
                 Needs(f"[reference] {key}", "a profile of the speed", 'give lateral, or speed = "fastest"')
                 for key in ("acceleration", "angular")
@@ -267,6 +274,10 @@ STAGES = (
             Needs("[reference] velocity", TIMED, "type IV takes speed"),
             Needs("[reference] circle", TIMED, "only a desired point moves on one"),
             Needs("[reference] oscillation", "an output of the robot's own", "others have a circle or a course"),
+            *(
+                Excludes(f"[reference] {way}", "outputs that begin with no point", "give position and velocity")
+                for way in ("circle", "course")
+            ),
             *(rule for way in IN_TIME for rule in only_simulated(way)),
         ),
     ),
@@ -295,6 +306,9 @@ STAGES = (
             Excludes(
                 "[reference] approach", "export --firmware", "a follower leads the distance alone, at the speed of the path"
             ),
+            Excludes("[reference] approach", "outputs in another unit than m and rad", "leave it out"),
+            Needs("[reference] approach with an output in rad", "[reference.approach] angular", "give angular, in rad/s^2"),
+            Excludes("[reference.approach] angular", "outputs without an angle", "leave out angular"),
         ),
     ),
     Stage(
@@ -501,6 +515,7 @@ STAGES = (
             Needs(VELOCITY, "[drive] bandwidth", "it is that of the drives' own loop"),
             Excludes('[drive] kind = "velocity+torque" | "kinematic"', *NOT_IN_FIRMWARE),
             Needs("export --firmware", ("[limits] torque", VELOCITY), "drives that take torques have a largest one"),
+            Excludes(VELOCITY, "fewer inputs than quasi-velocities", 'not all of them can follow commands; take "torque"'),
             Excludes(
                 '[drive] kind = "torque"',
                 ("[drive] bandwidth", "[drive] delay", "[drive] most_speed", "[drive] most_acceleration"),
@@ -534,10 +549,10 @@ STAGES = (
     Stage(
         name="floor",
         about="a floor with friction, bumps and slope in a physics engine, where wheels may slip",
-        where=("[floor]", "[scene]"),
+        where=("--engine mujoco", "[floor]", "[scene]"),
         reads=("force",),
         writes=("state",),
-        columns=("slip_<CONTACT>", "load_<CONTACT>", "reckoned_x", "reckoned_y", "reckoned_phi"),
+        columns=("use_<CONTACT>", "slip_<CONTACT>", "load_<CONTACT>", "reckoned_<POSE>"),
         rules=(
             Needs("--engine mujoco", SAMPLED, "the controller is called as in firmware"),
             Excludes("--engine mujoco with [scene]", "[[push]]", "it is along velocities that only the engine's own bodies have"),
@@ -569,6 +584,7 @@ STAGES = (
                 Excludes(f"[initial] {key}", ("[initial] q", "[initial] nu"), "give point, heading, speed or q, nu")
                 for key in ("point", "heading", "speed")
             ),
+            Excludes("[initial] point", "a robot that is no vehicle (moves_in_plane)", "give q and nu instead"),
             Needs("[initial]", ("[initial] point", "[initial] q", "[initial] state"), "give point = [x, y] or q = [...]"),
             Bound("[simulation] output_step", "[simulation] least_step", "there are too many rows; make it longer", sign=">="),
             Bound(SAMPLED, "[simulation] least_step", "the controller is called too often; make it longer", sign=">="),
@@ -586,18 +602,27 @@ STAGES = (
         ),
     ),
 )
+
+
+def stages_of(spec: object, user: str = "") -> list[Stage]:
+    """Return the stages in the loop of a SPEC, run by a user of it."""
+    return [stage for stage in STAGES if any(Option(text).holds(spec, user) for text in stage.where)]
+
+
 # What contradicts each other is said before what is missing.
 RULES = tuple(
     sorted((rule for stage in STAGES for rule in stage.rules), key=lambda r: (isinstance(r, Needs), r.option != "a run"))
 )
 
 
-def broken(spec: object, user: str = "") -> str:
-    """Return which options of a SPEC do not go together, or with a `user` of it, one of USERS; an empty text if all do."""
-    return next(filter(None, (rule.broken(spec, user) for rule in RULES)), "")
+def broken(spec: object, user: str = "", law: ControlLaw | None = None) -> str:
+    """Return which options of a SPEC do not go together, or with a `user` of it, one of USERS, or with its law, if that is known;
+    an empty text if all do.
+    """
+    return next(filter(None, (rule.broken(spec, user, law) for rule in RULES)), "")
 
 
-def check(spec: object, user: str = "") -> None:
+def check(spec: object, user: str = "", law: ControlLaw | None = None) -> None:
     """Raise BadInput where options are `broken`."""
-    if problem := broken(spec, user):
+    if problem := broken(spec, user, law):
         raise BadInput(problem)

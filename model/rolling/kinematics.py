@@ -7,7 +7,7 @@ import casadi as ca
 from ..algebra.linear import eliminate
 from ..errors import ModelError
 from ..mechanism import Mechanism, Quantity, matrix, refuse_strangers, refuse_twice
-from ..reduction import ReducedSystem, check_constraints
+from ..reduction import ReducedSystem, check_constraints, check_number
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,7 @@ def _null_space(mechanism: Mechanism, gamma: ca.SX) -> ca.SX | None:
     """
     A, name = mechanism.A, mechanism.name
     m, n = A.shape
-    if gamma.shape[0] != n - m:
-        raise ModelError(f"{name}: {gamma.shape[0]} quasi-velocities, there must be n - m = {n - m}")
+    check_number(mechanism, gamma.shape[0])
     try:
         return eliminate(ca.vertcat(A, gamma), ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m)), mechanism.q, name)
     except ValueError:  # no pivot left

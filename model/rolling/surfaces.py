@@ -18,7 +18,7 @@ from ..algebra.exact import canonical
 from ..algebra.expression import fold, free_symbols, operate
 from ..algebra.operations import KINKS
 from ..errors import ModelError
-from ..mechanism import matrix
+from ..mechanism import matrix, refuse_unknown
 
 if TYPE_CHECKING:  # these take long to import, by way of SymPy
     from sympy.polys.rings import PolyElement
@@ -77,8 +77,7 @@ class _Patch(ABC):
         parameters = [symbol for symbol in free_symbols(self.point) if symbol.element_hash() not in own]
         if taken := {symbol.name() for symbol in parameters} & set(self.names):
             raise ModelError(f"{self.name}: {min(taken)!r} is a coordinate; give the parameter another name")
-        if unknown := set(self.at) - {symbol.name() for symbol in parameters} - set(self.names):
-            raise ModelError(f"{self.name}: at: unknown name {min(unknown)!r}")
+        refuse_unknown(self.at, [*(symbol.name() for symbol in parameters), *self.names], f"{self.name}: at")
         return parameters
 
     def refuse(self, place: Sequence[float], parameters: Mapping[str, float]) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadInput, library, suggestion
+from ..errors import BadInput, check_named, library, naming
 from ..files import read_input
 from .from_mjcf import urdf_of
 from .inertial import Inertial
@@ -160,10 +160,8 @@ def read(file: str, root: Any = None) -> Document:
         notes = (*notes, f"damping and friction are left out: joints {', '.join(rubbing)}")
     used = deepcopy(root)
     etree.strip_elements(used, *UNUSED, with_tail=False)
-    try:
+    with naming(f"{file}: yourdfpy cannot read it", Exception):  # what has not been checked above
         robot = URDF.load(io.BytesIO(etree.tostring(used)), build_scene_graph=False, load_meshes=False).robot
-    except Exception as error:  # what has not been checked above
-        raise BadInput(f"{file}: yourdfpy cannot read it: {type(error).__name__}: {error}") from error
     joints = {joint.name: joint for joint in robot.joints}
     links, transmitted = {link.name: link for link in robot.links}, frozenset(driven & joints.keys())
     document = Document(Path(file), robot.name, links, joints, transmitted, notes, frozenset(without_axis), vertices)
@@ -174,10 +172,8 @@ def read(file: str, root: Any = None) -> Document:
 def parsed(file: str) -> Any:
     """Return the first element of a URDF or an MJCF, as lxml has it. Raises BadInput for another file, and OSError."""
     etree, _ = _parsers()
-    try:
+    with naming(f"{file}: not XML", etree.XMLSyntaxError, "correct it, or export it again"):
         root = etree.fromstring(read_input(file), etree.XMLParser(remove_comments=True, remove_pis=True))
-    except etree.XMLSyntaxError as error:
-        raise BadInput(f"{file}: not XML: {error.msg}; correct it, or export it again") from error
     _refuse_unexpanded(file, root)
     if root.tag not in ("robot", "mujoco"):
         raise BadInput(f"{file}: the first element is <{root.tag}>, that of a URDF is <robot> and of an MJCF <mujoco>; give one")
@@ -247,8 +243,8 @@ def _check_complete(where: str, element: Any) -> None:
         ["mesh"],
     ):
         raise BadInput(f"{line}: <geometry> must be one box, cylinder, sphere or mesh")
-    if element.tag == "joint" and element.get("type") not in TYPES:
-        raise BadInput(f"{line}: its type {element.get('type')!r} is not known{suggestion(element.get('type'), TYPES)}")
+    if element.tag == "joint":
+        check_named(element.get("type"), TYPES, f"{line}: unknown type")
 
 
 def _check_numbers(where: str, element: Any, attribute: str) -> None:
@@ -285,8 +281,7 @@ def _check_tree(document: Document) -> None:
     carried: dict[str, str] = {}
     for name, joint in document.joints.items():
         for role, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in document.links:
-                raise BadInput(f"{where}: joint {name!r}: its {role} {link!r} is no link{suggestion(link, document.links)}")
+            check_named(link, document.links, f"{where}: joint {name!r}: its {role} is no link:")
         if joint.child in carried:
             raise BadInput(
                 f"{where}: link {joint.child!r} is the child of joints {carried[joint.child]!r} and {name!r}; a URDF is a tree"
@@ -294,8 +289,8 @@ def _check_tree(document: Document) -> None:
         carried[joint.child] = name
         if joint.type != "fixed" and not np.linalg.norm(joint.axis) > 0:
             raise BadInput(f"{where}: joint {name!r}: its axis has length zero")
-        if joint.mimic is not None and joint.mimic.joint not in document.joints:
-            raise BadInput(f"{where}: joint {name!r} mimics {joint.mimic.joint!r}, which is no joint of the file")
+        if joint.mimic is not None:
+            check_named(joint.mimic.joint, document.joints, f"{where}: joint {name!r} mimics what is no joint:")
     roots = [link for link in document.links if link not in carried]
     if len(roots) != 1:
         loose = f"links {', '.join(map(repr, roots[:3]))} have no parent" if roots else "every link has a parent"

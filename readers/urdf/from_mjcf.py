@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..errors import BadInput, library
+from ..errors import BadInput, library, naming
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 ELLIPSOID = 4  # mjtGeom
@@ -22,10 +22,8 @@ def urdf_of(file: str) -> tuple[Any, dict[str, np.ndarray]]:
     Raises BadInput for a file that MuJoCo cannot compile, and for a robot that a tree of links with one joint each cannot have.
     """
     mujoco = library("mujoco", "reading an MJCF requires mujoco", "physics")
-    try:
+    with naming(f"{file}: MuJoCo cannot compile it", ValueError):
         model = mujoco.MjModel.from_xml_path(file)
-    except ValueError as error:
-        raise BadInput(f"{file}: MuJoCo cannot compile it: {' '.join(str(error).split())}") from error
     scene = _Scene(file, model)
     return scene.robot(), scene.vertices
 

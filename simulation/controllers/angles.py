@@ -2,8 +2,6 @@
 
 import math
 
-from ...readers.errors import BadInput
-
 HEADER = "noslip_angle.h"
 
 
@@ -19,7 +17,5 @@ def compiled_nearest_angle(desired: float, actual: float, scalar: str = "double"
 
     made = runtime(HEADER)
     answer = made.array(scalar, [0.0])
-    status = made.function("noslip_nearest_angle", scalar)(desired, actual, answer)
-    if status < 0:
-        raise BadInput(f"nearest angle to {actual:g} of {desired:g}: {made.status(status)}")
+    made.call(f"angle nearest to {actual:g}, of {desired:g}", "noslip_nearest_angle", scalar, desired, actual, answer)
     return answer[0]

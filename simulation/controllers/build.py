@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ...codegen.runtime import runtime_files
 from ...codegen.targets import STANDARD
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, naming
 from ...readers.files import work_folder
 from ...readers.kept import folder_of_results, keep, kept
 
@@ -27,10 +27,8 @@ def compiler() -> list[str]:
     """Return the compiler and its leading arguments: $CC, else cc, gcc or clang. Raises BadInput if there is none."""
     chosen = os.environ.get("CC")
     if chosen:
-        try:
+        with naming(f"CC = {chosen!r} cannot be read as a command", ValueError):
             return shlex.split(chosen)
-        except ValueError as error:
-            raise BadInput(f"CC = {chosen!r} cannot be read as a command: {error}") from error
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return [name]
@@ -126,7 +124,5 @@ def identity(command: Sequence[str]) -> tuple:
 
 @cache
 def _version(name: str) -> str:
-    try:
+    with naming(f"the C compiler {name!r} does not run", (OSError, subprocess.CalledProcessError)):
         return subprocess.run([name, "--version"], capture_output=True, encoding="utf-8", errors="replace", check=True).stdout
-    except (OSError, subprocess.CalledProcessError) as error:
-        raise BadInput(f"the C compiler {name!r} does not run: {error}") from error

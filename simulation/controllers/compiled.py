@@ -20,7 +20,7 @@ from ...codegen.printing.scalar import SCALARS
 from ...codegen.program import Entry
 from ...model.law import ControlLaw
 from ...model.reduction import ReducedSystem
-from ...readers.errors import BadInput
+from ...readers.errors import check_status
 from .controller import ON_LIMIT, RUNNING, Evaluation, Friction, Limits, check_point
 from .runtime import InC, load, runtime
 
@@ -215,8 +215,7 @@ class CompiledController:
     def adapt(self, params: Iterable[float]) -> None:
         """See Controller: by the init and update of the law."""
         self._given[0] = self._library.struct(self._library.robot_name("params"), params)
-        if (status := self._renewed()) != "ok":
-            raise BadInput(f"{self.law.name}: update to other parameters returns {status!r}")
+        check_status(self._renewed(), f"{self.law.name}: update to other parameters")
 
     def place(self, config: Iterable[float]) -> None:
         """See Controller: by the init and update of the law."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ...model.algebra.trigonometry import sine, unit
-from ...readers.errors import BadInput, check_named
+from ...readers.errors import check_named, naming
 from .angles import nearest_angle
 from .controller import Numbers
 
@@ -186,10 +186,8 @@ def wheels_function(system: ReducedSystem) -> ca.Function:
     from ...model.errors import ModelError
     from ...model.vehicle import point_ahead, required_velocity_map  # slow to import
 
-    try:
+    with naming("", ModelError):
         W, ahead = required_velocity_map(system), point_ahead(system)
-    except ModelError as error:
-        raise BadInput(str(error)) from error
     return portable(ca.Function("wheels", [system.mechanism.p], [ca.densify(W), ca.densify(ahead)]))
 
 

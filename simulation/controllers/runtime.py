@@ -16,7 +16,7 @@ from pycparser.c_generator import CGenerator
 
 from ...codegen.printing.scalar import SCALARS
 from ...codegen.runtime import RUNTIME
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, check_status, naming
 from .build import compiler, shared_library
 
 # The headers define everything static inline; here it is needed as functions of a library.
@@ -73,9 +73,9 @@ class Runtime(InC):
     def call(self, purpose: str, name: str, scalar: str, *arguments) -> str:
         """Call a function and return the name of its status. Raises BadInput, with the purpose, if it is an error."""
         number = self.function(name, scalar)(*arguments)
-        if number < 0:
-            raise BadInput(f"{purpose}: {name} returns {self.status(number)!r}")
-        return self.status(number)
+        status = self.status(number)
+        check_status(status, f"{purpose}: {name}", fine=[status] if number >= 0 else [])
+        return status
 
 
 @lru_cache
@@ -87,10 +87,8 @@ def runtime(header: str) -> Runtime:
 def load(ffi: cffi.FFI, files: Mapping[str, str], optimized: bool = False):
     """Return the library of C files (name -> text) compiled with the runtime; `optimized` as for `shared_library`."""
     path = shared_library(files, optimized)
-    try:
+    with naming("cannot load the compiled law", OSError, "set NOSLIP_CACHE to a folder that allows executables"):
         return ffi.dlopen(str(path))
-    except OSError as error:
-        raise BadInput(f"cannot load the compiled law: {error}; set NOSLIP_CACHE to a folder that allows executables") from error
 
 
 def declarations(header: str, *folders: Path) -> str:

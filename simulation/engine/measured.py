@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -32,16 +33,13 @@ class FloorMeasurements:
     skids: Skidding | None = None
 
     @property
-    def columns(self) -> list[str]:
-        """The names of the CSV columns of `values`."""
-        columns = [f"slip_{name}" for name in self.names] + [f"load_{name}" for name in (*self.names, *self.castors)]
-        pose = [] if self.reckoned is None else ["x", "y", "phi"]
-        return [name.replace(" ", "_") for name in (*columns, *(f"reckoned_{name}" for name in pose))]
-
-    @property
-    def values(self) -> np.ndarray:
-        """The columns, (N, .)."""
-        return np.column_stack([self.slip, self.load, self.carried, *([] if self.reckoned is None else [self.reckoned])])
+    def filled(self) -> dict[str, tuple[Iterable[object], Iterable[np.ndarray]]]:
+        """For the columns of the table of stages: what the <NAME> in each stands for, and the values, (N) for each name."""
+        return {
+            "slip_<CONTACT>": (self.names, self.slip.T),
+            "load_<CONTACT>": ((*self.names, *self.castors), (*self.load.T, *self.carried.T)),
+            "reckoned_<POSE>": (("x", "y", "phi"), () if self.reckoned is None else self.reckoned.T),
+        }
 
     def as_json(self, t: np.ndarray) -> dict[str, Any]:
         """Return for each contact its largest slip (m/s), when (s), how long it slips (s), its least and largest load (N), and

@@ -108,7 +108,7 @@ class Desired:
                 f"[reference]: {system.mechanism.name} has no position and heading as coordinates (moves_in_plane): "
                 "only its steady motion can be desired; leave out commands and course"
             )
-        self._steady, self._motion, self._n = steady, motion, len(steady.q)
+        self._steady, self._motion, self._n, self._place = steady, motion, len(steady.q), steady.place or ()
         self._rates = np.array(steady.rates)
         if motion:
             self._lead()
@@ -133,16 +133,15 @@ class Desired:
         steady, state = self._steady, self._steady.state
         state[: self._n] += self._rates * t
         if self._motion is None:
-            if steady.place:
-                x, y, heading = steady.place
+            if self._place:
+                x, y, heading = self._place
                 state[[x, y]] = np.array(steady.q)[[x, y]] + self._arc(self._rates[[x, y]], self._rates[heading], t)
             return state
         along = self._motion(t)
         state[: self._n] += _times(self._moves, np.array([along.distance, along.turn]) - self._own * t)
         state[self._n :] += _times(self._nu, np.array([along.speed, along.yaw_rate]) - self._own)
         state[list(steady.constant)] += _times(self._lean, np.array([along.acceleration, along.yaw_acceleration]))
-        assert steady.place, "checked at the beginning"
-        state[list(steady.place)] = along.place.real, along.place.imag, along.heading
+        state[list(self._place)] = along.place.real, along.place.imag, along.heading
         return state
 
     @staticmethod

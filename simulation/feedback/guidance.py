@@ -6,7 +6,7 @@ import numpy as np
 
 from ...model.law import ControlLaw
 from ...model.mechanism import Mechanism
-from ...readers.errors import BadInput, check_named
+from ...readers.errors import BadInput, check_named, naming
 from ...readers.reading import one_for_each
 from ..controllers import BACKENDS, ON_TARGET, SCALAR
 from ..controllers.balance.feedback import Balanced, Feedback, StateFeedback, design, feedback_law
@@ -14,6 +14,7 @@ from ..controllers.balance.in_c import BalanceInC
 from ..controllers.balance.steady import analyse_steady
 from ..guidance import Leg, Side
 from ..planning.course import SmoothCurve
+from ..specification.feedback import FeedbackSection
 from ..specification.spec import Spec
 from .desired import Desired, Motion, commanded, on_course
 
@@ -62,18 +63,15 @@ def feedback_of(robot: Mechanism, spec: Spec, parameters: list[float]) -> Balanc
     """Return the feedback of a SPEC with [feedback] about the robot with these parameters. Raises BadInput and ModelError as
     `design` and `analyse_steady`, and for limits that do not fit the robot.
     """
-    section = spec.feedback
-    assert section is not None, "the caller's SPEC has [feedback]"
+    section = spec.feedback or FeedbackSection(weights={})
     inputs = [q.name for q in robot.inputs]
     effort = one_for_each(section.effort, inputs, "[feedback] effort")
     torque = one_for_each((spec.limits.torque if spec.limits else None) or (0.0,), inputs, "[limits] torque")
     if min(torque) < 0.0:
         raise BadInput(f"[limits] torque = {min(torque):g} must not be negative; 0 is no limit")
-    try:
+    with naming("[feedback]"):
         steady = analyse_steady(robot, section.motion, parameters)
         return design(steady, section.weights, effort, section.without, list(torque))
-    except BadInput as error:
-        raise BadInput(f"[feedback] {error}") from error
 
 
 def make_guidance(law: ControlLaw, balanced: Balanced, spec: Spec, desired: Desired) -> OnMotion:

@@ -12,7 +12,8 @@ import numpy as np
 from ...model.algebra.trigonometry import cosine, phase, product, sine, size, unit
 from ...model.segments import Segment
 from ...readers.errors import BadInput
-from .chain import check_length, joined, prove
+from ...readers.reading import positive
+from .chain import joined, prove
 from .curves import Points, Samples, bends, check_bends, of_function, sampled, through
 
 Arc = tuple[float, float]  # curvature (1/m, positive turns left) and length (m)
@@ -41,9 +42,9 @@ def fit(
 
     Raises BadInput for invalid waypoints, a curve with a corner, and a curve with a radius below `min_radius` (m).
     """
-    check_length("tolerance", tolerance)
+    positive("tolerance", tolerance)
     if min_radius is not None:
-        check_length("min_radius", min_radius)
+        positive("min_radius", min_radius)
     if callable(points):
         samples = sampled(of_function(points, domain), tolerance)
     else:

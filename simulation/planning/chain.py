@@ -4,25 +4,17 @@ import math
 from collections.abc import Iterable, Sequence
 
 from ...model.segments import Segment
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, naming
 
 Pose = tuple[float, float, float]
 
 CLOSE = 1e-9  # m and rad: largest gap in a planned path, and largest error at its goal
 
 
-def check_length(name: str, value: float, unit: str = "m") -> None:
-    """Raise BadInput for a length, or another quantity of this unit, that is not positive and finite."""
-    if not (math.isfinite(value) and value > 0):
-        raise BadInput(f"{name} = {value:g} {unit} is not positive and finite")
-
-
 def pose(value: Sequence[float], where: str) -> Pose:
     """Return a pose (x m, y m, heading rad). Raises BadInput unless it is three finite numbers."""
-    try:
+    with naming(f"{where} = {value!r} is not a pose; give x, y (m) and heading (rad)", (TypeError, ValueError)):
         x, y, heading = (float(number) for number in value)
-    except (TypeError, ValueError) as error:
-        raise BadInput(f"{where} = {value!r} is not a pose; give x, y (m) and heading (rad)") from error
     if not all(map(math.isfinite, (x, y, heading))):
         raise BadInput(f"{where} = {x:g} {y:g} {heading:g} is not finite")
     return x, y, heading

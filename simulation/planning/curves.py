@@ -8,7 +8,7 @@ from typing import SupportsIndex
 import numpy as np
 
 from ...model.algebra.trigonometry import phase, product, size, unit
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, naming
 
 Points = np.ndarray  # complex: x + i y, m
 
@@ -172,12 +172,9 @@ def of_function(function: Callable[[float], Sequence[float]], domain: tuple[floa
     knots = np.unique(knots)
 
     def place(times: np.ndarray, function: Callable[[float], Sequence[float]] = function) -> Points:
-        try:
+        between = f"t = {times[0]:g} and {times[-1]:g}"
+        with naming(f"the curve is not a function t -> (x, y) between {between}", (TypeError, ValueError)):
             values = np.array([function(t) for t in times], float)
-        except (TypeError, ValueError) as error:
-            raise BadInput(
-                f"the curve is not a function t -> (x, y) between t = {times[0]:g} and {times[-1]:g}: {error}"
-            ) from error
         if values.shape != (len(times), 2):
             raise BadInput(f"the curve has values of shape {values.shape[1:]} instead of x, y")
         for k in np.flatnonzero(~np.isfinite(values).all(axis=1)):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...readers.errors import BadInput, naming
-from ...readers.files import read_input
+from ...readers.files import check_ending, read_input
 from ...readers.reading import MOST_ANGLE
 from ...readers.tables import Column, listed, picked, read_table
 from .course import SmoothCurve
@@ -30,22 +30,17 @@ def read_reference(file: str | Path) -> dict[str, Any]:
     """Return `position` and `course` of a SPEC's [reference] from a file: .json or .toml as `noslip plan course` writes it, or
     .csv with points, to which a course is fitted within TOLERANCE, at 1 m/s. Raises BadInput, naming the file.
     """
-    kind = Path(file).suffix
+    kind = Path(file).suffix.lower()
     if kind == ".csv":
         from .smooth import fit_course  # slow to import
 
         read_points = read_waypoints(file)
         with naming(file):
             return reference_of(fit_course(read_points.points, TOLERANCE, headings=read_points.headings))
-    read = {".json": json.loads, ".toml": tomllib.loads}.get(kind)
-    if read is None:
-        raise BadInput(f"{file}: a course is read from .json, .toml or .csv; see noslip plan course --help")
-    try:
+    check_ending(file, [".json", ".toml", ".csv"], "a course")
+    read = {".json": json.loads, ".toml": tomllib.loads}[kind]
+    with naming(file, OSError, "check the path"), naming(f"{file}: not {kind[1:].upper()}", (ValueError, RecursionError)):
         whole = read(read_input(file).decode("utf-8-sig"))
-    except OSError as error:
-        raise BadInput(f"{file}: {error.strerror}; check the path") from error
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"{file}: not {kind[1:].upper()}: {error}") from error
     found = whole.get("reference") if isinstance(whole, dict) else None
     if not isinstance(found, dict) or set(found) != {"position", "course"} or not isinstance(found["course"], dict):
         raise BadInput(f"{file} has no [reference] with position and course; noslip plan course writes such a file")
@@ -66,10 +61,8 @@ def read_waypoints(file: str | Path, degrees: bool = False, columns: Sequence[st
 
     `degrees`: of headings without a unit; `columns`: names that replace the header. Raises BadInput naming the row.
     """
-    try:
+    with naming(file, OSError, "check the path"):
         table = read_table(file, columns, incomplete=True)
-    except OSError as error:
-        raise BadInput(f"{file}: {error.strerror}; check the path") from error
     plain = {"x": "1", "y": "2"} if not table.header and len(table) == 2 else {}
     found = picked(table, {"x": "m", "y": "m", "heading": "rad"}, plain)
     if globe := [name for name in table if GLOBE.fullmatch(name)]:

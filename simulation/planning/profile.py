@@ -11,7 +11,7 @@ import numpy as np
 
 from ...codegen.printing.scalar import SCALARS
 from ...model.segments import Segment
-from ...readers.errors import BadInput
+from ...readers.errors import check_status
 from ..controllers.backends import runtime_of
 from ..controllers.controller import Numbers
 from ..controllers.runtime import Runtime, runtime
@@ -88,9 +88,8 @@ class SpeedProfile:
         return self.speed(Guide("ok", segment=segment, progress=progress, speed=self._given[1].speed, **place), 0.0)[0]
 
     def _call(self, name: str, *arguments) -> None:
-        status = self._c.function(f"noslip_profile_{name}", self._scalar)(self._self, *arguments)
-        if status < 0:
-            raise BadInput(f"speed profile: {name} returns {self._c.status(status)!r}; accelerations must be finite and positive")
+        status = self._c.status(self._c.function(f"noslip_profile_{name}", self._scalar)(self._self, *arguments))
+        check_status(status, f"speed profile: {name}", "accelerations must be finite and positive")
 
 
 def make_profile(

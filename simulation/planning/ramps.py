@@ -9,7 +9,8 @@ import numpy as np
 from ...model.algebra.trigonometry import unit
 from ...model.segments import Segment
 from ...readers.errors import BadInput
-from .chain import CLOSE, check_length
+from ...readers.reading import positive
+from .chain import CLOSE
 from .course import SmoothCurve
 
 ROUNDS = 30  # of Newton's method
@@ -27,8 +28,8 @@ def with_ramps(segments: Sequence[Segment], ramp: float, speed: float = 1.0) -> 
     nowhere larger than that of the segments, whose lengths are changed so that the goal is met, by Newton's method, with the
     least change. Raises BadInput if none of positive lengths is found, and for numbers that are not positive and finite.
     """
-    check_length("ramp", ramp)
-    check_length("speed", speed, "m/s")
+    positive("ramp", ramp)
+    positive("speed", speed)
     bends = [-segment.curvature if segment.backward else segment.curvature for segment in segments]
     ways = [-1.0 if segment.backward else 1.0 for segment in segments]
     lengths = np.array([segment.length for segment in segments])

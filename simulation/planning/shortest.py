@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from ...model.algebra.trigonometry import arcsine, phase, unit
 from ...model.segments import Segment
 from ...readers.errors import BadInput
-from .chain import Pose, check_length, joined, pose, prove
+from ...readers.reading import positive
+from .chain import Pose, joined, pose, prove
 
 Piece = tuple[int, float]  # steering (1 left, 0 straight, -1 right) and signed length (negative: in reverse)
 Middles = Callable[[int, int, float], Iterator[list[Piece]]]
@@ -45,7 +46,7 @@ def reeds_shepp(start: Sequence[float], goal: Sequence[float], radius: float) ->
 
 def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: float) -> list[Segment]:
     """Return the shortest path with one of the middle parts, in SI units."""
-    check_length("radius", radius)
+    positive("radius", radius)
     target = complex(goal[0] - start[0], goal[1] - start[1]) / radius * unit(-start[2])
     if not abs(target) < FAR:
         raise BadInput(f"start and goal are too far apart for a radius of {radius:g} m; move them together or increase it")

@@ -6,8 +6,7 @@ import numpy as np
 
 from ...model.algebra.trigonometry import phase, product
 from ...readers.errors import BadInput
-from ...readers.reading import number
-from .chain import check_length
+from ...readers.reading import number, positive
 from .course import SmoothCurve
 from .curves import Samples, check_bends, of_function, sampled, through
 
@@ -33,8 +32,8 @@ def fit_course(
     its curvature is as SmoothCurve says, with a `rounding` (m) that of lines, arcs and clothoids. Raises BadInput for curves with
     corners, if more than MOST parts were needed, and for numbers that are not finite, or not positive (`rounding`: negative).
     """
-    check_length("tolerance", tolerance)
-    check_length("speed", speed, "m/s")
+    positive("tolerance", tolerance)
+    positive("speed", speed)
     number("nonnegative")(rounding, "rounding")
     if callable(curve):
         samples = sampled(of_function(curve, domain), tolerance)

@@ -13,7 +13,7 @@ from ...model.algebra.trigonometry import angle_of
 from ...model.segments import Segment
 from ...readers import printing
 from ...readers.errors import BadInput
-from ...readers.reading import Reader, Schema, angle, check_keys, flag, number, one_of, point, table_of
+from ...readers.reading import Reader, Schema, angle, check_keys, flag, number, of_type, one_of, point, table_of
 
 LENGTH, FROM = number("positive", "m"), point.about("by default where the previous segment ends")
 READERS: dict[str, dict[str, Reader]] = {
@@ -57,9 +57,7 @@ def segments_from_tables(tables: Any, where: str) -> list[Segment]:
 
 
 def _read(table: Any, before: Segment | None, where: str) -> Segment:
-    if not isinstance(table, dict):
-        raise BadInput(f"{where} = {table!r} is not a table")
-    kind = one_of(*READERS)(table.get("kind"), f"{where} kind")
+    kind = one_of(*READERS)(of_type(table, dict, where, "a table").get("kind"), f"{where} kind")
     check_keys(table, ["kind", "backward", *READERS[kind]], f"{where} ({kind})")
     entries = {key: read(table[key], f"{where} {key}") for key, read in READERS[kind].items() if key in table}
     backward = flag(table.get("backward", False), f"{where} backward")

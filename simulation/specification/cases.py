@@ -148,11 +148,9 @@ def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, A
 
     `type` is I to IV, IV with the kind of its path; or the name of a law. Raises BadInput for others.
     """
-    kind, path = output.get("type"), output.get("path", {})
+    kind, path = output.get("type"), _table(output.get("path", {}), f"{where}: path")
     if not isinstance(kind, str):
         raise BadInput(f"{where}: `type` is missing: I, II, III, IV or the name of a law")
-    if not isinstance(path, Mapping):
-        raise BadInput(f"{where}: `path` must be a table")
     if kind == "IV" and not isinstance(path.get("kind"), str):
         raise BadInput(f"{where}: type IV requires a `path` with a `kind`: {', '.join(PATHS)}")
     own = {key: value for key, value in output.items() if key not in ("type", "path")}
@@ -196,15 +194,13 @@ def _in_full(names: Sequence[str], values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read_json(path: str) -> Any:
-    try:
-        # JSON does not distinguish integers; as floats, numbers with any number of digits can be read.
+    # JSON does not distinguish integers; as floats, numbers with any number of digits can be read.
+    with (
+        naming(f"{path}: nested too deeply for a file of cases", RecursionError),
+        naming(f"{path}: not valid JSON, or truncated", json.JSONDecodeError),
+        naming(f"{path}: not JSON: not UTF-8 text", UnicodeDecodeError),
+    ):
         return json.loads(read_input(file_or_shipped(path, ".json"), MOST).decode("utf-8-sig"), parse_int=float)
-    except json.JSONDecodeError as error:
-        raise BadInput(f"{path}:{error.lineno}:{error.colno}: not valid JSON, or truncated: {error.msg}") from error
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{path}: not JSON: not UTF-8 text (byte {error.start})") from error
-    except RecursionError as error:
-        raise BadInput(f"{path}: nested too deeply for a file of cases") from error
 
 
 def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:

@@ -13,9 +13,11 @@ from ...readers.reading import (
     angle,
     ascending,
     check_keys,
+    each_of,
     entry,
     flag,
     number,
+    of_type,
     one_of,
     reads,
     ref,
@@ -149,42 +151,27 @@ def _margin(table: Mapping[str, Any], where: str) -> Margin:
     return Margin(kind, a, b, (low, high))
 
 
-_correlation = number(unit="1", above=-1.0, below=1.0)
+_rho = number(unit="1", above=-1.0, below=1.0)
+_correlation = row("[name, name, correlation]", text, text, _rho, entries="entries")
 
 
 @reads(
     {
         "type": "array",
         "description": "[[name, name, correlation], ...], numbers without unit between -1 and 1",
-        "items": {
-            "type": "array",
-            "items": [text.schema(), text.schema(), _correlation.schema()],
-            "minItems": 3,
-            "maxItems": 3,
-        },
+        "items": _correlation.schema(),
     }
 )
 def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
     """Read a list of [name, name, correlation]."""
-    if not isinstance(value, list):
-        raise BadInput(f'{where} = {value!r} is not a list, for example [["plant.m_c", "plant.I_c", 0.8]]')
-    made = []
-    for k, item in enumerate(value):
-        place = f"{where}[{k}]"
-        if not isinstance(item, list) or len(item) != 3:
-            raise BadInput(f'{place} = {item!r} is not [name, name, correlation], for example ["plant.m_c", "plant.I_c", 0.8]')
-        rho = _correlation(item[2], f"{place} correlation")
-        made.append((text(item[0], place), text(item[1], place), rho))
-    return tuple(made)
+    return each_of(_correlation, value, where, 'a list, for example [["plant.m_c", "plant.I_c", 0.8]]')
 
 
 @reads({"allOf": [ref("criterion")], "description": SI})
 def _criterion(value: Any, where: str) -> dict[str, float | bool]:
     """Read the criterion of failure: status = true, and outcomes with their limits."""
-    if not isinstance(value, dict):
-        raise BadInput(f"{where} = {value!r} is not a table, for example {{ status = true, final = 0.05 }}")
     made: dict[str, float | bool] = {}
-    for key, item in value.items():
+    for key, item in of_type(value, dict, where, "a table, for example { status = true, final = 0.05 }").items():
         if key == "status":
             made[key] = flag(item, f"{where} status")
         elif isinstance(item, dict):  # final.distance = 0.05

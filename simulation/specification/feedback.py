@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ...readers.errors import BadInput
-from ...readers.reading import entry, named_numbers, number, one_or_more, reads, text
+from ...readers.reading import each_of, entry, named_numbers, number, one_or_more, reads, text
 
 NAMES = {"type": "array", "items": {"type": "string"}}
 
@@ -13,9 +12,7 @@ NAMES = {"type": "array", "items": {"type": "string"}}
 @reads(NAMES)
 def _names(value: Any, where: str) -> tuple[str, ...]:
     """Read a list of names."""
-    if not isinstance(value, list):
-        raise BadInput(f"{where} = {value!r} is not a list of names")
-    return tuple(text(item, f"{where}[{k}]") for k, item in enumerate(value))
+    return each_of(text, value, where, "a list of names")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,6 +28,7 @@ from ...readers.reading import (
     angle,
     ascending,
     check_keys,
+    each_of,
     entry,
     flag,
     list_of,
@@ -99,9 +100,7 @@ def _read_segments(value: Any, where: str) -> list[Segment]:
 @reads({"type": "array", "items": point.schema(), "description": "[[x, y], ...] in m"})
 def _points(value: Any, where: str) -> list[tuple[float, ...]]:
     """Read a list of [x, y]."""
-    if not isinstance(value, list):
-        raise BadInput(f"{where} = {value!r} is not a list of [x, y]")
-    return [point(item, f"{where}[{k}]") for k, item in enumerate(value)]
+    return list(each_of(point, value, where, "a list of [x, y]"))
 
 
 BETWEEN = {
@@ -233,6 +232,11 @@ class OutputSection(Section):
         return self.path.segments if self.path else ()
 
     @property
+    def reverses(self) -> bool:
+        """Whether a segment of a composite path is driven in reverse."""
+        return any(segment.backward for segment in self.segments)
+
+    @property
     def law(self) -> str:
         """Name of the control law."""
         if self.own:
@@ -338,9 +342,6 @@ def _speed(value: Any, where: str) -> float:
     return FASTEST if value == "fastest" else number(unit="m/s")(value, where)
 
 
-MOTIONS = ("circle", "course", "oscillation")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Reference:
     """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path, at once or with `approach`.
@@ -385,6 +386,11 @@ class Reference:
         return self.speed == FASTEST or self.lateral is not None
 
     @property
+    def incomplete(self) -> bool:
+        """Whether a profile follows that leaves an acceleration out."""
+        return self.profiled and not all((self.lateral, self.acceleration, self.deceleration, self.angular))
+
+    @property
     def fastest(self) -> bool:
         """Whether the speed is as fast as the accelerations allow."""
         return self.speed == FASTEST
@@ -398,11 +404,6 @@ class Reference:
     def beyond_pose(self) -> bool:
         """Whether the position has more than x, y and heading."""
         return self.position is not None and len(self.position) > 3
-
-    @property
-    def moves(self) -> str:
-        """How desired outputs move besides their velocity: circle, course, oscillation, or an empty text."""
-        return next((name for name in MOTIONS if getattr(self, name) is not None), "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -770,23 +771,16 @@ def schema() -> Schema:
 
 def read_text(file: Path | str) -> str:
     """Return the text of a file, or of a shipped SPEC by its name. Raises BadInput, naming the file, if it cannot be read."""
-    place = file_or_shipped(file, ".toml")
-    try:
-        return read_input(place).decode("utf-8-sig")
-    except OSError as error:
-        raise BadInput(f"{file}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{file}: not TOML: {error}") from error
+    with naming(file, OSError), naming(f"{file}: not TOML", UnicodeDecodeError):
+        return read_input(file_or_shipped(file, ".toml")).decode("utf-8-sig")
 
 
 def toml_table(text: str) -> dict[str, Any]:
     """Return the table of a TOML text. Raises BadInput if it is not TOML or nested too deeply."""
     if MANY_PARTS.search(text):
         raise BadInput(f"not a SPEC: a key has more than {DEEPEST} parts")
-    try:
+    with naming("not TOML", (ValueError, RecursionError)):  # TOMLDecodeError, or a number of too many digits
         table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of too many digits
-        raise BadInput(f"not TOML: {error}") from error
     level: list[Any] = [table]
     for _ in range(DEEPEST):
         lists = [each.values() if isinstance(each, dict) else each for each in level if isinstance(each, dict | list)]

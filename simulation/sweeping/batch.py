@@ -240,8 +240,8 @@ class Batch:
             with np.errstate(divide="ignore", invalid="ignore"):
                 made["jerk"] = made["acceleration"] * (given["reference.approach.jerk"] / linear)[:, None]
             made["settling"] = np.maximum(SETTLING, PERIODS * made["period"])
-        if self._notices:
-            self._notice(made, given)
+        if self._notices and self._wheels:
+            self._notice(self._wheels, made, given)
         L = self._point(made, given)
         made["start"] = self._starts(made, given, L)
         made["extension"][:, : len(law.extension)] = self._extensions(made, given)
@@ -261,10 +261,10 @@ class Batch:
             most = made["mu"] * (1 - made["margin"]) * made["share"] * part * GRAVITY
             made["vehicle_along"], made["vehicle_lateral"] = ALONG * most, LATERAL * most
 
-    def _notice(self, made: np.ndarray, given: dict[str, np.ndarray]) -> None:
+    @staticmethod
+    def _notice(wheels: ca.Function, made: np.ndarray, given: dict[str, np.ndarray]) -> None:
         """Set the sensors that notice slip, and what is known of them, as `slip_options`."""
-        assert self._wheels, "checked by make_loop"
-        made["true_ahead"] = self._wheels(made["plant"].T)[1].full()[0]
+        made["true_ahead"] = wheels(made["plant"].T)[1].full()[0]
         for name in ("window", "geometry", "deviations", "least", "lower", "pause", "rise", "hold"):
             made[name] = given[f"limits.notice_slip.{name}"]
         for sensor, name in (("gyro", "gyro"), ("accelerometer", "acceleration")):

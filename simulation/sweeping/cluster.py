@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from ...readers.errors import BadInput, library
+from ...readers.errors import BadInput, library, naming
 from .runner import AHEAD, in_flight
 from .study import Study, outcomes_of
 
@@ -25,10 +25,9 @@ class Cluster:
         for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # this module reports errors itself
         self._distributed, self._study = distributed, study
-        try:
+        absent = OSError, ValueError, RuntimeError  # TimeoutError is an OSError
+        with naming(f"--scheduler {address}: no scheduler answers", absent, "start one with dask scheduler"):
             self._client = distributed.Client(address, timeout=PATIENCE)
-        except (OSError, ValueError, RuntimeError) as error:  # TimeoutError is an OSError
-            raise BadInput(f"--scheduler {address}: no scheduler answers; start one with dask scheduler") from error
         self.workers = sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
         if not self.workers:
             self.close()
@@ -41,14 +40,13 @@ class Cluster:
         def submit(table: np.ndarray):
             return client.submit(outcomes_of, study.text, study.identity, table, pure=False)
 
-        try:
+        gone = OSError, self._distributed.client.FutureCancelledError
+        with (
+            naming("a worker cannot run noslip", ImportError, "install the same version of it there"),
+            naming("too many workers died on one part", self._distributed.KilledWorker, "give them more memory"),
+            naming("the scheduler is gone", gone, "what is finished is kept, the same command goes on from there"),
+        ):
             yield from in_flight(tables, submit, self._finished, AHEAD * self.workers)
-        except ImportError as error:
-            raise BadInput(f"a worker cannot run noslip: {error}; install the same version of it there") from error
-        except self._distributed.KilledWorker as error:
-            raise BadInput(f"too many workers died on one part: {error}; give them more memory") from error
-        except (OSError, self._distributed.client.FutureCancelledError) as error:
-            raise BadInput("the scheduler is gone; what is finished is kept, the same command goes on from there") from error
 
     def close(self) -> None:
         """Close the connection."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, check_named
 from ...readers.printing import toml
 from ...readers.reading import MOST_ANGLE
 from ...readers.robots import suggestion
@@ -121,8 +121,7 @@ class Plan:
         matrix = np.eye(len(self.names))
         for one, other, rho in given:
             for name in (one, other):
-                if name not in self.names:
-                    raise BadInput(f"[sweep] correlation: {name} does not vary{suggestion(name, self.names)}")
+                check_named(name, self.names, "[sweep] correlation: no number that varies:")
             i, j = self.names.index(one), self.names.index(other)
             if i == j or matrix[i, j]:
                 raise BadInput(f"[sweep] correlation of {one} and {other}: " + ("the same" if i == j else "given twice"))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...readers.errors import BadInput, installing
+from ...readers.errors import BadInput, installing, naming
 from ...readers.files import create, replacing
 from .inputs import SEED
 from .study import Study
@@ -114,10 +114,9 @@ class Parts:
                 raise BadInput(f"{self.folder} exists and is not a sweep's; move it or change -o")
             with replacing(manifest) as new:
                 create(new, (json.dumps(identity, indent=1) + "\n").encode())
-        try:
+        damaged = ValueError, TypeError, RecursionError
+        with naming(f"{manifest} is damaged or not a sweep's", damaged, f"remove {self.folder} or change -o"):
             found = dict(json.loads(manifest.read_bytes()))
-        except (ValueError, TypeError, RecursionError) as error:
-            raise BadInput(f"{manifest} is damaged or not a sweep's; remove {self.folder} or change -o") from error
         if found != identity:
             raise BadInput(f"{self.folder} has parts of another sweep: {_difference(found, identity)}; remove it or change -o")
 
@@ -196,10 +195,8 @@ def is_finished(output: Path, study: Study) -> bool:
     """Whether the file already has the complete results of this sweep. Raises BadInput if it is another file."""
     if not output.exists():
         return False
-    try:
+    with naming("", remedy="remove it or change -o"):
         found, _, identity = open_sweep(output)
-    except BadInput as error:
-        raise BadInput(f"{error}; remove it or change -o") from error
     if identity != study.identity:
         raise BadInput(f"{output} is another sweep: {_difference(identity, study.identity)}; remove it or change -o")
     with _reading(output):

@@ -394,10 +394,10 @@ BAD = {
     "column": (None, ["--fit", "m_c", "--map", "tau_r=torque"], "column 'torque' is missing"),
     "set": (None, ["--fit", "m_c", "--set", "r=wide"], "'wide' is not a number"),
     "sign": (None, ["--fit", "m_c", "--set", "r=-1"], "must be positive"),
-    "nan": (None, ["--fit", "m_c", "--set", "m_w=nan"], "--set: m_w = nan is not finite"),
+    "nan": (None, ["--fit", "m_c", "--set", "m_w=nan"], "--set m_w = nan is not finite"),
     "ratio": (None, ["--fit", "m_c", "--set", "gear=0", "--set", "efficiency=-1"], "--set: efficiency = -1 must be positive"),
     "unlike": (None, ["--fit", "zzz"], "moving, bias_gyro"),
-    "no pair": (None, ["--fit", "m_c", "--set", "r"], "write NAME=VALUE"),
+    "no pair": (None, ["--fit", "m_c", "--set", "r"], "give NAME=VALUE"),
 }
 
 

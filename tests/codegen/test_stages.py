@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.codegen.loop import stages
-from noslip.codegen.loop.rules import USERS, WORDS, Excludes, Needs, Option
+from noslip.codegen.loop.rules import OF_LAW, USERS, WORDS, Excludes, Needs, Option
 from noslip.codegen.loop.stages import RULES, SIGNALS, STAGES
 from noslip.model.errors import ModelError
 from noslip.readers.errors import BadInput
@@ -190,7 +190,7 @@ def test_options_name_keys_of_a_spec():
     options |= {option for rule in RULES for option in (*rule.options, *rule.others)}
     for option in options:
         kind = Spec
-        for name in option.path if option.text not in USERS else ():
+        for name in option.path if option.text not in (*USERS, *OF_LAW) else ():
             assert kind is None or name in keys(kind), option
             kind = kind and section_of(kind, name)
     written = {signal for stage in STAGES for signal in stage.writes}
@@ -212,6 +212,8 @@ def test_columns_are_those_of_the_stages(options):
     stages_here = [stage for stage in STAGES if any(Option(text).holds(run.spec) for text in stage.where)]
     patterns = {re.sub("<[A-Z]+>", ".+", column) for stage in stages_here for column in stage.columns}
     assert [name for name in run.columns if not any(re.fullmatch(pattern, name) for pattern in patterns)] == []
+    assert [pattern for pattern in patterns if not any(re.fullmatch(pattern, name) for name in run.columns)] == []
+    assert all(line.count(",") == len(run.columns) - 1 for line in run.csv().splitlines())
     others = {column for stage in STAGES if stage not in stages_here for column in stage.columns if "<" not in column}
     assert not (others - patterns) & set(run.columns)
 

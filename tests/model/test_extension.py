@@ -805,7 +805,7 @@ REFUSED = {
     ),
     "circle of a heading": (
         AXLE.replace('"I"', '"II"').replace("velocity = [0.6, 0.1]", "circle = { radius = 2.0, rate = 0.3 }"),
-        "are not a point",
+        "does not go with outputs that begin with no point",
     ),
 }
 

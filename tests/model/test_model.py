@@ -1054,7 +1054,7 @@ REFUSED = {
     "rate of a rate": (having(lambda robot, s: robot.rate(s["x_dot"])), "rate"),
     "constraint name twice": (having(lambda robot, s: robot.rolls("blade", s["x_dot"])), "'blade' is used twice"),
     "which row is not linear": (having(lambda robot, s: robot.rolls("square", s["x_dot"] ** 2)), "'square'"),
-    "S with a name missing": (having(null_space(along, "n0")), "S has 2 columns"),
+    "S with a name missing": (having(null_space(along, "n0")), "1 quasi-velocities; there must be n - m = 2"),
     "S of a stranger": (having(null_space(lambda s: along(s) * unknown())), "stranger"),
     "S and quasi-velocities": (having(both_ways), "null_space"),
     "MX for S": (having(lambda robot, s: robot.null_space(ca.MX.sym("a", 3, 2), {"n0": "1", "n1": "1"})), "MX"),

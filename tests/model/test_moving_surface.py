@@ -154,7 +154,7 @@ def test_what_cannot_be_judged_is_refused(tmp_path, bad_input):
     robot.body("load", 1.0, 1.0, robot.rate(robot["x"]), robot.rate(robot["y"]), robot.rate(robot["heading"]))
     with pytest.raises(ModelError, match="body.* does not go with a moving surface"):
         reduce(robot)
-    with pytest.raises(ModelError, match="ground_moves: no coordinate 'z'; coordinates are x, y, heading"):
+    with pytest.raises(ModelError, match="ground_moves: unknown name 'z'; known are x, y, heading"):
         belt().ground_moves(z=1.0)
 
 

@@ -460,7 +460,7 @@ def test_refused(case):
 @pytest.mark.parametrize(
     ("changes", "engine", "message"),
     [
-        ({"drive.kind": "velocity", "drive.bandwidth": 5.0}, None, "2 drives cannot make all 3 quasi-velocities of balancer"),
+        ({"drive.kind": "velocity", "drive.bandwidth": 5.0}, None, "does not go with fewer inputs than quasi-velocities"),
         ({"limits.mode": "grip", "contact.mu": 0.5}, None, '"grip" does not apply to balancer: it has fewer inputs'),
     ],
 )

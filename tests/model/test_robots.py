@@ -544,7 +544,7 @@ def test_every_command_knows_an_output_by_its_name(tmp_path, bad_input, capsys):
     assert close(h, [0.5 * np.cos(0.3) + 0.4 * np.cos(0.8), 0.5 * np.sin(0.3) + 0.4 * np.sin(0.8)], 1e-15)
     spec = tmp_path / "spec.toml"
     for change, message in (
-        ('type = "tipp"', "is not one of I, II, III, IV, tip, joints"),
+        ('type = "tipp"', "type: unknown output 'tipp'; did you mean 'tip'?"),
         ('type = "tip"\nL = 0.3', "is not one of I, II, III, IV, which have these"),
         ('type = "tip"\nparameters = { a = 1 }', "unknown name 'a'"),
         ('type = "I"\nparameters = { a = 1 }', "requires an output of the robot's own"),

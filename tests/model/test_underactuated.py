@@ -321,8 +321,8 @@ def test_the_command_writes_the_feedback(tmp_path, capsys, bad_input):
         ([*LQR, "--check", "--explain"], "--lqr does not go with --check, --explain"),
         ([*LQR, "--check", "--scalar", "float"], "--lqr does not go with --check, --scalar"),
         ([*LQR, "--scale", "r", "--adapt", "m_b"], "--lqr does not go with --scale, --adapt"),
-        (["generate", "balancer", "--limit", "3"], "apply to --lqr"),
-        (["generate", "balancer", "--effort", "1"], "apply to --lqr"),
+        (["generate", "balancer", "--limit", "3"], "--limit applies to --lqr"),
+        (["generate", "balancer", "--effort", "1"], "--effort applies to --lqr"),
     ):
         assert message in bad_input(arguments)
 

@@ -211,7 +211,7 @@ def test_motors_bound_the_accelerations():
 @pytest.mark.parametrize(
     "changes, said",
     [
-        ({"contact = { mu = 0.5, height = 0.1 }": "", 'limits = { mode = "grip" }': ""}, "lateral is missing; give it, or"),
+        ({"contact = { mu = 0.5, height = 0.1 }": "", 'limits = { mode = "grip" }': ""}, "accelerations out requires .contact"),
         ({'"fastest"': "1.0, angular = 1.0"}, "angular requires a profile of the speed: give lateral, or speed"),
         ({'"fastest"': "1.0, lateral = -1.0"}, "must be positive"),
         ({'"fastest"': '"slowest"'}, "slowest"),

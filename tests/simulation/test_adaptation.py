@@ -294,7 +294,7 @@ BAD = {
     "least above most": ({"bounds": {"m_c": [3.0, 2.0]}, "noise": 0.2}, "the first must be below the second"),
     "one bound": ({"bounds": {"m_c": [3.0]}, "noise": 0.2}, "[least, most]"),
     "empty": ({"bounds": {}, "noise": 0.2}, "is empty"),
-    "not a parameter": ({"bounds": {"m": [1.0, 2.0]}, "noise": 0.2}, "'m' is not a parameter"),
+    "not a parameter": ({"bounds": {"m": [1.0, 2.0]}, "noise": 0.2}, "adaptation: unknown name 'm'; known are"),
     "not affine": ({"bounds": {"d": [0.1, 0.2]}, "noise": 0.2}, "not affine in d"),
     "not told apart": ({"bounds": {"I_c": [1.0, 20.0], "I_m": [0.0, 1.0]}, "noise": 0.2}, "no motion tells I_c, I_m"),
     "not within": ({"bounds": {"m_c": [50.0, 60.0]}, "noise": 0.2}, "must lie within its bounds"),

@@ -125,7 +125,7 @@ def test_a_course_from_a_file(tmp_path):
 
 WRONG = {
     "no file": ('course = "absent.json"', "absent.json: No such file"),
-    "other kind": ('course = "points.xml"', "points.xml: a course is read from .json, .toml or .csv"),
+    "other kind": ('course = "points.xml"', "points.xml: the name of a course ends in .json or .toml or .csv"),
     "not JSON": ('course = "bad.json"', "bad.json: not JSON"),
     "no course": ('course = "empty.json"', r"empty.json has no \[reference\]"),
     "a circle": ("circle = { radius = 1.0, rate = 1.0 }", "requires .reference. course"),

@@ -353,7 +353,7 @@ def test_the_command_writes_such_a_course(tmp_path, capsys):
     assert read["speed"] == 0.4 and [length < 0.0 for length in read["lengths"]] == [False] * 3 + [True] * 3 + [False] * 3
     for more, says in (
         (["--course", "5"], "ramps of 5 m"),
-        (["--course", "-1"], "ramp = -1 m is not positive"),
+        (["--course", "-1"], "ramp = -1 must be positive"),
         (["--course", "0.5", "--c"], "--c prints lines and arcs"),
         (["--speed", "1"], "--speed requires --course"),
     ):

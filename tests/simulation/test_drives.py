@@ -517,7 +517,7 @@ def test_command_line(tmp_path, bad_input):
     assert "behind velocity drives of 5 Hz, delay 0.02 s, is beyond stability" in said and "times as fast" in said
     assert "requires --drive" in bad_input([*given, "--bandwidth", "5"])
     assert "requires --bandwidth" in bad_input([*given, "--drive", "velocity"])
-    assert "need --period" in bad_input([*given[:4], "--drive", "velocity", "--bandwidth", "5"])
+    assert "require a period" in bad_input([*given[:4], "--drive", "velocity", "--bandwidth", "5"])
     assert "must be positive" in bad_input([*given, "--drive", "velocity", "--bandwidth", "0"])
     assert "must be positive" in bad_input([*given, "--drive", "velocity", "--bandwidth", "5", "--drive-delay", "-1"])
     spec = tmp_path / "line.toml"

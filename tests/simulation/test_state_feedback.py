@@ -258,7 +258,7 @@ BAD = {
     "output={type='I'}": "[feedback] does not go with [output]",
     "reference.speed=1": "[feedback] does not go with [reference] speed",
     "reference.position=[0,0,0,0]": "a position of more than x, y and heading",
-    "push=[{time=1,on='x',impulse=1}]": "push[0] on = 'x' is no quasi-velocity",
+    "push=[{time=1,on='x',impulse=1}]": "push[0] on: unknown quasi-velocity 'x'",
     "sensors={counts=100}": "there is no dead reckoning",
 }
 
@@ -278,7 +278,7 @@ def test_other_commands_refuse_it(bad_input, tmp_path):
     assert "a run requires [output] or [feedback]" in bad_input(["simulate", "line", *out, "--set", "output={type='lqr'}"])
     generate = ["generate", "balancer", "--lqr", "pitch=1", "-o", str(tmp_path)]
     assert "give NAME=NUMBER, such as speed=0.5" in bad_input([*generate, "--motion", "speed"])
-    assert "apply to --lqr" in bad_input(["generate", "balancer", "--motion", "speed=1"])
+    assert "--motion applies to --lqr" in bad_input(["generate", "balancer", "--motion", "speed=1"])
     assert "no steady motion with yaw_rate = 1" in bad_input(["generate", "sleigh", "--lqr", "phi=1", "--motion", "yaw_rate=1"])
 
 

@@ -301,8 +301,8 @@ def test_a_full_disk_is_one_line_and_loses_nothing(spec, tmp_path, monkeypatch, 
         ("\n[sweep.initial]\npoint = { normal = [30.0, 6.0] }\n", "give a list of 2"),
         ("\n[sweep]\nfails = { final = -1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "must be positive"),
         ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "unknown outcome 'fnal'"),
-        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "plant.b", 0.5]]'), "plant.b does not vary"),
-        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'), "correlation = 1 must be below 1"),
+        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "plant.b", 0.5]]'), "no number that varies: 'plant.b'"),
+        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'), "[0][2] = 1 must be below 1"),
         (
             SWEPT.replace(
                 "seed = 7",

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....codegen.printing.layout import WIDTH, aside, fill, guard_name
 from ....codegen.printing.scalar import SCALARS, Scalar
-from ....readers.errors import BadInput
+from ....readers.errors import check_status
 from ..runtime import InC, declarations, load
 from .feedback import Balanced
 
@@ -122,8 +122,7 @@ class BalanceInC(InC):
         self.lib = load(self.ffi, callable_files(balanced, [own]))
         make, self._give = (getattr(self.lib, own.name(f"{balanced.name}_lqr_{word}")) for word in ("make", "give"))
         self._self = self.ffi.new(f"{own.name('noslip_balance')} *")
-        if (status := make(self._self)) != 0:
-            raise BadInput(f"{balanced.name}_lqr: init returns {self.status(status)!r}")
+        check_status(self.status(make(self._self)), f"{balanced.name}_lqr: init")
         sizes = len(balanced.steady.names), len(balanced.steady.names), len(balanced.K)
         self._arrays = [self.ffi.new(f"{own.real}[]", size) for size in sizes]
 

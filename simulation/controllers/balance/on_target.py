@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ....readers.errors import BadInput
+from ....readers.errors import check_status
 from ..pil import Handle, Served, session_of
 from ..runtime import runtime
 from .feedback import Balanced
@@ -29,8 +29,7 @@ class BalanceOnTarget:
 
     def __init__(self, balanced: Balanced, backend: str):
         self._handle = Handle(session_of(served_feedback(balanced), backend), "feedback")
-        if (status := self._call("init", b"")[0]) != "ok":
-            raise BadInput(f"{balanced.name}_lqr: init returns {status!r}")
+        check_status(self._call("init", b"")[0], f"{balanced.name}_lqr: init")
 
     def _call(self, operation: str, given: bytes) -> tuple[str, bytes]:
         status, answer = self._handle.session.call(f"feedback_{operation}", self._handle.number, given)

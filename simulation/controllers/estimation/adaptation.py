@@ -13,7 +13,7 @@ from ....codegen.files import banner, dynamics_program, dynamics_text, fingerpri
 from ....codegen.printing.scalar import SCALARS
 from ....model.errors import ModelError
 from ....model.reduction import ReducedSystem
-from ....readers.errors import BadInput
+from ....readers.errors import check_status, naming
 from ..controller import Numbers
 from .ekf import RobotPart, unpacked
 
@@ -35,10 +35,8 @@ class AdaptationOptions:
 def adaptation_library(system: ReducedSystem, scalar: str, adapted: tuple[str, ...]) -> RobotPart:
     """Return the compiled adaptation, loaded once per process. Raises BadInput if these parameters cannot be learned."""
     in_c = SCALARS[scalar]
-    try:
+    with naming("", ModelError):
         files = adaptation_files(system, adapted, in_c, banner(fingerprint(system)))
-    except ModelError as error:
-        raise BadInput(str(error)) from error
     plant = text_files(dynamics_text(dynamics_program(system), in_c))
     return RobotPart(system, in_c, NAME, {**shared_files(system, in_c), **plant, **files})
 
@@ -63,11 +61,8 @@ class Adaptation:
             setattr(config.options, name, getattr(options, name))
         self._state, self._params = c.new(f"{c.robot}_state"), c.new(f"{c.robot}_params")
         self._members = [q.in_c for q in system.state]
-        if (status := c.of_robot("adaptation_init")(self.self, config)) < 0:
-            raise BadInput(
-                f"the adaptation's init returns {c.status(status)!r}: each parameter must lie within its bounds, least below "
-                "most; sd 1e-6 to 1, noise 1e-6 to 1e6, rate positive"
-            )
+        limits = "each parameter must lie within its bounds, least below most; sd 1e-6 to 1, noise 1e-6 to 1e6, rate positive"
+        check_status(c.status(c.of_robot("adaptation_init")(self.self, config)), "the adaptation's init", limits)
 
     @property
     def estimate(self) -> np.ndarray:

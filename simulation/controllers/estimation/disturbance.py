@@ -120,8 +120,6 @@ class DisturbanceObservers(ActingRows):
         name = law.output.rows[k].name
         if not (math.isfinite(ko) and ko > 0):
             raise BadInput(f"gains: ko_{name} = {ko:g} must be nonnegative and finite")
-        if law.kinematic:
-            raise BadInput(f"gains: ko_{name}: a kinematic law commands velocities; a disturbance observer requires torques")
         if law.extension or self._degree[k] > MOST_DEGREE:
             raise BadInput(
                 f"gains: ko_{name}: with a dynamic extension the derivative that an observer compares is not measured; give ki"

@@ -17,7 +17,7 @@ from ....codegen.files import filter_text, shared_files
 from ....codegen.printing.scalar import SCALARS, Scalar
 from ....model.errors import ModelError
 from ....model.reduction import ReducedSystem
-from ....readers.errors import BadInput
+from ....readers.errors import check_status, naming
 from ..controller import Numbers
 from ..runtime import SOURCE, InC, declarations, load
 
@@ -82,11 +82,9 @@ class RobotPart(InC):
 @lru_cache(maxsize=16)
 def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] = ()) -> RobotPart:
     """Return the compiled filter, loaded once per process. Raises BadInput if the robot has none."""
-    try:
-        in_c = SCALARS[scalar]
+    in_c = SCALARS[scalar]
+    with naming("", ModelError):
         return RobotPart(system, in_c, FILTER_NAME, {**shared_files(system, in_c), **filter_text(system, in_c, scaled).files})
-    except ModelError as error:
-        raise BadInput(str(error)) from error
 
 
 class Filter:
@@ -121,8 +119,8 @@ class Filter:
             config.filter.past, config.filter.capacity = self._past, options.memory
         self._pose = c.new("noslip_pose")
         self._covariance = c.ffi.new(f"{c.scalar.real}[9]")
-        if (status := c.of_robot("ekf_init")(self.self, config)) < 0:
-            raise BadInput(f"the filter's init returns {c.status(status)!r}: check noise and standard deviations, 1e-6 to 1e6")
+        status = c.status(c.of_robot("ekf_init")(self.self, config))
+        check_status(status, "the filter's init", "check noise and standard deviations, 1e-6 to 1e6")
 
     @property
     def pose(self) -> np.ndarray:

@@ -141,13 +141,11 @@ class Indices:
 
 
 def check_indices(study: Study, base: int) -> None:
-    """Raises BadInput for correlated numbers, a base that is no power of 2, and nothing to vary."""
+    """Raises BadInput for correlated numbers and a base that is no power of 2."""
     if base < 2 or base & (base - 1):
         raise BadInput(f"--indices {base} must be a power of 2, for example 1024")
     if study.plan.sweep.correlation:
         raise BadInput("--indices: Sobol indices require independent numbers; remove [sweep] correlation")
-    if not study.plan.names:
-        raise BadInput("--indices: nothing varies except the noise")
 
 
 def indices(study: Study, base: int, jobs: int, progress: Reported = silent) -> Indices:
