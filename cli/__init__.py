@@ -30,6 +30,7 @@ MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {
     "robots": "robot.robots",
     "laws": "robot.robots",
     "stages": "robot.robots",
+    "new": "robot.new",
     "view": "log",
     "import": "robot.urdf",
     "identify": "robot.identify",

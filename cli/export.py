@@ -15,7 +15,7 @@ from .commands import show
 from .generate import DYNAMICS, FOLLOWER, add_selection, robot_name, select_follower, selected_files, selected_laws
 
 if TYPE_CHECKING:
-    from ..codegen.project.vehicle import Vehicle
+    from ..codegen.project.vehicle import VehicleNumbers
 
 EXAMPLE = """examples:
   noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _vehicle(args: argparse.Namespace) -> Vehicle:
+def _vehicle(args: argparse.Namespace) -> VehicleNumbers:
     """Return the numbers of the vehicle of a SPEC, whose follower is then what is exported."""
     if not args.firmware:
         raise BadInput(f"{args.robot} is a SPEC, where a robot is expected; with --firmware TARGET its vehicle is exported")

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,7 @@ EXAMPLE = """examples:
   noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay --figures build/outer
   noslip outer-loop labmate --output type_iv_line --poles distance=-1,-4 --poles speed=-2 --json
   noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 --drive-delay 0.02
-  noslip outer-loop labmate --spec examples/specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
+  noslip outer-loop --spec examples/specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
   noslip outer-loop labmate --output type_iv_line --hinf distance=0.1,0.2,0.5,0.3 --period 0.01"""
 
 DESIGNS = ("poles", "discrete_poles", "settling", "lqr", "hinf", "mixed")
@@ -43,7 +44,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
+    parser.add_argument(
+        "robot", metavar="ROBOT", nargs="?", help="name of a shipped robot or path/to/file.py:name; with --spec that of the SPEC"
+    )
     parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")
     parser.add_argument("--spec", metavar="SPEC.toml", help="take path, reference, gains, parameters and plant from a SPEC")
     parser.add_argument(
@@ -171,7 +174,7 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
 
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
-    from ..analysis.outer.setting import BANDWIDTH, SPEED, as_kinematic, default_spec, with_speed
+    from ..analysis.outer.setting import BANDWIDTH, SPEED, as_kinematic, default_spec, on_tightest, with_speed
     from ..codegen.loop.stages import check
     from ..model.names import KINEMATIC, without_kinematic
     from ..readers.reading import number
@@ -182,12 +185,15 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     if args.speed is not None and not number()(args.speed, "--speed"):
         raise BadInput("--speed must not be zero: the steady motion is along the path")
     if args.spec is None:
-        if args.output is None:
-            raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
+        if args.output is None or args.robot is None:
+            raise BadInput("outer-loop needs ROBOT with --output LAW, or --spec SPEC.toml")
         kinematic = args.drive == "kinematic" and without_kinematic(args.output) == args.output
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
-    spec = read_varied(args.spec, {"simulation.backend": "casadi"})
+    whole = read_varied(args.spec, {"simulation.backend": "casadi"})
+    spec = on_tightest(whole)
+    if spec is not whole:
+        print(f"{args.spec}: the steady motion is that on the tightest segment of the path", file=sys.stderr)
     with naming(args.spec):
         check(spec, "noslip outer-loop")
     for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.law)):

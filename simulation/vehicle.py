@@ -7,7 +7,7 @@ import numpy as np
 
 from ..codegen.follower.follower import is_followers, why_no_follower
 from ..codegen.loop.stages import check
-from ..codegen.project.vehicle import Vehicle, VelocityDrives
+from ..codegen.project.vehicle import VehicleNumbers, VelocityDrives
 from ..model.law import ControlLaw
 from ..readers.errors import BadInput
 from ..readers.reading import one_for_each
@@ -26,7 +26,7 @@ ON_LIMIT = {"cut": "NOSLIP_CUT", "slow": "NOSLIP_SLOW", "grip": "NOSLIP_GRIP"}
 OUTPUTS = ("distance", "speed")  # in the order of the follower's integral action
 
 
-def vehicle_of(spec: Spec) -> tuple[ControlLaw, Vehicle]:
+def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
     """Return the law and the numbers of a follower for the vehicle of a SPEC, SI.
 
     Raises BadInput for options that a follower does not have, by the table of stages, for a robot that has none, and as
@@ -80,7 +80,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, Vehicle]:
         follows = VelocityDrives(drive.omega, drive.delay, most)
     plant, begins = loop.plant.parameters.tolist(), loop.start.tolist()
     late = spec.simulation.delay
-    return law, Vehicle(config, spec.output.segments, plant, begins, spec.simulation.duration, late, follows, assumed)
+    return law, VehicleNumbers(config, spec.output.segments, plant, begins, spec.simulation.duration, late, follows, assumed)
 
 
 def _named(quantities, values) -> dict[str, float]:

@@ -127,6 +127,17 @@ def _with_the_reference(kind: str, reference: Reference, initial: Initial | None
     return Initial(point=point, heading=heading, speed=velocity[0] / part if part else 0.0)
 
 
+def on_tightest(spec: Spec) -> Spec:
+    """Return the SPEC on the tightest segment of its composite path, without its end; another SPEC as it is."""
+    if not spec.output.segments or spec.output.path is None:
+        return spec
+    tightest = max(spec.output.segments, key=lambda segment: abs(segment.curvature))
+    place = {"x_s": tightest.x, "y_s": tightest.y, "direction": tightest.heading, "curvature": tightest.curvature}
+    output = replace(spec.output, path=PathSection(kind=spec.output.path.law, parameters=place))
+    reference = replace(spec.reference, deceleration=None, creep=None)
+    return replace(spec, output=output, reference=reference, initial=_on_the_way(output, reference))
+
+
 def with_speed(spec: Spec, speed: float) -> Spec:
     """Return the SPEC with another speed, m/s: along its path, or of its reference in the same direction."""
     if spec.output.type == "IV":

@@ -16,7 +16,7 @@ from ...codegen.packages.packages import package
 from ...codegen.printing.scalar import SCALARS
 from ...codegen.project import project
 from ...codegen.project.selftest import ExpectedStep, Golden, digest, digests, selftest, slows
-from ...codegen.project.vehicle import Vehicle, example, vehicle_files
+from ...codegen.project.vehicle import VehicleNumbers, example, vehicle_files
 from ...codegen.targets import BOARDS
 from ...model.law import ControlLaw
 from ...readers.errors import BadInput
@@ -39,7 +39,7 @@ TIMEOUT = 120  # s, of each tool
 
 
 def project_files(
-    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str, vehicle: Vehicle | None = None
+    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str, vehicle: VehicleNumbers | None = None
 ) -> tuple[dict[str, str], project.Board]:
     """Return file name -> text of everything but README.md, for a target of FIRMWARE; `sources`: C of the laws and the
     runtime; `vehicle`: the numbers of a follower, by default examples.

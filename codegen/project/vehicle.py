@@ -24,7 +24,7 @@ class VelocityDrives:
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class VehicleNumbers:
     """What a follower and its drive are given, SI.
 
     `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by member.
@@ -42,7 +42,7 @@ class Vehicle:
     assumed: Sequence[str] = field(default_factory=tuple)
 
 
-def example(law: ControlLaw) -> Vehicle:
+def example(law: ControlLaw) -> VehicleNumbers:
     """Return numbers that a user replaces: a line of 5 m, from rest beside it."""
     steered = steered_axle(law.system) is not None
     fastest = {"fastest": (20.0, 5.0), "steering": 1.0} if steered else {"fastest": 20.0}
@@ -59,10 +59,10 @@ def example(law: ControlLaw) -> Vehicle:
     }
     parameters = [p.default for p in law.parameters]
     line = Segment(0.0, 0.0, 0.0, 0.0, 5.0)
-    return Vehicle(config, [line], parameters, [0.0] * len(law.system.state), 15.0, assumed=["all numbers: put in yours"])
+    return VehicleNumbers(config, [line], parameters, [0.0] * len(law.system.state), 15.0, assumed=["all numbers: put in yours"])
 
 
-def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: Vehicle) -> dict[str, str]:
+def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> dict[str, str]:
     """Return file name -> text of the config, and of the drive that tests it."""
     system = law.system
     coordinates = [q.in_c for q in system.mechanism.coordinates]

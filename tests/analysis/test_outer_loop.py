@@ -777,3 +777,20 @@ def test_a_continuous_spec_with_an_observer(tmp_path, capsys):
         file.write_text(text.replace("period = 0.0 ", f"period = {period} "))
     continuous = answer(capsys, "labmate", "--spec", str(files[0]), "--period", "0.02")
     assert continuous == answer(capsys, "labmate", "--spec", str(files[1])) and continuous["period"] == 0.02
+
+
+def test_a_composite_path_is_taken_at_its_tightest(capsys, tmp_path):
+    """As a SPEC of that arc alone, and the robot is that of the SPEC."""
+    segments = 'segments = [{ kind = "line", from = [0, 0], to = [2, 0] }, { kind = "arc", radius = 1.6, angle = -1.0 }, '
+    segments += '{ kind = "arc", radius = 4.0, angle = 0.5 }]'
+    arc = 'kind = "segment", x_s = 2.0, y_s = 0.0, direction = 0.0, curvature = -0.625'
+    text = 'robot = "labmate"\ngains = { kp = 2.0, kd = 3.0, kv = 2.0 }\n'
+    text += 'output = { type = "IV", L = 0.3, path = { %s } }\nreference = { speed = 0.8 }\n'
+    text += "initial = { point = [0.0, 0.0], heading = 0.0 }\nsimulation = { duration = 5.0, period = 0.01 }\n"
+    answers = []
+    for name, path in (("whole", f'kind = "composite", {segments}'), ("arc", arc)):
+        file = tmp_path / f"{name}.toml"
+        file.write_text(text % path)
+        assert main(["outer-loop", "--spec", str(file), "--json"]) == 0
+        answers.append(json.loads(capsys.readouterr().out))
+    assert answers[0]["channels"] == answers[1]["channels"] and answers[0] == answers[1]

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 from noslip.cli.main import main
-from noslip.cli.new import KINDS
+from noslip.cli.robot.new import KINDS
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import read_spec
 

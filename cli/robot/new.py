@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..readers.errors import BadInput, check_named
-from ..readers.files import check_targets, write_whole
-from .commands import show
+from ...readers.errors import BadInput, check_named
+from ...readers.files import check_targets, write_whole
+from ..commands import show
 
 if TYPE_CHECKING:
-    from ..simulation.specification.spec import Spec
+    from ...simulation.specification.spec import Spec
 
 EXAMPLE = """examples:
   noslip new agv.toml
@@ -22,7 +22,7 @@ EXAMPLE = """examples:
 
 
 @dataclass(frozen=True)
-class Entry:
+class AskedNumber:
     """A number of a vehicle: its unit, its default, what it is."""
 
     unit: str
@@ -31,35 +31,35 @@ class Entry:
 
 
 COMMON = {
-    "period": Entry("s", 0.01, "time between two calls of the controller"),
-    "deceleration": Entry("m/s^2", 0.4, "with which the vehicle stops at the end of the path"),
+    "period": AskedNumber("s", 0.01, "time between two calls of the controller"),
+    "deceleration": AskedNumber("m/s^2", 0.4, "with which the vehicle stops at the end of the path"),
 }
-KINDS: dict[str, dict[str, Entry]] = {
+KINDS: dict[str, dict[str, AskedNumber]] = {
     "differential": {
-        "track": Entry("m", 0.5, "distance between the two driven wheels"),
-        "wheel_radius": Entry("m", 0.1, "radius of the driven wheels"),
-        "mass": Entry("kg", 50.0, "of the whole vehicle"),
-        "length": Entry("m", 0.8, "of the body, for its inertia as a uniform box as wide as the track"),
-        "ahead": Entry("m", 0.05, "how far the centre of mass is ahead of the axle"),
-        "counts": Entry("1", 4096.0, "of an encoder in a turn of a wheel, with gear and quadrature"),
-        "torque": Entry("N m", 10.0, "largest torque at a wheel"),
-        "speed": Entry("m/s", 0.6, "along the path"),
+        "track": AskedNumber("m", 0.5, "distance between the two driven wheels"),
+        "wheel_radius": AskedNumber("m", 0.1, "radius of the driven wheels"),
+        "mass": AskedNumber("kg", 50.0, "of the whole vehicle"),
+        "length": AskedNumber("m", 0.8, "of the body, for its inertia as a uniform box as wide as the track"),
+        "ahead": AskedNumber("m", 0.05, "how far the centre of mass is ahead of the axle"),
+        "counts": AskedNumber("1", 4096.0, "of an encoder in a turn of a wheel, with gear and quadrature"),
+        "torque": AskedNumber("N m", 10.0, "largest torque at a wheel"),
+        "speed": AskedNumber("m/s", 0.6, "along the path"),
         **COMMON,
     },
     "car": {
-        "wheelbase": Entry("m", 2.6, "distance between the axles"),
-        "track": Entry("m", 1.6, "width, for the inertia of the body"),
-        "wheel_radius": Entry("m", 0.3, "radius of the driven wheels"),
-        "mass": Entry("kg", 1200.0, "of the whole vehicle"),
-        "speed": Entry("m/s", 3.0, "of the front wheel along the path"),
+        "wheelbase": AskedNumber("m", 2.6, "distance between the axles"),
+        "track": AskedNumber("m", 1.6, "width, for the inertia of the body"),
+        "wheel_radius": AskedNumber("m", 0.3, "radius of the driven wheels"),
+        "mass": AskedNumber("kg", 1200.0, "of the whole vehicle"),
+        "speed": AskedNumber("m/s", 3.0, "of the front wheel along the path"),
         **COMMON,
     },
     "tricycle": {
-        "wheelbase": Entry("m", 1.0, "distance of the steered wheel from the rear axle"),
-        "track": Entry("m", 0.7, "width, for the inertia of the body"),
-        "wheel_radius": Entry("m", 0.15, "radius of the steered wheel, which drives"),
-        "mass": Entry("kg", 80.0, "of the whole vehicle"),
-        "speed": Entry("m/s", 0.8, "of the steered wheel along the path"),
+        "wheelbase": AskedNumber("m", 1.0, "distance of the steered wheel from the rear axle"),
+        "track": AskedNumber("m", 0.7, "width, for the inertia of the body"),
+        "wheel_radius": AskedNumber("m", 0.15, "radius of the steered wheel, which drives"),
+        "mass": AskedNumber("kg", 80.0, "of the whole vehicle"),
+        "speed": AskedNumber("m/s", 0.8, "of the steered wheel along the path"),
         **COMMON,
     },
 }
@@ -125,8 +125,8 @@ def _given(numbers: Sequence[str], kind: str) -> dict[str, float]:
     return given
 
 
-def _number(name: str, text: str, entry: Entry) -> float:
-    from ..readers.quantities import quantity  # slow to import
+def _number(name: str, text: str, entry: AskedNumber) -> float:
+    from ...readers.quantities import quantity  # slow to import
 
     try:
         value = float(quantity(entry.unit)(text))
@@ -153,7 +153,7 @@ def _asked_kind() -> str:
     return answer
 
 
-def _asked(name: str, entry: Entry) -> float:
+def _asked(name: str, entry: AskedNumber) -> float:
     """Return the number that is typed; an empty answer is the default."""
     answer = _typed(f"{name}, {entry.about}, in {entry.unit} [{entry.default:g}]: ")
     return _number(name, answer, entry) if answer else entry.default
@@ -255,8 +255,8 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
 
 def _check(text: str, name: str) -> None:
     """Raise BadInput if no run of the SPEC can begin."""
-    from ..simulation.loop import make_loop  # slow to import
-    from ..simulation.specification.spec import spec_of
+    from ...simulation.loop import make_loop  # slow to import
+    from ...simulation.specification.spec import spec_of
 
     spec: Spec = spec_of(text, name)
     make_loop(spec)
