@@ -14,7 +14,7 @@ from noslip.model.algebra.linear_numbers import least_norm, least_squares
 from noslip.model.algebra.portable import portable
 from noslip.model.algebra.trigonometry import angle_of, arcsine, product, sine_cosine, size, unit
 from noslip.simulation.controllers.controller import BACKENDS
-from noslip.simulation.dop853 import E3, E5, A, B, C
+from noslip.simulation.runge_kutta import E3, E5, A, B, C
 from noslip.tests.processors import SPECS, choices, digest_with, lacking
 from scipy.integrate import DOP853
 
