@@ -22,7 +22,7 @@ SHRINK, GROW = 0.2, 10.0  # least and largest factor between the lengths of one 
 FIRST = 1e-3  # s, the first step tried
 
 # Twelve stages: C says at which part of the step each is taken, row k of A (stage -> weight) from which slopes, B weighs the
-# slopes in the result, E5 and E3 in the differences from results of order 5 and 3. Weights that are zero are left out (ibid., II.5).
+# slopes in the result, E5 and E3 in the differences from results of order 5 and 3. Weights of zero are left out (ibid., II.5).
 C = (
     0.05260015195876773,
     0.0789002279381516,
