@@ -230,9 +230,16 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
             written = plain
         places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - NOT_OF_THE_C
         places = {place.split(".")[0] for place in places} if whole else places
-        if allowed is not None and not places <= allowed:
+        # An object stands for its members, which are listed where not all of them are written.
+        if allowed is not None and any(not {place, *_objects(place)} & allowed for place in places):
             wrong.append(f"{program}: {function} writes to {' '.join(written.split())}")
     return int(shown[1]), wrong
+
+
+def _objects(place: str) -> list[str]:
+    """Return the objects that a member is in: law.link and law of law.link.m."""
+    parts = place.split(".")
+    return [".".join(parts[:k]) for k in range(1, len(parts))]
 
 
 def _members(braced: re.Match[str]) -> str:
