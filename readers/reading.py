@@ -228,18 +228,18 @@ def one_for_each(values: Sequence[float], names: Sequence[str], where: str, of_a
     raise BadInput(f"{where} has {len(values)} numbers; it must have {count}: {', '.join(names) or 'there is none'}")
 
 
-_plain = number()
+_plain = number(unit="1")
 
 
 def by_name(option: str, texts: Iterable[str], example: str, read: Reader = _plain) -> dict[str, float]:
-    """Return the numbers of an option of a command line, NAME=NUMBER each, by name. Raises BadInput, with an example, for a text
-    of another form, and for a name that has a number already.
+    """Return the numbers of an option of a command line, NAME=NUMBER each, by name; `read` reads each, by default without a unit.
+    Raises BadInput, with an example, for a text of another form, and for a name that has a number already.
     """
     numbers: dict[str, float] = {}
     for text in texts:
         name, equals, size = text.rpartition("=")
         if not equals or name in numbers:
-            raise BadInput(f"{option} {text}: {f'{name} has a number already' if equals else f'give {example}'}")
+            raise BadInput(f"{option} {text}: {f'{name or option} has a number already' if equals else f'give {example}'}")
         try:
             numbers[name] = read(float(size), f"{option} {name}")
         except ValueError:

@@ -122,14 +122,14 @@ def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], r
     """Return the values of --set; check the names of --fit. Raises BadInput, ModelError."""
     from ...analysis.identification.log import check_known
     from ...readers.quantities import check_unit
-    from ...readers.reading import by_name
+    from ...readers.reading import by_name, number
 
     named = {p.name: p for p in parameters}
     single = tuple(f"_{each.name}" for each in robot.inputs)
     own = {p.name for p in robot.parameters}
     listed = [name for name in named if name in own or not name.endswith(single)]  # without those of single motors
     values = {}
-    for name, value in by_name("--set", args.set, "NAME=VALUE").items():
+    for name, value in by_name("--set", args.set, "NAME=VALUE", number()).items():
         check_known("--set", name, "parameter", named, listed)
         check_unit(value, named[name].unit, f"--set {name}")
         values[name] = named[name].check(value, "--set")

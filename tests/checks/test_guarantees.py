@@ -78,8 +78,8 @@ LOOPS = pytest.param("tractor_trailer:12", marks=pytest.mark.nightly)  # its law
 
 @pytest.mark.parametrize("robot", ["balancer", "roller_racer", LOOPS])
 def test_eva_proves_partial_linearization_and_finds_what_is_wrong(robot, tmp_path):
-    """A law of a robot with fewer inputs than degrees of freedom, and one with loops, whose struct has members that nothing writes;
-    the planted defect writes beside the inputs.
+    """A law of a robot with fewer inputs than degrees of freedom, and one with loops, whose struct has members that nothing
+    writes; the planted defect writes beside the inputs.
     """
     need("frama-c")
     task = Task(tmp_path, others=((robot, dict(OTHERS)[robot]),))

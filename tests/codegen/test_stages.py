@@ -17,6 +17,7 @@ from noslip.codegen.loop.rules import OF_LAW, USERS, WORDS, Excludes, Needs, Opt
 from noslip.codegen.loop.stages import RULES, SIGNALS, STAGES
 from noslip.model.errors import ModelError
 from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import Spec, spec_of_table
 
@@ -200,6 +201,24 @@ def test_options_name_keys_of_a_spec():
     assert len({stage.name for stage in STAGES}) == len(STAGES) >= 12
     with pytest.raises(ValueError, match="is no option"):
         Option("[limits] mode is grip").path  # noqa: B018
+
+
+OF_LAWS = {
+    ("labmate", "type_i"): {"outputs without an angle"},
+    ("labmate", "type_ii"): {"outputs that begin with no point", "an output in rad"},
+    ("labmate", "type_iv_course"): {"outputs without an angle"},
+    ("tricycle", "type_iv_line"): {
+        *("a vehicle with a steered wheel", "outputs that begin with no point", "outputs without an angle"),
+    },
+    ("balancer", "upright"): {"fewer inputs than quasi-velocities", "outputs that begin with no point", "an output in rad"},
+}
+
+
+@pytest.mark.parametrize("robot, law", OF_LAWS)
+def test_what_follows_from_a_law(robot, law):
+    made = law_of(find_robot(robot), law)
+    assert {option for option in OF_LAW if Option(option).holds(None, law=made)} == OF_LAWS[robot, law]
+    assert not any(Option(option).holds(None) for option in OF_LAW)
 
 
 COLUMNS = (("sampled",), ("noise", "correction"), ("estimator", "noise"), ("notice slip",), ("adaptation",), ("velocity",))

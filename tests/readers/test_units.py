@@ -8,7 +8,7 @@ import pytest
 from noslip.cli.main import main
 from noslip.readers.errors import BadInput
 from noslip.readers.quantities import measured
-from noslip.readers.reading import angle, number, point, pose
+from noslip.readers.reading import angle, by_name, number, point, pose
 from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import read_text
 from noslip.simulation.specification.vary import change, read_varied
@@ -222,3 +222,17 @@ def test_a_robots_unit_that_is_not_si_takes_plain_numbers_only():
         with pytest.raises(BadInput):
             check_unit(measured("3 m", "x"), unit, "x")
     check_unit(3.0, "mm", "x")
+
+
+def test_numbers_by_name():
+    """Without a unit, unless the option has one; each name once."""
+    assert by_name("--lqr", ["pitch=10", "a=b=0.5"], "NAME=NUMBER") == {"pitch": 10.0, "a=b": 0.5}
+    assert by_name("--radius", ["left=5cm"], "LINK=METRES", number("positive", "m")) == {"left": 0.05}
+    for texts, said in (
+        (["pitch"], "--lqr pitch: give NAME=NUMBER"),
+        (["pitch=10 kg"], "--lqr pitch = .* has the wrong dimension"),
+        (["pitch=nan"], "--lqr pitch = nan is not finite"),
+        (["pitch=1", "pitch=2"], "pitch has a number already"),
+    ):
+        with pytest.raises(BadInput, match=said):
+            by_name("--lqr", texts, "NAME=NUMBER")
