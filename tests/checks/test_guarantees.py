@@ -73,10 +73,7 @@ def test_eva_proves_extended_laws_and_finds_an_extension_that_is_not_checked(nam
 
 
 @pytest.mark.nightly
-LOOPS = pytest.param("tractor_trailer:12", marks=pytest.mark.nightly)  # its law
-
-
-@pytest.mark.parametrize("robot", ["balancer", "roller_racer", LOOPS])
+@pytest.mark.parametrize("robot", ["balancer", "roller_racer", "tractor_trailer:12"])
 def test_eva_proves_partial_linearization_and_finds_what_is_wrong(robot, tmp_path):
     """A law of a robot with fewer inputs than degrees of freedom, and one with loops, whose struct has members that nothing
     writes; the planted defect writes beside the inputs.
