@@ -186,7 +186,7 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
         raise BadInput("--speed must not be zero: the steady motion is along the path")
     if args.spec is None:
         if args.output is None or args.robot is None:
-            raise BadInput("outer-loop needs ROBOT with --output LAW, or --spec SPEC.toml")
+            raise BadInput(f"outer-loop needs {'' if args.robot else 'ROBOT and '}--output LAW or --spec SPEC.toml")
         kinematic = args.drive == "kinematic" and without_kinematic(args.output) == args.output
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)

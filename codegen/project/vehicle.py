@@ -54,7 +54,7 @@ def example(law: ControlLaw) -> VehicleNumbers:
         "path": {"speed": 0.5, "deceleration": 0.4, "L": (0.25, 0.25)},
         "astray": 0.3,
         "gains": {q.in_c: q.default for q in law.gains},
-        "limits": {"limit": (20.0, 20.0), "on_limit": "NOSLIP_SLOW"},
+        "limits": {"limit": (1.0, 1.0), "on_limit": "NOSLIP_SLOW"},
         "watchdog": {"tolerated": 3, "forgiven": 100, "stuck": 50},
     }
     parameters = [p.default for p in law.parameters]

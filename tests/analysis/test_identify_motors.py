@@ -266,7 +266,7 @@ def test_the_command(write, capsys):
 
 REFUSED = {
     "constant": (["--fit", "m_c", *options("torque_constant")], "give --set torque_constant=VALUE"),
-    "efficiency": (["--fit", "m_c", *options(), "--set", "efficiency=1.2"], "efficiency = 1.2 must be at most 1"),
+    "efficiency": (["--fit", "m_c", *options("efficiency"), "--set", "efficiency=1.2"], "efficiency = 1.2 must be at most 1"),
     "moving": (["--fit", "moving", *options()], "a log does not show it"),
     "kind": (["--fit", "m_c", *options(), "--drive", "voltage"], "column 'voltage_tau_r' is missing"),
     "outputs": (["--fit", "m_c", *options(), "--outputs", "theta_r"], "do not determine the quasi-velocities"),

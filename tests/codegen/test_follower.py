@@ -161,8 +161,9 @@ def test_exported_project_drives(tmp_path):
         done = subprocess.run(command.split(), cwd=folder, capture_output=True, text=True, check=True)
         assert "warning" not in done.stderr + done.stdout
     (tmp_path / "main.c").write_text(HARNESS)
-    program = [tmp_path / "main.c", folder / "loop.o", folder / "liblabmate.a", "-o", tmp_path / "run"]
-    subprocess.run([HOST_CC, "-std=c99", f"-I{folder / 'noslip'}", *program], check=True)
+    objects = [folder / "loop.o", folder / "vehicle.c", folder / "liblabmate.a"]
+    program = [tmp_path / "main.c", *objects, "-o", tmp_path / "run"]
+    subprocess.run([HOST_CC, "-std=c99", f"-I{folder / 'noslip'}", f"-I{folder}", *program], check=True)
     way, speed, most = map(float, subprocess.run([tmp_path / "run"], capture_output=True, check=True).stdout.split())
     assert abs(way - 4.75) < 0.1 and abs(speed) < 0.02 and most == 1.0
 
