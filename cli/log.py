@@ -45,7 +45,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "view",
         help="plot a serial dump of telemetry, or a table of a run, as a run",
         description="Draw the ticks in a dump of noslip_telemetry.h as `noslip simulate --plot` draws a run; or the rows of a "
-        "table (CSV, Parquet, MCAP, a bag of ROS) of `noslip log` or `noslip simulate`, with the SPEC that says robot, law and path.",
+        "table (CSV, Parquet, MCAP, a bag of ROS) of `noslip log` or `noslip simulate`, with the SPEC that says robot, law and "
+        "path.",
         epilog=EXAMPLE_OF_VIEW,
     )
     parser.add_argument("-o", "--output", metavar="RUN.png", required=True, help="picture: .png, .svg or .pdf")

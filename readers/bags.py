@@ -2,15 +2,16 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .errors import BadInput, library, suggestion
-from .tables import NANOSECONDS, Column, Table, column_name, listed, read_table
+from .tables import NANOSECONDS, Column, Table, column_name, read_table
 
 OFFSET = 0.05  # s: what differs more between topics, of the times of headers and of the bag, is said
 MARKS = (b"#ROSBAG", b"SQLite format 3")
@@ -18,19 +19,35 @@ PROFILE = b"\x04\0\0\0ros2"  # behind the first 17 bytes of an MCAP of ROS 2
 JOINT_STATE, QUATERNION, TIME = "sensor_msgs/msg/JointState", "geometry_msgs/msg/Quaternion", "builtin_interfaces/msg/Time"
 OF_JOINTS = ("position", "velocity", "effort")
 FORM = "--map theta_r=/joint_states:JOINT.position, or --map phi=/odom:pose.pose.orientation for the yaw"
-DAMAGED = "is no bag that can be read, it is damaged or was not closed; `rosbag reindex` or `ros2 bag reindex` may mend it"
+MENDING = "; one that was not closed is mended by `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
 
-Messages = dict[str, list[tuple[int, Any]]]  # by topic: the time of the bag, ns since 1970, and the message
+
+@dataclass
+class Topic:
+    """What was read of a topic: its first message, the names of all joints; and of each message the time of the bag and the stamp
+    of its header (0: none), ns since 1970, and the values of fields.
+    """
+
+    first: Any
+    joints: dict[str, None] = field(default_factory=dict)
+    times: list[int] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
+    values: list[list[float]] = field(default_factory=list)
 
 
 def is_bag(file: str | Path) -> bool:
     """Return whether a file or folder is a bag by its name or its first bytes. Raises OSError."""
-    if Path(file).is_dir():
-        return True
-    with open(file, "rb") as stream:
-        head = stream.read(25)
+    head = _head(file)
     is_of_ros2 = head.startswith(b"\x89MCAP") and head[17:] == PROFILE
-    return is_of_ros2 or head.startswith(MARKS) or Path(file).suffix.lower() in (".bag", ".db3")
+    return Path(file).is_dir() or is_of_ros2 or head.startswith(MARKS) or Path(file).suffix.lower() in (".bag", ".db3")
+
+
+def _head(file: str | Path) -> bytes:
+    """Return the first bytes of a file, none of a folder."""
+    if Path(file).is_dir():
+        return b""
+    with open(file, "rb") as stream:
+        return stream.read(25)
 
 
 def table_of_log(file: str | Path, columns: Sequence[str], mapped: Mapping[str, str]) -> Table:
@@ -45,38 +62,29 @@ def table_of_log(file: str | Path, columns: Sequence[str], mapped: Mapping[str, 
         return read_table(file, columns)
     if columns:
         raise BadInput(f"--columns: the fields of {file} have names; say {FORM}")
-    names = {column_name(text): column_name(text).partition(":")[::2] for text in mapped.values()}
-    topics, bag = _read(Path(file), {topic for topic, _ in names.values()})
-    known = f"{file} has the topics {listed(topics.values())}" if topics else f"{file} has no topics"
-    if not mapped:
-        raise BadInput(f"{known}; say which field each quantity is, {FORM}")
-    for topic, field in names.values():
-        if topic not in topics:
-            raise BadInput(f"{file}: no topic {topic!r}{suggestion(topic, topics).partition('; known')[0]}; {known}")
-        if topic not in bag:
-            raise BadInput(f"{file}: topic {topic} has no messages; {known}")
-        if not field:
-            raise BadInput(f"{file}: no field of {topic} is named; write {topic}:FIELD, {_known_fields(bag[topic])}")
-    stamps, remarks = _stamps({topic: bag[topic] for topic, _ in names.values()})
-    start = min(int(each[0]) for each in stamps.values())
-    table = Table(file, remarks=remarks)
-    own: dict[tuple[str, bytes], str] = {}  # names of the clocks: one for fields that are in the same messages
-    for name, (topic, field) in names.items():
-        where = f"{file} {name}"
-        values = np.array([_value(message, field, start, where, bag[topic]) for _, message in bag[topic]])
-        there = np.flatnonzero(np.isfinite(values))
-        if not there.size:
-            raise BadInput(f"{where} is in none of {len(values)} messages; {_known_fields(bag[topic])}")
-        if there.size < len(values):
-            table.remarks.append(f"{name} is in {there.size} of {len(values)} messages")
-        clock = own.setdefault((topic, there.tobytes()), f"{topic} ({field})" if topic in own.values() else topic)
-        times = (stamps[topic] - start) / NANOSECONDS
-        if _is_nearly_sorted(times[there]):
-            there = there[np.argsort(times[there], kind="stable")]
-        rows = (there + 1).tolist()
-        is_yaw = _is(_field(bag[topic][0][1], field), QUATERNION)
-        table[name] = Column(values[there].tolist(), "rad" if is_yaw else None, where, rows, clock)
-        table.clocks[clock] = Column(times[there].tolist(), "s", f"{file} {clock} time", rows, clock)
+    fields: dict[str, dict[str, str]] = {}
+    for name in map(column_name, mapped.values()):
+        topic, _, field = name.partition(":")
+        fields.setdefault(topic, {})[name] = field
+    topics = _read(Path(file), fields)
+    table = Table(file, remarks=_remarks(topics))
+    start = min(topic.stamps[0] for topic in topics.values())
+    for topic, read in topics.items():
+        clocks: dict[bytes, str] = {}  # one for all fields that are in the same messages
+        for (name, field), values in zip(fields[topic].items(), np.array(read.values).T, strict=True):
+            there, where = np.flatnonzero(np.isfinite(values)), f"{file} {name}"
+            if not there.size:
+                raise BadInput(f"{where} is in none of {len(values)} messages; {_known_fields(read.first, read.joints)}")
+            if there.size < len(values):
+                table.remarks.append(f"{name} is in {there.size} of {len(values)} messages")
+            clock = clocks.setdefault(there.tobytes(), f"{topic} ({field})" if clocks else topic)
+            times = np.array([stamp - start for stamp in read.stamps]) / NANOSECONDS
+            if _is_nearly_sorted(times[there]):
+                there = there[np.argsort(times[there], kind="stable")]
+            rows, first = (there + 1).tolist(), _field(read.first, field)
+            values = values - start / NANOSECONDS if _is(first, TIME) else values
+            table[name] = Column(values[there].tolist(), "rad" if _is(first, QUATERNION) else None, where, rows, clock)
+            table.clocks[clock] = Column(times[there].tolist(), "s", f"{file} {clock} time", rows, clock)
     if len(table.clocks) == 1 and "t" not in mapped:
         (table["t"],) = table.clocks.values()
     return table
@@ -87,24 +95,21 @@ def _is_nearly_sorted(times: np.ndarray) -> bool:
     return bool((np.maximum.accumulate(times) - times).max() <= OFFSET)
 
 
-def _stamps(bag: Messages) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the times of the messages of each topic, ns since 1970, and remarks on how they differ from those of the bag."""
-    stamps, late, remarks = {}, {}, []
-    for topic, messages in bag.items():
-        times = np.array([time for time, _ in messages])
-        headers = [_field(message, "header.stamp") for _, message in messages]
-        stamps[topic] = np.array([_nanoseconds(each) for each in headers]) if _is(headers[0], TIME) else np.zeros_like(times)
-        if not stamps[topic].any():
-            stamps[topic] = times
-            remarks.append(f"messages of {topic} have no stamps in a header: their times are those of the bag")
-        late[topic] = float(np.median(times - stamps[topic])) / NANOSECONDS
+def _remarks(topics: Mapping[str, "Topic"]) -> list[str]:
+    """Return remarks on how the times of headers differ from those of the bag, which replace them where none is set."""
+    remarks, late = [], {}
+    for name, topic in topics.items():
+        if not any(topic.stamps):
+            topic.stamps = topic.times
+            remarks.append(f"messages of {name} have no stamps in a header: their times are those of the bag")
+        late[name] = float(np.median([time - stamp for time, stamp in zip(topic.times, topic.stamps, strict=True)])) / NANOSECONDS
     if max(late.values()) - min(late.values()) > OFFSET:
-        offsets = ", ".join(f"{offset:.3g} s for {topic}" for topic, offset in late.items())
+        offsets = ", ".join(f"{offset:.3g} s for {name}" for name, offset in late.items())
         remarks.append(
             f"the times of the bag are later than those of the headers, by {offsets}; that differs by more than {OFFSET:g} s: "
             "messages were recorded late, or their clocks differ, and their topics do not fit together in time"
         )
-    return stamps, remarks
+    return remarks
 
 
 # -- fields ----------------------------------------------------------------------------------------------------------------
@@ -112,6 +117,10 @@ def _stamps(bag: Messages) -> tuple[dict[str, np.ndarray], list[str]]:
 
 def _is(value: Any, kind: str) -> bool:
     return getattr(value, "__msgtype__", None) == kind
+
+
+def _joints(message: Any) -> Sequence[str]:
+    return message.name if _is(message, JOINT_STATE) else ()
 
 
 def _nanoseconds(stamp: Any) -> int:
@@ -130,32 +139,31 @@ def _field(message: Any, field: str) -> Any:
     return message
 
 
-def _value(message: Any, field: str, start: int, where: str, messages: list[tuple[int, Any]]) -> float:
+def _value(message: Any, name: str, where: str) -> float:
     """Return a field of a message as a number, NaN where it is not in this message: of a joint, looked up by its name; of a
-    quaternion its yaw, rad; of a time s from `start`, ns. Raises BadInput if these messages have no such field.
+    quaternion its yaw, rad; of a time s since 1970. Raises BadInput if messages of this type have no such field.
     """
-    joint, _, kind = field.rpartition(".")
+    joint, _, kind = name.rpartition(".")
     if _is(message, JOINT_STATE) and joint and kind in OF_JOINTS:
         values = getattr(message, kind)
         return float(values[k]) if joint in message.name and (k := message.name.index(joint)) < len(values) else math.nan
-    value = None if _is(message, JOINT_STATE) and field.startswith(OF_JOINTS) else _field(message, field)
+    value = None if _is(message, JOINT_STATE) and name.startswith(OF_JOINTS) else _field(message, name)
     if _is(value, QUATERNION):
         x, y, z, w = value.x, value.y, value.z, value.w
         return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z) if x or y or z or w else math.nan
     if _is(value, TIME):
-        return (_nanoseconds(value) - start) / NANOSECONDS
+        return _nanoseconds(value) / NANOSECONDS
     if not isinstance(value, int | float | np.number | np.bool_):
-        raise BadInput(f"{where}: no field with a number; {_known_fields(messages)}")
+        problem = "no such field" if value is None else "not a number"
+        raise BadInput(f"{where}: {problem}; {_known_fields(message, _joints(message))}")
     return float(value)
 
 
-def _known_fields(messages: list[tuple[int, Any]]) -> str:
-    """Return what the fields and joints of a topic's messages are."""
-    first = messages[0][1]
-    if _is(first, JOINT_STATE):
-        joints = listed(dict.fromkeys(name for _, message in messages for name in message.name))
-        return f"its joints are {joints or 'none'}, each with .{', .'.join(OF_JOINTS)}"
-    return f"its fields are {listed(_numeric(first))}"
+def _known_fields(message: Any, joints: Iterable[str]) -> str:
+    """Return what the fields of a message are, or the joints of a topic."""
+    if _is(message, JOINT_STATE):
+        return f"its joints are {', '.join(sorted(joints)) or 'none'}, each with .{', .'.join(OF_JOINTS)}"
+    return f"its fields are {', '.join(_numeric(message)) or 'none'}"
 
 
 def _numeric(message: Any, path: str = "") -> Iterator[str]:
@@ -176,31 +184,63 @@ def _numeric(message: Any, path: str = "") -> Iterator[str]:
 
 
 @contextmanager
-def _saying(what: str) -> Iterator[None]:
+def _saying(what: str, advice: str = "") -> Iterator[None]:
     """Raise BadInput with `what` before any error of the library, whose parsers raise many kinds for damaged bytes."""
     try:
         yield
     except (BadInput, PermissionError):
         raise
     except Exception as error:
-        raise BadInput(f"{what} ({str(error)[:200] or type(error).__name__})") from error
+        raise BadInput(f"{what}: {str(error)[:200] or type(error).__name__}{advice}") from error
 
 
-def _read(file: Path, wanted: set[str]) -> tuple[dict[str, str], Messages]:
-    """Return the topics of a bag with their type and number of messages, as text, and all messages of those that are `wanted`."""
+def _read(file: Path, fields: Mapping[str, Mapping[str, str]]) -> dict[str, Topic]:
+    """Return what a bag has of these topics and their `fields`, which are given with the name under which they were asked for.
+    Raises BadInput.
+    """
     if file.is_dir() and not (file / "metadata.yaml").exists():
-        raise BadInput(f"{file} is a folder without metadata.yaml, so no bag; give the .db3 or .mcap in it, or `ros2 bag reindex` it")
-    is_first = file.is_file() and (file.suffix.lower() == ".bag" or file.open("rb").read(7) == MARKS[0])
+        raise BadInput(f"{file} is a folder without metadata.yaml, so no bag; give the .db3 or .mcap in it, or reindex it")
+    for log in file.glob("*-wal") if file.is_dir() else [file.with_name(f"{file.name}-wal")]:
+        if log.exists() and log.stat().st_size:
+            raise BadInput(f"{file} was not closed, it has messages in {log}; `sqlite3 DB3 'PRAGMA wal_checkpoint'` moves them")
+    is_first = file.suffix.lower() == ".bag" or _head(file).startswith(MARKS[0])
     rosbags = library(f"rosbags.rosbag{1 if is_first else 2}", "bags of ROS need the library rosbags", "logs")
-    messages: Messages = {}
-    with _saying(f"{file} {DAMAGED}"), rosbags.Reader(file) as reader:
-        topics = {name: f"{name} ({each.msgtype}, {each.msgcount} messages)" for name, each in reader.topics.items()}
-        connections = [each for each in reader.connections if each.topic in wanted]
-        decoders = {each.id: _decoder(each, is_first, f"{file}: {topics[each.topic]}") for each in connections}
-        for connection, time, data in reader.messages(connections) if connections else ():
-            with _saying(f"{file}: a message of {topics[connection.topic]} cannot be decoded"):
-                messages.setdefault(connection.topic, []).append((time, decoders[connection.id](data, connection.msgtype)))
-    return topics, messages
+    topics: dict[str, Topic] = {}
+    with _saying(f"{file} cannot be read as a bag", MENDING), rosbags.Reader(file) as reader:
+        infos = reader.topics
+        about = {name: f"{name} ({_shown(info.msgtype)}, {info.msgcount} messages)" for name, info in infos.items()}
+        known = f"its topics are {', '.join(about.values()) or 'none'}"
+        if not fields:
+            raise BadInput(f"{file} is a bag of ROS: say which field each quantity is, {FORM}; {known}")
+        for name in fields:
+            if name not in infos:
+                raise BadInput(f"{file}: no topic {name!r}{suggestion(name, infos).partition('; known')[0]}; {known}")
+            if not infos[name].msgcount:
+                raise BadInput(f"{file}: topic {name} has no messages; {known}")
+        connections = [each for each in reader.connections if each.topic in fields]
+        decoders = {each.id: _decoder(each, is_first, f"{file}: {about[each.topic]}") for each in connections}
+        for connection, time, data in reader.messages(connections):
+            name = connection.topic
+            with _saying(f"{file}: a message of {about[name]} cannot be decoded"):
+                message = decoders[connection.id](data, connection.msgtype)
+            topic = topics.setdefault(name, Topic(message))
+            if "" in fields[name].values():
+                raise BadInput(
+                    f"{file}: no field of {name} is named; write {name}:FIELD, {_known_fields(message, _joints(message))}"
+                )
+            stamp = _field(message, "header.stamp")
+            topic.joints |= dict.fromkeys(_joints(message))
+            topic.times.append(time)
+            topic.stamps.append(_nanoseconds(stamp) if _is(stamp, TIME) else 0)
+            topic.values.append([_value(message, part, f"{file} {column}") for column, part in fields[name].items()])
+        for name in fields:
+            if (count := len(topics[name].times) if name in topics else 0) != infos[name].msgcount:
+                raise ValueError(f"only {count} messages are there of {about[name]}")
+    return {name: topics[name] for name in fields}
+
+
+def _shown(kind: str | None) -> str:
+    return "several types" if kind is None else kind.replace("/msg/", "/")
 
 
 def _decoder(connection: Any, is_first: bool, where: str) -> Callable[[bytes, str], Any]:

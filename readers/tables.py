@@ -27,7 +27,7 @@ OTHERS = {  # first bytes of files that are no tables, and what to do
     b"\x89HDF": "an HDF5 file; export the table as CSV or Parquet",
     b"\x93NUMPY": "an array of NumPy; write it with numpy.savetxt",
     b"#ROSBAG": "a bag of ROS 1; `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` makes a table of it",
-    b"SQLite format 3": "a database; if it is a bag of ROS 2, `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` makes a table of it",
+    b"SQLite format 3": "a database; of a bag of ROS 2 `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` makes a table",
 }
 WITH_UNIT = re.compile(r"(.*\S)(\s*)(?:\[([^]]*)\]|\(([^)]*)\))")
 SUFFIXES = ("rad", "deg", "rpm", "mm", "cm", "m", "s", "ms", "us", "ns")  # units that may end a name: phi_deg

@@ -273,7 +273,8 @@ def read_rows(
         raise BadInput(f"{table.file}: {', '.join(found)} are at no time all known; their topics do not overlap, or have gaps")
     others = {name: column.topic for name, column in found.items() if column.topic != first}
     if others:
-        between = "; ".join(f"{', '.join(n for n in others if others[n] == each)} of {each}" for each in dict.fromkeys(others.values()))
+        of = {topic: ", ".join(name for name in others if others[name] == topic) for topic in others.values()}
+        between = "; ".join(f"{names} of {topic}" for topic, names in of.items())
         remarks.append(f"rows are the messages of {first}; interpolated linearly in time: {between}")
     if (own & ~complete).any():
         remarks.append(f"{(own & ~complete).sum()} of {own.sum()} rows are left out, where another topic has no messages around")
