@@ -92,8 +92,7 @@ def _log_bag(args: argparse.Namespace) -> int:
     from ..readers.robots import find_robot, system_of
     from ..readers.tables import Written, table_bytes
 
-    if args.start is not None:
-        raise BadInput(f"--start is for dumps; {args.dump} is a bag")
+    refuse_given(args, ["start"], f"is for dumps; {args.dump} is a bag")
     mapped = columns(args)
     units: dict[str, str | None] = dict.fromkeys(mapped)
     if args.robot:

@@ -147,7 +147,7 @@ def _value(message: Any, name: str, where: str) -> float:
     if _is(message, JOINT_STATE) and joint and kind in OF_JOINTS:
         values = getattr(message, kind)
         return float(values[k]) if joint in message.name and (k := message.name.index(joint)) < len(values) else math.nan
-    value = None if _is(message, JOINT_STATE) and name.startswith(OF_JOINTS) else _field(message, name)
+    value: Any = None if _is(message, JOINT_STATE) and name.startswith(OF_JOINTS) else _field(message, name)
     if _is(value, QUATERNION):
         x, y, z, w = value.x, value.y, value.z, value.w
         return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z) if x or y or z or w else math.nan
