@@ -1,22 +1,27 @@
-"""`noslip log` and `noslip view`: a serial dump of a follower's telemetry as a table and as a plot; a table as a plot."""
+"""`noslip log` and `noslip view`: a serial dump of telemetry, or a bag of ROS, as a table and as a plot; a table as a plot."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..readers.errors import BadInput, naming
+from ..readers.errors import BadInput, check_named, naming
 from ..readers.files import check_targets, write_whole
 from .commands import refuse_given, show
+from .robot.identify import add_map, columns
 
 if TYPE_CHECKING:
+    from ..readers.tables import Column
     from ..simulation.run import Run
+    from ..simulation.specification.spec import Spec
     from ..simulation.telemetry.dump import Dump, Start
     from ..simulation.telemetry.vehicle import FollowerInC
 
 EXAMPLE_OF_LOG = """examples:
   make -C firmware run TARGET=cortex-m4f TELEMETRY=/tmp/run.dump
   noslip log /tmp/run.dump -o run.csv
-  noslip log /tmp/run.dump -o run.mcap     for PlotJuggler or Foxglove"""
+  noslip log /tmp/run.dump -o run.mcap     for PlotJuggler or Foxglove
+  noslip log run.bag --map theta_r=/joint_states:right_wheel.position --map phi=/odom:pose.pose.orientation -o run.csv"""
 EXAMPLE_OF_VIEW = """examples:
   noslip view /tmp/run.dump -o run.png
   noslip view run.parquet --spec run.toml -o run.png"""
@@ -26,25 +31,27 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip log` and `noslip view`."""
     parser = subparsers.add_parser(
         "log",
-        help="turn a serial dump of telemetry into CSV, Parquet or MCAP",
+        help="turn a serial dump of telemetry, or a bag of ROS, into CSV, Parquet or MCAP",
         description="Write the ticks in a dump of noslip_telemetry.h as a table with the columns of `noslip simulate`: pose from "
         "dead reckoning, angles and filtered rates of the wheels, torques, outputs, commands, status. Damaged frames, missing "
-        "records and restarts are counted.",
+        "records and restarts are counted. Or write fields of a bag of ROS 1 or 2 as the columns that --map names, at the times "
+        "of the first one's topic; those of other topics are interpolated.",
         epilog=EXAMPLE_OF_LOG,
     )
     parser.add_argument("-o", "--output", metavar="LOG", required=True, help="LOG.csv, LOG.parquet or LOG.mcap")
-    _add_dump(parser, "bytes as they came from the line")
+    _add_dump(parser, "bytes as they came from the line, or a bag: .bag, .db3, .mcap, a folder of rosbag2")
     parser.set_defaults(run=run)
     parser = subparsers.add_parser(
         "view",
         help="plot a serial dump of telemetry, or a table of a run, as a run",
         description="Draw the ticks in a dump of noslip_telemetry.h as `noslip simulate --plot` draws a run; or the rows of a "
-        "table (CSV, Parquet, MCAP) of `noslip log` or `noslip simulate`, with the SPEC that says robot, law and path.",
+        "table (CSV, Parquet, MCAP, a bag of ROS) of `noslip log` or `noslip simulate`, with the SPEC that says robot, law and "
+        "path.",
         epilog=EXAMPLE_OF_VIEW,
     )
     parser.add_argument("-o", "--output", metavar="RUN.png", required=True, help="picture: .png, .svg or .pdf")
     parser.add_argument("--spec", metavar="SPEC", help="of a table: what robot, law and path its rows belong to")
-    _add_dump(parser, "bytes as they came from the line, or a table: .csv, .parquet, .mcap")
+    _add_dump(parser, "bytes as they came from the line, or a table: .csv, .parquet, .mcap, a bag of ROS")
     parser.set_defaults(run=run_view)
 
 
@@ -57,15 +64,19 @@ def add_start(parser: argparse.ArgumentParser) -> None:
 def _add_dump(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument("dump", metavar="DUMP", help=what)
     add_start(parser)
+    add_map(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip log`. Return 0. Raises BadInput, OSError."""
+    from ..readers.bags import is_bag
     from ..readers.tables import check_format, table_bytes
     from ..simulation.telemetry.run import table
 
     check_targets([args.output], inputs=[args.dump])
     check_format(args.output)
+    if is_bag(args.dump):
+        return _log_bag(args)
     dump, start, vehicle, ticks = _read(args)
     columns = table(start, ticks)
     about = {"robot": vehicle.law.system.mechanism.name, "law": vehicle.law.name, "remarks": "; ".join(remarks(dump, start))}
@@ -74,13 +85,40 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _log_bag(args: argparse.Namespace) -> int:
+    """Write mapped fields of a bag as a table. Return 0."""
+    from ..analysis.identification.log import read_rows
+    from ..readers.bags import table_of_log
+    from ..readers.robots import find_robot, system_of
+    from ..readers.tables import Written, table_bytes
+
+    refuse_given(args, ["start"], f"is for dumps; {args.dump} is a bag")
+    mapped = columns(args)
+    units: dict[str, str | None] = dict.fromkeys(mapped)
+    if args.robot:
+        system = system_of(find_robot(args.robot))
+        units = {q.name: q.unit for q in (*system.state, *system.mechanism.inputs)}
+        for name in mapped:
+            check_named(name, ("t", *units), "--map: quantity")
+    rows, lines = read_rows(table_of_log(args.dump, (), mapped), units, mapped)
+    units["t"] = "s"
+    written = [Written(name, units[name] or "", mapped.get(name, "time"), values) for name, values in rows.items()]
+    about = {"bag": args.dump, "remarks": "; ".join(lines)}
+    write_whole(args.output, table_bytes(written, Path(args.output).suffix.lower(), "/bag", about))
+    head = f"{args.dump}: {_counted(len(rows['t']), 'row')} of {', '.join(mapped)}"
+    values = {"rows": len(rows["t"]), "remarks": list(lines), "files": [args.output]}
+    show(args, lambda: "\n  ".join([head, *lines, args.output]), lambda: values, args.output)
+    return 0
+
+
 def run_view(args: argparse.Namespace) -> int:
     """Run `noslip view`. Return 0. Raises BadInput, OSError."""
+    from ..readers.bags import is_bag
     from ..simulation.drawing import encoded
     from ..simulation.plot import draw
 
     check_targets([], [args.output], inputs=[args.dump, *([args.spec] if args.spec else [])])
-    if _is_table(args.dump):
+    if _is_table(args.dump) or is_bag(args.dump):
         return _view_table(args)
     refuse_given(args, ["spec"], f"is for tables: {args.dump} is a dump, which says what it belongs to; leave it out")
     dump, start, _, ticks = _read(args)
@@ -98,7 +136,6 @@ def _is_table(file: str) -> bool:
 def _view_table(args: argparse.Namespace) -> int:
     """Draw a table as a run of its SPEC. Return 0."""
     from ..model.errors import ModelError
-    from ..readers.tables import read_table
     from ..simulation.drawing import encoded
     from ..simulation.plot import draw
     from ..simulation.specification.vary import read_varied
@@ -109,7 +146,8 @@ def _view_table(args: argparse.Namespace) -> int:
         raise BadInput(f"{args.dump} is a table, which does not say what was followed: give --spec SPEC, or the dump of bytes")
     spec = read_varied(args.spec, {})
     with naming(args.spec, ModelError):
-        run = run_of_table(read_table(args.dump), spec, args.dump)
+        table, lines = _columns(args, spec)
+        run = run_of_table(table, spec, args.dump)
     write_whole(args.output, encoded(draw(run), Path(args.output).suffix[1:]))
     head = _head(run, "row", run.t[-1] - run.t[0])
     values = {
@@ -117,10 +155,30 @@ def _view_table(args: argparse.Namespace) -> int:
         "rows": len(run.t),
         "duration": float(run.t[-1] - run.t[0]),
         "status": str(run.status[-1]),
+        **({"remarks": list(lines)} if lines else {}),
         "files": [args.output],
     }
-    show(args, lambda: f"{head}\n  {args.output}", lambda: values, args.output)
+    show(args, lambda: "\n  ".join([head, *lines, args.output]), lambda: values, args.output)
     return 0
+
+
+def _columns(args: argparse.Namespace, spec: "Spec") -> tuple["Mapping[str, Column]", tuple[str, ...]]:
+    """Return the columns of a table or bag, also under the names of --map, and remarks on how topics were joined."""
+    from ..analysis.identification.log import read_rows
+    from ..readers.bags import is_bag, table_of_log
+    from ..readers.robots import find_robot, system_of
+    from ..readers.tables import Column, picked
+
+    mapped = columns(args)
+    table = table_of_log(args.dump, (), mapped)
+    found = picked(table, dict.fromkeys(mapped), mapped)
+    if len({column.topic for column in found.values()}) < 2 and not is_bag(args.dump):
+        return {**table, **found}, ()
+    system = system_of(find_robot(spec.robot))
+    units: dict[str, str | None] = {q.name: q.unit for q in (*system.state, *system.mechanism.inputs)}
+    rows, lines = read_rows(table, {**dict.fromkeys(mapped), **units}, mapped)
+    count = range(1, len(rows["t"]) + 1)
+    return {name: Column(values.tolist(), None, f"{args.dump} {name}", count) for name, values in rows.items()}, lines
 
 
 def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Run"]:

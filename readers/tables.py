@@ -26,8 +26,8 @@ OTHERS = {  # first bytes of files that are no tables, and what to do
     b"MATLAB 5.0": "a file of MATLAB; write the table with writetable",
     b"\x89HDF": "an HDF5 file; export the table as CSV or Parquet",
     b"\x93NUMPY": "an array of NumPy; write it with numpy.savetxt",
-    b"#ROSBAG": "a bag of ROS 1; export its topics as CSV, `rostopic echo -b FILE -p TOPIC`",
-    b"SQLite format 3": "a database, perhaps a bag of ROS 2; export its topics as CSV",
+    b"#ROSBAG": "a bag of ROS 1; `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` makes a table of it",
+    b"SQLite format 3": "a database; of a bag of ROS 2 `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` makes a table",
 }
 WITH_UNIT = re.compile(r"(.*\S)(\s*)(?:\[([^]]*)\]|\(([^)]*)\))")
 SUFFIXES = ("rad", "deg", "rpm", "mm", "cm", "m", "s", "ms", "us", "ns")  # units that may end a name: phi_deg
@@ -59,9 +59,9 @@ class Column:
     sign: float = 1.0
     problem: str = ""
 
-    def numbers(self, unit: str = "") -> np.ndarray:
+    def numbers(self, unit: str | None = "") -> np.ndarray:
         """Return the column as floats in SI, NaN where an entry is empty. `unit`: the SI unit of the
-        quantity. Times may also be dates, which are counted from 1970.
+        quantity; None: of any. Times may also be dates, which are counted from 1970.
 
         Raises BadInput for an entry that is not a number, and for a unit of another kind.
         """
@@ -79,7 +79,7 @@ class Column:
             return self.sign * values
         with naming(self.where, remedy="write another unit, --map 'NAME=COLUMN [UNIT]'"):
             factor, dimension = scaled_units(self.unit)
-        if dimension != in_base_units(unit or "1")[1]:
+        if unit is not None and dimension != in_base_units(unit or "1")[1]:
             hint = "; of a distance on the floor, with the wheel's radius in m: --map 'NAME=COLUMN [rad/0.15]'"
             hint = hint if unit == "rad" and dimension == in_base_units("m")[1] else ""
             raise BadInput(f"{self.where}: [{self.unit}] is not a unit of a quantity in {unit or '1'}{hint}")
@@ -179,6 +179,11 @@ def _add(
     table[name] = Column(entries, unit, where, rows, topic, problem=twice if name in table else "")
 
 
+def column_name(text: str) -> str:
+    """Return the name of the column in an entry of --map, "-COLUMN" or "COLUMN [UNIT]"."""
+    return _split(text)[0].removeprefix("-")
+
+
 def _split(head: str) -> tuple[str, str | None]:
     """Return name and unit of a header such as "phi [deg]"; "position[0]" is a name."""
     parts = WITH_UNIT.fullmatch(head)
@@ -190,7 +195,7 @@ def _split(head: str) -> tuple[str, str | None]:
     return head, None
 
 
-def picked(table: Table, units: Mapping[str, str], chosen: Mapping[str, str]) -> dict[str, Column]:
+def picked(table: Table, units: Mapping[str, str | None], chosen: Mapping[str, str]) -> dict[str, Column]:
     """Return the columns of quantities, which are given with their SI units, as far as the table has them:
     the `chosen` one, as "COLUMN", "-COLUMN" for the negative of it, or "COLUMN [UNIT]"; or that of the same
     name, whose case may differ and which may end with a unit, "phi_deg". The time t may be called time,
@@ -215,7 +220,7 @@ def picked(table: Table, units: Mapping[str, str], chosen: Mapping[str, str]) ->
     return found
 
 
-def _alike(quantity: str, unit: str, table: Table) -> dict[str, Column]:
+def _alike(quantity: str, unit: str | None, table: Table) -> dict[str, Column]:
     """Return the columns whose names are the quantity's but for case, topic and a unit at the end."""
     form = rf"(?:.*:)?{re.escape(quantity)}(?:_({'|'.join(SUFFIXES)}))?"
     pattern = TIME if quantity == "t" else re.compile(form, re.IGNORECASE)
@@ -300,7 +305,8 @@ def _mcap(file: str | Path, data: bytes) -> Table:
                 topics.setdefault(channel.topic, []).append((message.log_time, fields))
             else:
                 encoded[channel.topic] = (
-                    f"topic {channel.topic} is encoded as {channel.message_encoding}; only JSON is read, convert it to CSV"
+                    f"topic {channel.topic} is encoded as {channel.message_encoding}, which is read of bags of ROS 2 only, else "
+                    "JSON; `noslip log` makes a table of a bag"
                 )
     except (McapError, struct.error, ValueError, TypeError, AttributeError, RecursionError, EOFError) as error:
         raise BadInput(f"{file} is not an MCAP file, or is damaged") from error

@@ -39,7 +39,7 @@ def distinct(first: float, second: float) -> tuple[str, str]:
 def joined(
     table: Table,
     columns: Mapping[str, Column],
-    units: Mapping[str, str],
+    units: Mapping[str, str | None],
     held: Collection[str],
     alone: Collection[str],
 ) -> tuple[dict[str, np.ndarray], float, list[str]]:
@@ -67,7 +67,7 @@ def joined(
             rows[name] = exact
         else:
             step, change = np.diff(own), np.abs(np.diff(values))
-            sure = (step <= GAP * np.median(step)) & ((change < TURNED) | (units[name] != "rad"))
+            sure = (step <= GAP * np.median(step)) & ((change < TURNED) | (units[name] not in ("rad", None)))
             between = (last >= 0) & np.append(sure, False)[last]
             rows[name] = np.where(np.isnan(exact) & between, np.interp(t, own, values), exact)
             if len(dense) > 1:

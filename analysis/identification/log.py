@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +244,41 @@ def _columns(
         raise BadInput(f"{table.file}: {', '.join(counts)}: whole numbers only, which are no rad; say {said}, or {example}")
     times, more = seconds(t)
     return {"t": times, **{n: found[n].numbers(units[n]) for n in found}}, t.rows, None, [*remarks, *more]
+
+
+def read_rows(
+    table: Table, units: Mapping[str, str | None], columns: Mapping[str, str]
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Return t, s, and those quantities for which `columns` names one, at the times of the topic of the first, and remarks.
+
+    Quantities of other topics are interpolated linearly, angles continued over the turns before, but not beyond their first and
+    last message or over gaps; rows where one is missing are left out. `units`: the SI units, None: of any.
+    Raises BadInput as `times.joined`, and if no row is left.
+    """
+    units = {"t": "s", **units}
+    found = picked(table, {name: units[name] for name in columns}, columns)
+    first = next((column.topic for name, column in found.items() if name != "t"), "")
+    if "t" in found:
+        table.clocks[found["t"].topic] = found.pop("t")
+    remarks: list[str] = []
+    for name, column in found.items():
+        if "rad" in (units[name], column.unit):
+            t, _ = seconds(table.clocks[column.topic])
+            values, _, more = continued(column.numbers(units[name]), t, name, np.asarray(column.rows))
+            found[name], remarks = replace(column, entries=values.tolist(), unit=None, sign=1.0), [*remarks, *more]
+    rows, _, _ = joined(table, found, units, (), ())
+    own = np.isin(rows["t"], seconds(table.clocks[first])[0])
+    complete = own & np.isfinite(list(rows.values())).all(axis=0)
+    if not complete.any():
+        raise BadInput(f"{table.file}: {', '.join(found)} are at no time all known; their topics do not overlap, or have gaps")
+    others = {name: column.topic for name, column in found.items() if column.topic != first}
+    if others:
+        of = {topic: ", ".join(name for name in others if others[name] == topic) for topic in others.values()}
+        between = "; ".join(f"{names} of {topic}" for topic, names in of.items())
+        remarks.append(f"rows are the messages of {first}; interpolated linearly in time: {between}")
+    if (own & ~complete).any():
+        remarks.append(f"{(own & ~complete).sum()} of {own.sum()} rows are left out, where another topic has no messages around")
+    return {name: values[complete] for name, values in rows.items()}, (*table.remarks, *remarks)
 
 
 def _are_counts(values: np.ndarray) -> bool:

@@ -25,7 +25,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    form = "CSV or another text, .parquet or .mcap with t, angles and pose, SI units"
+    form = "CSV or another text, .parquet, .mcap or a bag of ROS with t, angles and pose, SI units"
     parser.add_argument("logs", metavar="LOG", nargs="+", help=form)
     parser.add_argument("--fit", nargs="+", metavar="NAME", help="parameters to fit, such as r b")
     add_options(parser)
@@ -37,15 +37,15 @@ def run(args: argparse.Namespace) -> int:
     from ...analysis.identification.geometry import calibrate, pose_names, sensor_parameters
     from ...analysis.identification.log import read_poses
     from ...analysis.identification.plausibility import check_sizes
+    from ...readers.bags import table_of_log
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
-    from ...readers.tables import read_table
 
     check_targets([], [args.plot] if args.plot else [], inputs=args.logs)
     robot = find_robot(args.robot)
     system = reduced(robot)
     pose = pose_names(system)
-    logs = [read_poses(read_table(file, args.columns), system, pose, columns(args)) for file in args.logs]
+    logs = [read_poses(table_of_log(file, args.columns, columns(args)), system, pose, columns(args)) for file in args.logs]
     own = {p.name for p in robot.parameters}
     values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:

@@ -32,7 +32,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    form = "CSV or another text, .parquet or .mcap with the columns of `noslip simulate`, SI units"
+    form = "CSV or another text, .parquet, .mcap or a bag of ROS with the columns of `noslip simulate`, SI units"
     parser.add_argument("log", metavar="LOG", help=form)
     parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c friction")
     add_options(parser)
@@ -61,15 +61,15 @@ def run(args: argparse.Namespace) -> int:
     from ...analysis.identification.fit import identify
     from ...analysis.identification.log import check_known, quantities_in, read_log
     from ...analysis.identification.motors import KINDS, kind_of_inputs, logged_inputs
+    from ...readers.bags import table_of_log
     from ...readers.progress import Progress
     from ...readers.robots import find_robot
-    from ...readers.tables import read_table
 
     check_targets([], [args.plot] if args.plot else [], inputs=[args.log])
     robot = find_robot(args.robot)
     system = reduced(robot)
     values = fitted_and_set(args, described(system), robot)
-    table = read_table(args.log, args.columns)
+    table = table_of_log(args.log, args.columns, columns(args))
     inputs = [each for kind in KINDS for each in logged_inputs(system, kind)]
     there = quantities_in(table, [*system.state, *inputs], columns(args))
     for name in args.outputs or ():
@@ -95,15 +95,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="value of another parameter, SI; may be repeated"
     )
+    add_map(parser)
+    add_columns(parser, "t,theta_r,theta_l,-")
+
+
+def add_map(parser: argparse.ArgumentParser) -> None:
+    """Add --map, which names columns."""
     parser.add_argument(
         "--map",
         action="append",
         default=[],
         metavar="NAME=COLUMN",
         help="the column of a quantity that has another name, sign or unit: NAME=-COLUMN, 'NAME=COLUMN [UNIT]', "
-        "where the unit may have a factor, [turn/4096]; a field of a topic: NAME=TOPIC:FIELD",
+        "where the unit may have a factor, [turn/4096]; a field of a topic: NAME=TOPIC:FIELD, for instance "
+        "theta_r=/joint_states:JOINT.position or phi=/odom:pose.pose.orientation",
     )
-    add_columns(parser, "t,theta_r,theta_l,-")
 
 
 def reduced(robot: "Mechanism") -> "ReducedSystem":

@@ -453,7 +453,7 @@ def test_export_of_one_scalar_has_no_source_of_the_other(scalar, there, not_ther
 
 
 LONG = r"^noslip figures|--scheduler|--table|--worst"  # figures and large sweeps have tests of their own
-FROM_A_VEHICLE = r"\brun\.(dump|mcap)|\bpoints\.csv|\bcourse\.json"  # files that come from elsewhere, and what is made of them
+FROM_A_VEHICLE = r"\brun\.(dump|mcap|bag)|\bpoints\.csv|\bcourse\.json"  # files from elsewhere, and what is made of them
 
 
 def printed_commands() -> list[tuple[str, str]]:

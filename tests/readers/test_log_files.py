@@ -318,7 +318,7 @@ REFUSED = {  # content, what is said
     "UTF-16 cut off": (lines(HEAD).decode().encode("utf-16")[:-1], "not a text file in UTF-16"),
     "gzip cut off": (gzip.compress(lines(HEAD))[:-9], "its gzip compression is damaged"),
     "workbook": (b"PK\x03\x04" + bytes(30), "a workbook or an archive; export the sheet as CSV"),
-    "bag": (b"SQLite format 3\0", "a database, perhaps a bag of ROS 2; export its topics as CSV"),
+    "bag": (b"SQLite format 3\0", "cannot be read as a bag: Unrecognized storage format '.csv'"),
     "unit": (lines("t,theta_r [foo],theta_l,x_c,y_c,phi"), "column 'theta_r': unknown unit 'foo'"),
     "kind": (lines("t,theta_r [kg],theta_l,x_c,y_c,phi"), "[kg] is not a unit of a quantity in rad"),
     "counts": (lines(HEAD, rows=np.round(plain() * [1, 1e4, 1e4, 1, 1, 1])), "say --map 'theta_r=theta_r [turn/COUNTS]' --map"),
