@@ -184,6 +184,7 @@ def playground_page(folder: Path) -> str:
     """What the playground is, and a link to its page if `make playground` has made it, which is then copied into a folder."""
     heading, _, text = (ROOT / "examples/playground/README.md").read_text(encoding="utf-8").partition("\n")
     if (page := ROOT / "build/playground/index.html").exists():
+        folder.mkdir()
         shutil.copy(page, folder / "index.html")
         heading += "\n\n**[Drive a robot here](playground/index.html)**"
     return f"{heading}\n{text}"

@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
-import noslip
 from noslip.codegen.derivation.grip import can_grip
 from noslip.codegen.files import law_program, law_text, shared_files
 from noslip.codegen.printing.scalar import SCALARS
@@ -31,8 +30,7 @@ from noslip.simulation.drawing import lines_function
 from noslip.simulation.guidance import vehicle_motion
 from noslip.simulation.plant import functions
 
-ROOT = Path(noslip.__file__).parent
-HERE = ROOT / "playground"
+HERE = Path(__file__).resolve().parent
 ROBOTS = ("labmate", "car", *(f"tractor_trailer:{count}" for count in range(4)))
 PATHS = ("line", "circle", "ellipse", "segment")
 LAWS = ("type_i", "type_ii", "type_iii", *(f"type_iv_{path}" for path in PATHS))  # as in playground.c
