@@ -67,9 +67,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder is not empty."""
+    vehicle = _vehicle(args) if args.robot.endswith(".toml") else None
     if args.fmu:
         return _export_fmu(args)
-    vehicle = _vehicle(args) if args.robot.endswith(".toml") else None
     from ..checks.verification.generate import rejected
     from ..codegen.project.example import example
     from ..readers.robots import refuse_course

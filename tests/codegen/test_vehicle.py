@@ -158,5 +158,6 @@ def test_the_command_line_says_what_is_wrong(bad_input, tmp_path):
     spec, out = str(tmp_path / "agv.toml"), ["-o", str(tmp_path / "out")]
     assert spec in bad_input(["export", spec, "--firmware", "generic", *out])
     assert "--firmware" in bad_input(["export", spec, *out])
+    assert "--firmware" in bad_input(["export", spec, "--fmu", "loop", "-o", str(tmp_path / "x.fmu")])
     assert "leave it out" in bad_input(["export", spec, "--firmware", "generic", "--output", "follower", *out])
     assert "absent.toml" in bad_input(["export", "absent.toml", "--firmware", "generic", *out])
