@@ -52,6 +52,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         "stop": f"NOSLIP_STOP_{options.stop.upper()}",
         "closed": options.closed,
     }
+    commands, follows = _drives(spec, loop)
     config = {
         "params": _named(law.parameters, loop.believed),
         "period": period,
@@ -64,7 +65,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         "gains": _named(law.gains, loop.gains),
         **_integral(loop),
         "limits": _limits(loop.limits),
-        **_drives(spec, loop),
+        **commands,
         "watchdog": {"tolerated": 3, "forgiven": 100},
     }
     assumed = [
@@ -73,11 +74,6 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         f"{ASTRAY:g} m farther from the path than at the start is astray",
         "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are stuck",
     ]
-    follows, drive = None, spec.drive
-    if drive and drive.takes_velocity:
-        names = [v.name for v in system.quasi_velocities]
-        most = one_for_each(drive.most_acceleration, names, "[drive] most_acceleration")
-        follows = VelocityDrives(drive.omega, drive.delay, most)
     plant, begins = loop.plant.parameters.tolist(), loop.start.tolist()
     late = spec.simulation.delay
     return law, VehicleNumbers(config, spec.output.segments, plant, begins, spec.simulation.duration, late, follows, assumed)
@@ -88,7 +84,7 @@ def _named(quantities, values) -> dict[str, float]:
 
 
 def _fastest(loop: Loop, desired: float, spec: Spec) -> float:
-    """Return an upper bound of the rate of a wheel, rad/s: of its drive, or FASTER times that on the path."""
+    """Return an upper bound of the rate of a wheel, rad/s: FASTER times that on the path."""
     forward, turn, _ = vehicle_wheels(loop.law.system, loop.believed)
     speed = max(desired, abs(spec.initial.speed or 0.0) if spec.initial else 0.0)
     bends = [segment.curvature for segment in spec.output.segments]
@@ -115,15 +111,15 @@ def _limits(limits: Limits | None) -> dict[str, object]:
     return {"limit": torque, "on_limit": ON_LIMIT[limits.mode], **friction}
 
 
-def _drives(spec: Spec, loop: Loop) -> dict[str, object]:
-    """Return what the drives take, and the limits of their commands."""
+def _drives(spec: Spec, loop: Loop) -> tuple[dict[str, object], VelocityDrives | None]:
+    """Return what the config says of drives that take velocities, and how they follow them; nothing of torques."""
     drive = spec.drive
     if drive is None or not drive.takes_velocity:
-        return {}
+        return {}, None
     names = [v.name for v in loop.law.system.quasi_velocities]
     speed = one_for_each(drive.most_speed, names, "[drive] most_speed")
     acceleration = one_for_each(drive.most_acceleration, names, "[drive] most_acceleration")
     limits = velocity_limits(speed, acceleration, drive.lag + spec.simulation.period)
     members = zip(limits.speed, limits.acceleration, limits.band, strict=True)
     velocity = [dict(zip(("speed", "acceleration", "band"), each, strict=True)) for each in members]
-    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}
+    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}, VelocityDrives(drive.omega, drive.delay, acceleration)

@@ -27,9 +27,9 @@ class VelocityDrives:
 class VehicleNumbers:
     """What a follower and its drive are given, SI.
 
-    `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by member.
-    `plant`: the true parameters, in the order of the robot's. `start`: [q; nu] at t = 0. `delay` (s) of torques, less than a
-    period. `assumed`: for the reader, which numbers are assumptions.
+    `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by
+    member. `plant`: the true parameters, in the order of the robot's. `start`: [q; nu] at t = 0. `delay` (s) from a tick until
+    its command reaches the drives, less than a period. `assumed`: for the reader, which numbers are assumptions.
     """
 
     config: Mapping[str, Any]
@@ -68,7 +68,7 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
     coordinates = [q.in_c for q in system.mechanism.coordinates]
     angles = [system.mechanism.coordinates[places[0]].in_c for places in system.coordinates_by_velocity]
     period = vehicle.config["period"]
-    lag = vehicle.drives.delay if vehicle.drives else vehicle.delay
+    lag = vehicle.delay + (vehicle.drives.delay if vehicle.drives else 0.0)
     values = {
         "robot": system.mechanism.name,
         "own": scalar.name,

@@ -40,6 +40,10 @@ VARIANTS = {  # what is replaced, or added before the first line
     "cut": {'mode = "slow"': 'mode = "cut"'},
     "integral": {"kv = 2.0 }": "kv = 2.0, ki_distance = 0.8, ki_speed = 0.5 }", "torque = 8.0": "torque = 8.0, integral = 0.4"},
     "grip": {'mode = "slow"': 'mode = "grip"', "robot =": "contact = { mu = 0.4, height = 0.2 }\nrobot ="},
+    "late velocity": {
+        'limits = { torque = 8.0, mode = "slow" }': VELOCITY,
+        "period = 0.01, output": "period = 0.01, delay = 0.008, output",
+    },
     "velocity": {'limits = { torque = 8.0, mode = "slow" }': VELOCITY},
     "in reverse": {
         '{ kind = "line", length = 1.0 }': '{ kind = "line", length = 1.0 }, { kind = "line", length = 0.8, backward = true }',
