@@ -14,7 +14,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.reading import one_for_each
 from .controllers.controller import RUNNING
 from .controllers.direct import Direct
-from .controllers.velocity import VehicleLimits, make_acceleration, make_velocity, velocity_limits
+from .controllers.velocity import VehicleLimits, VelocityLimits, make_acceleration, make_velocity
 from .plant import Plant, motion
 from .specification.given import Given
 
@@ -94,18 +94,15 @@ class VelocityDrive:
         for a wrong number of limits.
         """
         system, period = plant.system, simulation.period
-        names = [v.name for v in system.quasi_velocities]
-        self.delay, self.commands = section.delay, len(names)
-        speed = one_for_each(section.most_speed, names, "[drive] most_speed")
-        acceleration = one_for_each(section.most_acceleration, names, "[drive] most_acceleration")
-        limits = velocity_limits(speed, acceleration, section.lag + period, vehicle)
+        self.delay, self.commands = section.delay, system.dof
+        limits = command_limits(section, system, period, vehicle)
         self._velocity = make_velocity(simulation.backend, limits, period, law)
         self._acceleration = None if section.kinematic else make_acceleration(simulation.backend, law, believed)
         self._period, self._inputs = period, len(system.mechanism.inputs)
         step, torque = driven(system, section.feeds, plant.given)
         self._time = plant.time
         self._step, self._torque = Direct(step), Direct(torque)
-        self._own = (plant.parameters, section.omega, np.array(acceleration))
+        self._own = (plant.parameters, section.omega, np.array(limits.acceleration))
 
     def begin(self, x: np.ndarray) -> np.ndarray:
         """The present velocities, and no torque."""
@@ -134,6 +131,19 @@ class VelocityDrive:
     def command(self, given: np.ndarray) -> np.ndarray:
         """See Drive."""
         return given[: self.commands]
+
+
+def command_limits(
+    section: DriveSection, system: ReducedSystem, period: float, vehicle: VehicleLimits | None = None
+) -> VelocityLimits:
+    """Return the limits of the commands of a controller called every `period` seconds: a command may be ahead of the drive by
+    twice what that lags at the largest acceleration. Raises BadInput for a wrong number of limits.
+    """
+    names = [v.name for v in system.quasi_velocities]
+    speed = one_for_each(section.most_speed, names, "[drive] most_speed")
+    acceleration = one_for_each(section.most_acceleration, names, "[drive] most_acceleration")
+    lag = section.lag + period
+    return VelocityLimits(tuple(speed), tuple(acceleration), tuple(2 * a * lag for a in acceleration), vehicle)
 
 
 def make_drive(

@@ -184,5 +184,6 @@ class Run(Outputs):
 
     def csv(self) -> str:
         """Return the run as CSV, with 17 significant digits."""
-        texts = [[v if isinstance(v, str) else f"{v:.17g}" for v in values.tolist()] for _, values in self._columns]
-        return "\n".join(map(",".join, [self.columns, *zip(*texts, strict=True)])) + "\n"
+        names, columns = zip(*self._columns, strict=True)
+        texts = [[v if isinstance(v, str) else f"{v:.17g}" for v in values.tolist()] for values in columns]
+        return "\n".join(map(",".join, [names, *zip(*texts, strict=True)])) + "\n"

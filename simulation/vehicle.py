@@ -1,6 +1,7 @@
 """A SPEC as the numbers of the firmware of its vehicle."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -9,11 +10,11 @@ from ..codegen.follower.follower import is_followers, why_no_follower
 from ..codegen.loop.stages import check
 from ..codegen.project.vehicle import VehicleNumbers, VelocityDrives
 from ..model.law import ControlLaw
+from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
-from ..readers.reading import one_for_each
 from .controllers.controller import Limits
 from .controllers.odometry import vehicle_wheels
-from .controllers.velocity import velocity_limits
+from .drive import command_limits
 from .guidance import Direct, vehicle_motion
 from .loop import Loop, make_loop
 from .specification.spec import Spec
@@ -22,7 +23,6 @@ EXPORT = "export --firmware"  # in the table of stages
 COUNTER_BITS = 16
 FASTER = 3.0  # than a wheel turns on the path: what is faster is a misread counter
 ASTRAY = 0.3  # m, from the path beyond the start
-ON_LIMIT = {"cut": "NOSLIP_CUT", "slow": "NOSLIP_SLOW", "grip": "NOSLIP_GRIP"}
 OUTPUTS = ("distance", "speed")  # in the order of the follower's integral action
 
 
@@ -43,7 +43,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
     options = route.options
     start = Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
     off = abs(float(route.guide(loop.start).distance))
-    path = {
+    path: dict[str, object] = {
         "speed": options.speed,
         "deceleration": options.deceleration,
         "creep": options.creep,
@@ -60,7 +60,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         "counter_bits": COUNTER_BITS,
         "fastest": _fastest(loop, options.speed, spec),
         "start": dict(zip(("x", "y", "heading"), map(float, start[:3]), strict=True)),
-        "path": {name: value for name, value in path.items() if value},
+        "path": path,
         "astray": off + ASTRAY,
         "gains": _named(law.gains, loop.gains),
         **_integral(loop),
@@ -74,12 +74,13 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         f"{ASTRAY:g} m farther from the path than at the start is astray",
         "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are stuck",
     ]
-    plant, begins = loop.plant.parameters.tolist(), loop.start.tolist()
-    late = spec.simulation.delay
-    return law, VehicleNumbers(config, spec.output.segments, plant, begins, spec.simulation.duration, late, follows, assumed)
+    plant, begins = _named(law.parameters, loop.plant.parameters), _named(system.state, loop.start)
+    duration, late = spec.simulation.duration, spec.simulation.delay
+    return law, VehicleNumbers(config, spec.output.segments, plant, begins, duration, late, follows, assumed)
 
 
-def _named(quantities, values) -> dict[str, float]:
+def _named(quantities: Iterable[Quantity], values: Iterable[float]) -> dict[str, float]:
+    """Return values by the members of the C of the quantities."""
     return {q.in_c: float(value) for q, value in zip(quantities, values, strict=True)}
 
 
@@ -108,7 +109,7 @@ def _limits(limits: Limits | None) -> dict[str, object]:
         return {}
     torque = tuple(value if math.isfinite(value) else 0.0 for value in limits.torque)
     friction = {"friction": asdict(limits.friction)} if limits.friction else {}
-    return {"limit": torque, "on_limit": ON_LIMIT[limits.mode], **friction}
+    return {"limit": torque, "on_limit": f"NOSLIP_{limits.mode.upper()}", **friction}
 
 
 def _drives(spec: Spec, loop: Loop) -> tuple[dict[str, object], VelocityDrives | None]:
@@ -116,10 +117,7 @@ def _drives(spec: Spec, loop: Loop) -> tuple[dict[str, object], VelocityDrives |
     drive = spec.drive
     if drive is None or not drive.takes_velocity:
         return {}, None
-    names = [v.name for v in loop.law.system.quasi_velocities]
-    speed = one_for_each(drive.most_speed, names, "[drive] most_speed")
-    acceleration = one_for_each(drive.most_acceleration, names, "[drive] most_acceleration")
-    limits = velocity_limits(speed, acceleration, drive.lag + spec.simulation.period)
+    limits = command_limits(drive, loop.law.system, spec.simulation.period)
     members = zip(limits.speed, limits.acceleration, limits.band, strict=True)
     velocity = [dict(zip(("speed", "acceleration", "band"), each, strict=True)) for each in members]
-    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}, VelocityDrives(drive.omega, drive.delay, acceleration)
+    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}, VelocityDrives(drive.omega, drive.delay, limits.acceleration)

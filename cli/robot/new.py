@@ -6,14 +6,10 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ...readers.errors import BadInput, check_named
-from ...readers.files import check_targets, write_whole
+from ...readers.files import check_ending, check_targets, write_whole
 from ..commands import show
-
-if TYPE_CHECKING:
-    from ...simulation.specification.spec import Spec
 
 EXAMPLE = """examples:
   noslip new agv.toml
@@ -95,8 +91,7 @@ def run(args: argparse.Namespace) -> int:
     """
     if os.path.lexists(args.file):
         raise BadInput(f"{args.file}: exists; choose another name, or remove it")
-    if not args.file.endswith(".toml"):
-        raise BadInput(f"{args.file}: the name of a SPEC ends in .toml")
+    check_ending(args.file, [".toml"], "a SPEC")
     check_targets([args.file])
     asks = sys.stdin is not None and sys.stdin.isatty()
     kind = args.kind or (_asked_kind() if asks else next(iter(KINDS)))
@@ -165,7 +160,7 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
     def said(name: str) -> str:
         return f"{KINDS[kind][name].about}{', assumed' if name in assumed else ''}"
 
-    v, differential = dict(values), kind == "differential"
+    v, differential = values, kind == "differential"
     base = v["track"] if differential else v["wheelbase"]
     radius = round(max(2.0 * base, v["speed"] ** 2 / 0.5), 2)  # at most 0.5 m/s^2 to the side
     L = round((0.5 if differential else 0.4) * base, 3)
@@ -258,5 +253,4 @@ def _check(text: str, name: str) -> None:
     from ...simulation.loop import make_loop  # slow to import
     from ...simulation.specification.spec import spec_of
 
-    spec: Spec = spec_of(text, name)
-    make_loop(spec)
+    make_loop(spec_of(text, name))

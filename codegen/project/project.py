@@ -9,6 +9,7 @@ from ...readers.templates import render
 from ..printing.layout import table
 from ..printing.scalar import Scalar
 from ..targets import SAME_BITS, STANDARD
+from .vehicle import initializer
 
 
 @dataclass(frozen=True)
@@ -90,10 +91,9 @@ def follower_loop(law: ControlLaw, scalar: Scalar) -> str:
 
 
 def initializers(law: ControlLaw, scalar: Scalar) -> dict[str, str]:
-    """Return the initializers of config and gains in examples, without the braces."""
-    config = ", ".join(f".{q.in_c} = {scalar.literal(starting_value(q))}" for q in law.config)
-    gains = ", ".join(f".{q.in_c} = {scalar.literal(q.default)}" for q in law.gains)
-    return {"config": config or "0", "gains": gains or "0"}
+    """Return the initializers of config and gains in examples."""
+    config, gains = {q.in_c: starting_value(q) for q in law.config}, {q.in_c: q.default for q in law.gains}
+    return {"config": initializer(config, scalar), "gains": initializer(gains, scalar)}
 
 
 def starting_value(config: Quantity) -> float:

@@ -28,14 +28,14 @@ class VehicleNumbers:
     """What a follower and its drive are given, SI.
 
     `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by
-    member. `plant`: the true parameters, in the order of the robot's. `start`: [q; nu] at t = 0. `delay` (s) from a tick until
-    its command reaches the drives, less than a period. `assumed`: for the reader, which numbers are assumptions.
+    member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member. `delay` (s) from a tick until its
+    command reaches the drives, less than a period. `assumed`: for the reader, which numbers are assumptions.
     """
 
     config: Mapping[str, Any]
     segments: Sequence[Segment]
-    plant: Sequence[float]
-    start: Sequence[float]
+    plant: Mapping[str, float]
+    start: Mapping[str, float]
     duration: float
     delay: float = 0.0
     drives: VelocityDrives | None = None
@@ -57,9 +57,9 @@ def example(law: ControlLaw) -> VehicleNumbers:
         "limits": {"limit": (1.0, 1.0), "on_limit": "NOSLIP_SLOW"},
         "watchdog": {"tolerated": 3, "forgiven": 100, "stuck": 50},
     }
-    parameters = [p.default for p in law.parameters]
+    plant = {p.in_c: p.default for p in law.parameters}
     line = Segment(0.0, 0.0, 0.0, 0.0, 5.0)
-    return VehicleNumbers(config, [line], parameters, [0.0] * len(law.system.state), 15.0, assumed=["all numbers: put in yours"])
+    return VehicleNumbers(config, [line], plant, {}, 15.0, assumed=["all numbers: put in yours"])
 
 
 def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> dict[str, str]:
@@ -76,10 +76,10 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
         "literal": scalar.literal,
         "members": {name: initializer(value, scalar) for name, value in _present(vehicle.config).items()},
         "counts": initializer(vehicle.config["counts_per_turn"], scalar),
-        "segments": [initializer(_present(asdict(segment)), scalar) for segment in vehicle.segments],
+        "segments": [initializer(asdict(segment), scalar) for segment in vehicle.segments],
         "count": len(vehicle.segments),
-        "plant": initializer({p.in_c: value for p, value in zip(law.parameters, vehicle.plant, strict=True)}, scalar),
-        "start": initializer(dict(zip([q.in_c for q in system.state], vehicle.start, strict=True)), scalar),
+        "plant": initializer(vehicle.plant, scalar),
+        "start": initializer(vehicle.start, scalar),
         "coordinates": coordinates,
         "velocities": [q.in_c for q in system.quasi_velocities],
         "angles": angles,
@@ -99,7 +99,7 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
 def initializer(value: Any, scalar: Scalar) -> str:
     """Return a value as the initializer of a C object: lists and mappings in braces, without members that are zero."""
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'.{name} = {initializer(each, scalar)}' for name, each in value.items()) or '0'}}}"
+        return f"{{{', '.join(f'.{name} = {initializer(each, scalar)}' for name, each in _present(value).items()) or '0'}}}"
     if isinstance(value, int):
         return str(int(value))
     if isinstance(value, str):

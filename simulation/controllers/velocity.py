@@ -4,7 +4,7 @@ limits; by the C (noslip_velocity.h), or by a reference implementation of the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from threading import Lock
@@ -245,10 +245,3 @@ def acceleration_function(system: ReducedSystem) -> ca.Function:
     tau = ca.SX.sym("tau", len(mechanism.inputs))
     given = [ca.vertcat(mechanism.q, system.nu), tau, mechanism.p]
     return portable(ca.Function("acceleration", given, [ca.densify(system.acceleration(tau))]))
-
-
-def velocity_limits(
-    speed: Sequence[float], acceleration: Sequence[float], lag: float, vehicle: VehicleLimits | None = None
-) -> VelocityLimits:
-    """Return limits with a band of twice what a drive that lags by `lag` (s) is behind at the largest acceleration."""
-    return VelocityLimits(tuple(speed), tuple(acceleration), tuple(2 * a * lag for a in acceleration), vehicle)

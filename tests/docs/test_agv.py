@@ -10,6 +10,7 @@ import noslip
 import pytest
 from noslip.checks.verification.project import FIRMWARE
 from noslip.cli.main import main
+from noslip.readers.errors import BadInput
 from noslip.simulation.specification.spec import spec_of
 
 PAGE = (Path(noslip.__file__).parent / "docs/agv.md").read_text()
@@ -39,5 +40,5 @@ def test_its_velocity_drives(tmp_path):
     limits = re.search(r"\[limits\]\n.*?\n\n", text, re.S)
     spec = spec_of(text.replace(limits[0], f"{drive}\n"), "agv.toml")
     assert spec.drive.takes_velocity and spec.limits is None
-    with pytest.raises(Exception, match="bandwidth"):
+    with pytest.raises(BadInput, match="bandwidth"):
         spec_of(text.replace(limits[0], drive.replace("bandwidth", "# ") + "\n"), "agv.toml")

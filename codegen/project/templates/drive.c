@@ -2,8 +2,8 @@
 {% macro r(name) %}@{ own(robot ~ "_" ~ name) }{% endmacro %}
 /*
  * drive.c - drives the vehicle of vehicle.c along its path, on this processor: the follower, and the dynamics of the robot
- * in place of its wheels. Prints a row at each tick, as CSV in SI; the exit code is 0 unless the watchdog stopped it or it
- * is farther from the path at the end than it may be.
+ * in place of its wheels. Prints a row at each tick, as CSV in SI; the exit code is 0 unless the watchdog stopped it, as it
+ * does where the vehicle is farther from the path than it may be.
  *
  * Between two ticks the dynamics are integrated by @{ steps } steps of Runge and Kutta's method of order 4@{ ", with the loops of the drives" if drives }.
  */

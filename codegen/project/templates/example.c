@@ -5,8 +5,8 @@
 
 int main(void)
 {
-    const @{ own(law ~ "_config") } config = {@{ config }};
-    const @{ own(law ~ "_gains") } gains = {@{ gains }};
+    const @{ own(law ~ "_config") } config = @{ config };
+    const @{ own(law ~ "_gains") } gains = @{ gains };
     const @{ own(robot ~ "_state") } state = {@{ state }}; /* yours: from sensors */
     const @{ own(law ~ "_reference") } reference = {0}; /* yours: what the outputs shall do */
     @{ own(robot ~ "_params") } params;

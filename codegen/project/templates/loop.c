@@ -11,8 +11,8 @@ int control_loop(void);
 
 int control_loop(void)
 {
-    static const @{ own(law ~ "_config") } config = {@{ config }}; /* examples: put in yours */
-    static const @{ own(law ~ "_gains") } gains = {@{ gains }};
+    static const @{ own(law ~ "_config") } config = @{ config }; /* examples: put in yours */
+    static const @{ own(law ~ "_gains") } gains = @{ gains };
     static const @{ own(robot ~ "_options") } options = {0}; /* no limits; zeros on an error */
     static const @{ real } none[@{ inputs }] = {@{ zeros }};
     @{ own(law ~ "_reference") } reference;
