@@ -15,6 +15,7 @@ import argparse
 import hashlib
 import html
 import json
+import math
 import os
 import re
 import shutil
@@ -41,13 +42,15 @@ ABOUT = {
     "guarantees eva": 500,
     "guarantees others": 400,
     "figures": 600,
-    "night test_random_robots": 900,
+    "night test_random_robots": 3200,
+    "night test_safety": 4500,
+    "night test_broken_logs": 3600,
     "night test_battery": 900,
     "night test_processors": 800,
-    "night test_safety": 500,
     "bits": 300,
     "firmware-test": 300,
 }
+PIECE = 900  # s: the tests of a file that takes longer are dealt into several steps
 SEEDS, OF_C, OF_CODEGEN = ("39", "1936"), "4", "2"  # of mutation: not the seed that tests were written for; mutants for each
 # Files whose tests integrate, linearize and plan: they pass with the kernels of other processors too.
 NUMERICAL = "guidance simulate outer_loop outer_design planning integral analyse shape redundancy".split()
@@ -92,7 +95,7 @@ def steps(folder: Path) -> list[Step]:
     found = [target("margins", cores=os.cpu_count() or 1)]
     found += [target("lint"), target("types"), target("check-generated"), target("bits"), target("firmware-test")]
     found += [target("figures", "ALL=--all")]
-    found += [Step(f"night {file}", _pytest(folder, f"night {file}", file, "-m", "nightly")) for file in _files_of_the_night()]
+    found += [Step(name, _pytest(folder, name, "-m", "nightly", *tests)) for name, tests in _of_the_night()]
     for choice, environment in choices().items():
         command = _pytest(folder, f"kernels {choice}", *(f"test_{name}" for name in NUMERICAL))
         if environment:  # the margins have the kernels of this processor
@@ -119,12 +122,17 @@ def _pytest(folder: Path, name: str, *arguments: str) -> list[str]:
     return [*PYTEST, "-n", "0", f"--junitxml={_file(folder, name, 'xml')}", *named]
 
 
-def _files_of_the_night() -> list[str]:
-    """Return the files with tests that are left to the night."""
+def _of_the_night() -> Iterator[tuple[str, list[str]]]:
+    """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a part of one."""
     listed = subprocess.run(
-        [*PYTEST, "-n", "0", "--collect-only", "-q", "-m", "nightly", "tests"], cwd=ROOT, capture_output=True, text=True
+        [*PYTEST, "-n", "0", "--collect-only", "-m", "nightly", "tests"], cwd=ROOT, capture_output=True, text=True
     ).stdout
-    return sorted(set(re.findall(r"^tests/\w+/(test_\w+)\.py", listed, re.M)))
+    tests = re.findall(r"^tests/\w+/test_\w+\.py::.+", listed, re.M)
+    for file in sorted({re.split(r"[/.]", test)[2] for test in tests}):
+        own, name = [test for test in tests if f"/{file}.py::" in test], f"night {file}"
+        count = min(len(own), math.ceil(ABOUT.get(name, 1) / PIECE))
+        for k in range(count):
+            yield (name if count == 1 else f"{name} {k + 1} of {count}"), own[k::count]
 
 
 def _only_gcc(folder: Path) -> None:
@@ -187,7 +195,7 @@ class Night:
         return not step.lacking and (before is None or before.status != PASSED)
 
     def _expected(self, step: Step) -> float:
-        return self.seconds.get(step.name, ABOUT.get(step.name, 30.0))
+        return self.seconds.get(step.name, ABOUT.get(step.name, PIECE if " of " in step.name else 30.0))
 
     def _keep(self, result: Result) -> None:
         print(f"{result.status:8}{result.name}  [{result.seconds:.0f} s]  {result.reason}", flush=True)
