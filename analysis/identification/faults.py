@@ -19,6 +19,7 @@ ISOLATED = 10.0  # times the usual change: a single one that large is a jump
 FASTEST = 3.0  # times the change that 5 % of the rows exceed: the same
 HELD = 3.0  # times the smallest step: the usual step of a signal that is held, not quantized
 LONGEST = 4.0  # usual intervals over which an angle is taken as linear
+STILL = 5  # rows with the same value
 EXACT = 1e-9  # of the largest value: what is not regarded as a change
 JUMP, PART = 8.0, 0.25  # see `contradictions`
 NORMAL = 1.4826  # standard deviation of a normal distribution in units of its median absolute value
@@ -126,6 +127,21 @@ def without_repeats(values: np.ndarray, name: str) -> tuple[np.ndarray, list[str
     rows = there[np.concatenate([[0], new + 1])]
     kept[rows] = values[rows]
     return kept, [f"{name} is new in every {every:g}th row only; the rows between, which repeat it, do not count"]
+
+
+def standstills(values: np.ndarray) -> list[np.ndarray]:
+    """Return the rows that repeat a value while what is measured moves on, as it is if a sensor or its line fails for a while:
+    after STILL rows or more the signal (N, NaN where it was not measured) jumps to where the motion has come to.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    change = np.abs(np.diff(values[there]))
+    new = np.flatnonzero(change)
+    if not len(new):
+        return []
+    since = np.diff(new, prepend=-1)  # rows with the value that ends with each change
+    least = HELD * np.quantile(change[new], 0.95)
+    found = [(k, n) for k, n in zip(new, since, strict=True) if n >= STILL and change[k] > least]
+    return [there[k - n + 2 : k + 1] for k, n in found if change[k] > HELD * change[k + 1 : k + STILL].max(initial=0.0)]
 
 
 def cut(stretches: Iterable[range], after: Sequence[int]) -> tuple[range, ...]:

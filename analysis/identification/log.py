@@ -14,12 +14,13 @@ from ...readers.robots import suggestion
 from ...readers.tables import Table, is_time, listed, picked, read_table
 from ...readers.times import PARTS, SLOWEST, distinct, joined, seconds
 from .dynamics import Dynamics
-from .faults import LONGEST, continued, cut, jumps_of, rows_of, spikes_and_steps, without_repeats
+from .faults import LONGEST, continued, cut, jumps_of, rows_of, spikes_and_steps, standstills, without_repeats
 from .smoothing import velocities
 
 GAP = 1.5  # times the usual interval: a longer one separates two stretches of inputs, which change between rows
 USUAL = 0.85  # of the intervals are at most the usual one: times may jitter
 FEWEST = 20  # rows
+TOGETHER = 0.9  # of the rows with the angle that has fewest: as many with all angles mean that these are measured together
 COUNTS = 100  # whole numbers of an angle with a larger range are counts of an encoder, or degrees
 
 
@@ -135,10 +136,16 @@ def _numbers(every: np.ndarray, numbers: Sequence[int], t: np.ndarray) -> np.nda
 
 
 def _sound(t: np.ndarray, values: np.ndarray, name: str, numbers: np.ndarray) -> tuple[np.ndarray, list[int], list[str]]:
-    """Return a signal with NaN where it repeats a value that is held, and in single rows that are far off; the rows
-    after which it jumps; and remarks.
+    """Return a signal with NaN where it repeats a value that is held, where it stands still and jumps then, and in single
+    rows that are far off; the rows after which it is not connected; and remarks.
     """
     values, remarks = without_repeats(values, name)
+    cuts: list[int] = []
+    if still := standstills(values):
+        values, cuts = values.copy(), [int(rows[-1]) for rows in still]
+        values[np.concatenate(still)] = math.nan
+        from_to = "; ".join(f"{rows_of(numbers, t, rows[:1])} to {rows_of(numbers, t, rows[-1:])}" for rows in still)
+        remarks.append(f"{name} stands still and jumps then, {from_to}: left out")
     there = np.flatnonzero(np.isfinite(values))
     spikes, steps = spikes_and_steps(np.diff(values[there])[:, None], jumps_of(t[there], values[there])[:, None])
     if len(spikes):
@@ -148,8 +155,8 @@ def _sound(t: np.ndarray, values: np.ndarray, name: str, numbers: np.ndarray) ->
     if len(steps):
         after = there[steps + 1]
         remarks.append(f"{name} jumps at {rows_of(numbers, t, after)}; the rows before and after are not connected")
-        return values, (after - 1).tolist(), remarks
-    return values, [], remarks
+        cuts += (after - 1).tolist()
+    return values, cuts, remarks
 
 
 def filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -194,12 +201,19 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
                 periods[name], remarks = period, (*remarks, *remark)
         signals[:, k], steps, remark = _sound(t, signals[:, k], name, kept)
         remarks, cuts = (*remarks, *remark), [*cuts, *steps]
-        if name in names:
-            known = np.flatnonzero(np.isfinite(signals[:, k]))
-            signals[: known[0], len(names) :] = signals[known[-1] + 1 :, len(names) :] = math.nan
+    stretches, known = cut(stretches, cuts), np.isfinite(signals[:, : len(names)])
+    if (complete := known.all(axis=1)).sum() >= TOGETHER * known.sum(axis=0).min():
+        # Angles are measured together, but not in all rows: the poses of the others are between angles that nothing tells.
+        before = np.concatenate([[0], np.cumsum(complete)])
+        stretches = tuple(range(before[each.start], before[each.stop]) for each in stretches)
+        t, signals, kept = t[complete], signals[complete], kept[complete]
+    else:
+        for k in range(len(names)):
+            there = np.flatnonzero(known[:, k])
+            signals[: there[0], len(names) :] = signals[there[-1] + 1 :, len(names) :] = math.nan
             signals[:, k] = filled(t, signals[:, k])
     angles, poses = signals[:, : len(names)], signals[:, len(names) :]
-    return PoseLog(t, tuple(names), angles, poses, cut(stretches, cuts), remarks, kept, periods)
+    return PoseLog(t, tuple(names), angles, poses, tuple(filter(None, stretches)), remarks, kept, periods)
 
 
 def _columns(

@@ -36,7 +36,7 @@ PHASES = 64  # of a count, at which rounding is repeated
 ROUNDED = 1.2  # times the error of rounding to a count: an error beyond has other causes too
 SMOOTH = 0.5  # see `check_misfit`
 APART = 1e-6  # square of the part of a derivative that no other one contains, from which a quantity is told apart
-RARE = 1e-5  # chance by which a quantity that is 0 may seem not to be
+RARE = 1e-4  # chance by which a quantity that is 0 may seem not to be
 FEW = 3  # systematic errors that are looked for, at most
 SHIFTED = 1e-6  # of a value: a change that is worth a remark
 

@@ -534,6 +534,14 @@ def test_a_broken_log_is_answered_right_or_refused(command, fault, tmp_path):
     check(tmp_path, command, fault, range(1))
 
 
+@pytest.mark.parametrize(
+    ("fault", "seed"), [("angles held", 1), ("wheel stuck", 0), ("wheel stuck", 15), ("one wheel larger", 21)]
+)
+def test_logs_that_were_answered_wrong_or_refused(fault, seed, tmp_path):
+    """Held angles were interpolated; a stuck one was refused, or a steering angle at rest taken for one; a scale was missed."""
+    assert answer(tmp_path, "calibrate", fault, seed) == "right"
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize(("command", "fault"), CASES)
 def test_broken_logs_are_answered_right_or_refused(command, fault, tmp_path):
