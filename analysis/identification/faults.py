@@ -144,6 +144,25 @@ def standstills(values: np.ndarray) -> list[np.ndarray]:
     return [there[k - n + 2 : k + 1] for k, n in found if change[k] > HELD * change[k + 1 : k + STILL].max(initial=0.0)]
 
 
+def saturated(values: np.ndarray) -> np.ndarray:
+    """Return the rows at which a signal (N, NaN where it was not measured) is held at its largest or smallest value, as by a
+    sensor at the end of its range: runs of that value, where the signal is nowhere else straight, as a profile of speeds is.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    known = values[there]
+    if len(known) < NEARBY:
+        return there[:0]
+    straight = np.ones(len(known), bool)
+    straight[1:-1] = np.abs(np.diff(known, 2)) <= EXACT * np.abs(known).max()
+    rows = np.zeros(len(known), bool)
+    for end in (known.max(), known.min()):
+        at = known == end
+        runs = at[2:] & at[1:-1] & at[:-2]
+        if runs.sum() >= STILL and at.mean() < 0.5 and straight[~at].mean() < MOST:
+            rows |= at
+    return there[rows]
+
+
 def cut(stretches: Iterable[range], after: Sequence[int]) -> tuple[range, ...]:
     """Return stretches of rows that also end after these rows."""
     pieces = []

@@ -14,7 +14,7 @@ from ...readers.robots import suggestion
 from ...readers.tables import Table, is_time, listed, picked, read_table
 from ...readers.times import PARTS, SLOWEST, distinct, joined, seconds
 from .dynamics import Dynamics
-from .faults import LONGEST, continued, cut, jumps_of, rows_of, spikes_and_steps, standstills, without_repeats
+from .faults import LONGEST, continued, cut, jumps_of, rows_of, saturated, spikes_and_steps, standstills, without_repeats
 from .smoothing import velocities
 
 GAP = 1.5  # times the usual interval: a longer one separates two stretches of inputs, which change between rows
@@ -117,6 +117,10 @@ def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str,
             clean[name], _, remark = continued(clean[name], t, name, kept)
             remarks = (*remarks, *remark)
     for name in outputs:
+        if len(ends := saturated(clean[name])):
+            clean[name] = clean[name].copy()
+            clean[name][ends] = math.nan
+            remarks = (*remarks, f"{name} is at the end of its range in {rows_of(kept, t, ends)}: left out")
         clean[name], steps, remark = _sound(t, clean[name], name, kept)
         remarks, cuts = (*remarks, *remark), [*cuts, *([] if name in rates else steps)]
     stretches = cut(stretches, cuts)

@@ -483,7 +483,7 @@ ANSWERED = {  # faults that do not take anything away: most logs must be answere
     },
     "identify": {
         "nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost",
-        "rows twice", "rounded rates", "rate stuck",
+        "rows twice", "rounded rates", "rate stuck", "rate saturates", "rates zero",
     },
 }  # fmt: skip
 CAUSE = re.compile(r"row|theta|phi|delta|tau|x_c|y_c|\bx\b|\by\b|\bt\b|\b[rblm]\b|m_c|I_c|heading|errors|column")
@@ -534,12 +534,17 @@ def test_a_broken_log_is_answered_right_or_refused(command, fault, tmp_path):
     check(tmp_path, command, fault, range(1))
 
 
-@pytest.mark.parametrize(
-    ("fault", "seed"), [("angles held", 1), ("wheel stuck", 0), ("wheel stuck", 15), ("one wheel larger", 21)]
-)
-def test_logs_that_were_answered_wrong_or_refused(fault, seed, tmp_path):
-    """Held angles were interpolated; a stuck one was refused, or a steering angle at rest taken for one; a scale was missed."""
-    assert answer(tmp_path, "calibrate", fault, seed) == "right"
+WAS_WRONG = [
+    ("calibrate", "angles held", 1),  # they were interpolated
+    ("calibrate", "wheel stuck", 0),  # it was refused
+    ("calibrate", "wheel stuck", 15),  # a steering angle at rest was taken for one that is stuck
+    ("calibrate", "one wheel larger", 21),
+]
+
+
+@pytest.mark.parametrize(("command", "fault", "seed"), WAS_WRONG)
+def test_logs_that_were_answered_wrong(command, fault, seed, tmp_path):
+    assert answer(tmp_path, command, fault, seed) == "right"
 
 
 @pytest.mark.nightly

@@ -8,6 +8,7 @@ from pathlib import Path
 import noslip
 import numpy as np
 import pytest
+from noslip.analysis.identification.faults import saturated, standstills
 from noslip.analysis.identification.geometry import calibrate as fit_geometry
 from noslip.analysis.identification.output_error import solvable
 from noslip.analysis.identification.plausibility import _Motion
@@ -236,3 +237,22 @@ def test_an_equation_without_a_solution_is_no_internal_error():
     for _ in range(2):
         with pytest.raises(BadInput, match="does not show"):
             solvable(np.linalg.inv)(np.zeros((2, 2)))
+
+
+def test_a_sensor_at_the_end_of_its_range_is_told_from_a_profile_of_speeds():
+    t, random = np.linspace(0, 10, 500), np.random.default_rng(4)
+    noisy = 3 * np.sin(t) + 0.02 * random.normal(size=len(t))
+    assert (saturated(np.clip(noisy, -9, 2.0)) == np.flatnonzero(noisy >= 2.0)).all()
+    for sound in (noisy, np.clip(t, 0, 3), np.clip(6 - np.abs(t - 6), 0, 3), np.round(noisy, 1), np.tanh(20 * t), np.zeros(4)):
+        assert len(saturated(sound)) == 0
+
+
+def test_a_sensor_that_stands_still_is_told_from_one_that_rests():
+    t, random = np.linspace(0, 10, 500), np.random.default_rng(5)
+    turning = 3 * t + 0.3 * np.sin(5 * t)
+    stuck = np.where((t > 4) & (t < 4.5), turning[200], turning)
+    (rows,) = standstills(stuck)
+    assert set(rows) == set(np.flatnonzero(stuck == turning[200])[1:])
+    rests = np.where(t < 4, 0, np.clip(t - 4, 0, 0.3))  # a steering angle that is turned
+    for sound in (turning, rests, np.maximum(turning, 15), np.round(turning, 1), turning + 0.1 * random.normal(size=len(t))):
+        assert standstills(sound) == []
