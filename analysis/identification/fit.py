@@ -85,7 +85,9 @@ def identify(
         for each in (log, replace(log, inputs=_a_row_later(log)))
     )
     of_delay = (late[0] - plain[0]) / log.interval
-    fit.explain([*others, "delay of the inputs"], np.concatenate([plain[1], of_delay[..., None]], axis=3))
+    of_offsets = np.broadcast_to(np.eye(len(outputs)), (*of_delay.shape, len(outputs)))
+    others += ["delay of the inputs", *(f"offset of {name}" for name, _ in outputs)]
+    fit.explain(others, np.concatenate([plain[1], of_delay[..., None], of_offsets], axis=3))
     fit.check_misfit(MISFIT)
     return result_of(fit, names, basis, len(log.t), log.remarks, outputs, own, inputs="held" if way else "smooth")
 

@@ -539,6 +539,7 @@ WAS_WRONG = [
     ("calibrate", "wheel stuck", 0),  # it was refused
     ("calibrate", "wheel stuck", 15),  # a steering angle at rest was taken for one that is stuck
     ("calibrate", "one wheel larger", 21),
+    ("identify", "rate offset", 5),
 ]
 
 
