@@ -2,9 +2,10 @@
 # make quick   before a commit, in about a minute: lint, rooms, generated C, and the tests of model, codegen and verification
 # make test    every check, in a few minutes: of long ones the smaller version, of many similar ones some
 # make nightly make test, and all that takes longer, in less than two hours: all builds of the bit digest, all targets in QEMU,
-#              all figures, the long random tests, the tests that tests/nightly.py names, the guarantees, other kernels, whether
+#              all figures, the long random tests, the tests that tests/by_day.json does not keep, the guarantees, other kernels, whether
 #              small changes of the sources are found. Goes on after a step that fails, and where it was stopped:
 #              build/nightly.html
+# make by-day  chooses again what `make test` keeps of long tests: tests/by_day.json
 # make margins the tests, and how much of its tolerance each comparison needs: fails where it is more than a tenth
 # make test-TOPIC   the tests of a folder: make test-model, make test-runtime_c
 # make types   the types of every room, by mypy
@@ -38,7 +39,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures films site playground lint types quick test suite margins nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all by-day setup generate check-generated check simulate figures films site playground lint types quick test suite margins nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: generate
@@ -142,6 +143,11 @@ suite: $(READY_DEV)
 
 test-%: $(READY_DEV)
 	$(PYTEST) tests/$*
+
+by-day: $(READY_DEV)
+	COVERAGE_FILE=build/lines env -u MAKEFLAGS -u MFLAGS $(PYTEST) -m 'not nightly or left' --cov=noslip --cov-context=test \
+	  --cov-report= --junitxml=build/times.xml
+	$(VENV)/bin/python -m noslip.tests.by_day build/times.xml build/lines
 
 margins: $(READY_DEV)
 	env -u MAKEFLAGS -u MFLAGS $(PYTEST) --margins=build/margins.json

@@ -46,15 +46,16 @@ def pytest_configure(config):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Puts tests into groups, the longest first; leaves to the night what nightly.py names."""
+    """Puts tests into groups, the longest first; leaves to the night what by_day.json does not keep."""
     if not any("::" in argument for argument in config.args) and (wrong := faults((i.path.stem, i.name) for i in items)):
-        raise pytest.UsageError("tests/nightly.py: " + "; ".join(wrong))
+        raise pytest.UsageError("tests/by_day.json: " + "; ".join(wrong))
     order = {group: k for k, group in enumerate(LONGEST)}
     of = {item: GROUPS.get(item.path.stem, item.path.stem) for item in items}
     for item, group in of.items():
         item.add_marker(pytest.mark.xdist_group(group))
         if is_nightly(item.path.stem, item.name):
             item.add_marker(pytest.mark.nightly)
+            item.add_marker(pytest.mark.left)
     items.sort(key=lambda item: order.get(of[item], len(order)))
 
 

@@ -1,38 +1,42 @@
-"""What `make test` leaves to the night: every check keeps a test, and no pattern is idle. How the night is run."""
+"""What `make test` leaves to the night: every check keeps a test. How the night is run."""
 
 import json
 import sys
 
 import pytest
-from noslip.tests import nightly_run
-from noslip.tests.nightly import NIGHTLY, faults, is_nightly
+from noslip.tests import nightly, nightly_run
+from noslip.tests.by_day import chosen
+from noslip.tests.nightly import faults, is_nightly
 from noslip.tests.nightly_run import Running, Step, content, night
 
 ALL = [("test_bits", f"test_bits[{build}]") for build in ("cortex-m4f clang -O2", "x86_64 gcc -O0")]
 
 
-def test_some_parameters_are_left_to_the_night():
+@pytest.fixture
+def table(monkeypatch):
+    monkeypatch.setattr(nightly, "BY_DAY", {"test_bits": {"test_bits": ["x86_64 gcc -O0"]}})
+
+
+def test_of_long_tests_the_parameters_of_the_table_stay(table):
     assert [is_nightly(*test) for test in ALL] == [True, False]
-    assert not is_nightly("test_rooms", "test_bits[cortex-m4f clang -O2]")
+    assert not is_nightly("test_rooms", "test_bits[cortex-m4f clang -O2]") and not is_nightly("test_bits", "test_other[1]")
     assert faults(ALL) == []
 
 
-def test_a_pattern_that_fits_nothing_is_a_fault():
-    (pattern,) = NIGHTLY["test_bits"]
-    assert faults(ALL[1:]) == [f"test_bits: no test fits {pattern}"]
+def test_a_parameter_that_is_none_is_a_fault(table):
+    assert faults(ALL[:1]) == ["test_bits: no test test_bits[x86_64 gcc -O0]"]
+    assert faults([("test_rooms", "test_bits")]) == []
 
 
-def test_a_check_of_which_nothing_is_left_is_a_fault():
-    assert faults(ALL[:1]) == ["test_bits: no test_bits is left"]
-
-
-def test_of_many_parameters_a_third_stays():
-    names = [f"test_conics[{k}]" for k in range(300)]
-    assert 80 < sum(not is_nightly("test_codegen", name) for name in names) < 120
-    assert not any(is_nightly("test_rooms", name) for name in names)
-    assert faults([("test_disturbance", "test_other")]) == ["test_disturbance: no test fits test_c_is_the_reference"]
-    one = next(name for k in range(9) if is_nightly("test_disturbance", name := f"test_c_is_the_reference[{k}]"))
-    assert faults([("test_disturbance", one)]) == ["test_disturbance: no test_c_is_the_reference is left"]
+def test_what_stays_runs_what_is_worth_its_time():
+    """Short functions; the quickest parameter of others; those with enough lines of their own."""
+    times = {("f", "a", "1"): 0.5, ("f", "a", "2"): 0.6, ("f", "a", "3"): 0.7, ("f", "b", "1"): 0.1, ("f", "b", "2"): 0.1}
+    times |= {("g", "c", ""): 1.5, ("g", "d", ""): 9.0, ("g", "e", "1"): 9.0, ("g", "e", "2"): 8.0}
+    numbers = {("f", "a", "1"): {1}, ("f", "a", "2"): {1, 2, 3}, ("f", "a", "3"): {1, 4}, ("g", "d", ""): {*range(90)}}
+    lines = {test: {("x.py", line) for line in those} for test, those in numbers.items()}
+    assert times.keys() - chosen(times, lines) == {("f", "a", "2"), ("f", "a", "3"), ("g", "e", "1"), ("g", "e", "2")}
+    del lines["g", "d", ""]
+    assert times.keys() - chosen(times, lines) == {("f", "a", "3"), ("g", "d", ""), ("g", "e", "1"), ("g", "e", "2")}
 
 
 # -- the run of a night --------------------------------------------------------------------------------------------------

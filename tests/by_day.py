@@ -1,0 +1,81 @@
+"""Chooses which parameters of long tests `make test` keeps, and writes by_day.json.
+
+    python -m noslip.tests.by_day TIMES COVERAGE
+
+TIMES is what pytest wrote with `--junitxml`, COVERAGE what it wrote with `--cov-context=test`: which test runs which lines.
+Of a test function that takes longer than LONG in all, its quickest parameter stays, if that takes less than ALONE; others are
+added, those with the most new lines for their time first, as long as they run WORTH lines a second that nothing else by day
+runs. What is not Python, generated C and other processes, is looked at by each function in the same way for all parameters.
+"""
+
+import json
+import re
+import sys
+from collections import defaultdict
+from pathlib import Path
+from xml.etree import ElementTree
+
+LONG, ALONE = 0.3, 4.0  # s: of all parameters of a test; of its quickest one
+WORTH = 3.0  # lines for each second
+GROUP = re.compile(r"@\w+$")  # of tests that run in one process, which pytest-xdist adds to a name
+TEST = re.compile(r"tests/\w+/(test_\w+)\.py::(\w+)(?:\[(.*)\])?", re.S)
+Test = tuple[str, str, str]  # file, function, parameters
+
+
+def times_of(path: Path) -> dict[Test, float]:
+    """Return the duration of each test, s."""
+    found = {}
+    for case in ElementTree.parse(path).iter("testcase"):
+        function, _, parameters = GROUP.sub("", case.get("name", "")).partition("[")
+        found[case.get("classname", "").rpartition(".")[2], function, parameters.removesuffix("]")] = float(case.get("time", 0))
+    return found
+
+
+def lines_of(path: Path) -> dict[Test, set[tuple[str, int]]]:
+    """Return the lines of the product that each test runs."""
+    from coverage import CoverageData
+
+    data, found = CoverageData(str(path)), defaultdict[Test, set[tuple[str, int]]](set)
+    data.read()
+    for file in data.measured_files():
+        for line, contexts in data.contexts_by_lineno(file).items():
+            for context in contexts:
+                if named := TEST.fullmatch(GROUP.sub("", context.rpartition("|")[0])):
+                    found[named[1], named[2], named[3] or ""].add((file, line))
+    return found
+
+
+def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]]) -> set[Test]:
+    """Return the tests that stay."""
+    functions = defaultdict[tuple[str, str], list[Test]](list)
+    for test in times:
+        functions[test[:2]].append(test)
+    kept = set[Test]()
+    for own in functions.values():
+        quickest = min(own, key=lambda test: times[test])
+        if sum(times[test] for test in own) < (LONG if len(own) > 1 else ALONE):
+            kept |= set(own)
+        elif times[quickest] < ALONE:
+            kept.add(quickest)
+    missing = set().union(*lines.values()) - set().union(*(lines.get(test, ()) for test in kept))
+    while others := times.keys() - kept:
+        worth, best = max((len(missing & lines.get(test, set())) / max(times[test], 0.01), test) for test in others)
+        if worth < WORTH:
+            break
+        kept.add(best)
+        missing -= lines[best]
+    return kept
+
+
+def main() -> None:
+    times, lines = times_of(Path(sys.argv[1])), lines_of(Path(sys.argv[2]))
+    kept = chosen(times, lines)
+    table = defaultdict[str, dict[str, list[str]]](dict)
+    for file, function in sorted({test[:2] for test in times.keys() - kept}):
+        table[file][function] = sorted(test[2] for test in kept if test[:2] == (file, function))
+    (Path(__file__).parent / "by_day.json").write_text(json.dumps(table, indent=1) + "\n")
+    print(f"{len(kept)} of {len(times)} tests stay, {sum(times[t] for t in kept):.0f} of {sum(times.values()):.0f} s")
+
+
+if __name__ == "__main__":
+    main()
