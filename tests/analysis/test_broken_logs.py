@@ -21,7 +21,7 @@ Change = Callable[[Columns, np.random.Generator], Columns | None]
 FARTHEST = 4.0  # deviations
 ROUNDING = 3e-5  # of a value: angles are taken as linear between rows
 TURN = 2 * math.pi
-DAY, NIGHT = 2, 25  # logs of each fault by day, in each piece of the night
+DAY, NIGHT = 2, 8  # logs of each fault by day, in each piece of the night
 
 
 # -- motions ---------------------------------------------------------------------------------------------------------------
@@ -551,5 +551,4 @@ def test_logs_that_were_answered_wrong(command, fault, seed, tmp_path):
 @pytest.mark.nightly
 @pytest.mark.parametrize(("command", "fault"), CASES)
 def test_broken_logs_are_answered_right_or_refused(command, fault, tmp_path):
-    """2 250 logs."""
     check(tmp_path, command, fault, range(NIGHT))
