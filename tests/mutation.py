@@ -91,7 +91,7 @@ SOURCES: Mapping[str, Source] = {
     ),
     "runtime_c/noslip_controller.inc": Source(
         _chosen(
-            "test_limits test_integral test_motor",
+            "test_limits test_integral test_motor test_odometry",
             "within_the_limits desired "
             "written_and slow_by_itself nothing_helps any_size line-cut bad_limits small_steps time_nothing refused",
         )
