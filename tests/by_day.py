@@ -3,19 +3,23 @@
     python -m noslip.tests.by_day TIMES COVERAGE
 
 TIMES is what pytest wrote with `--junitxml`, COVERAGE what it wrote with `--cov-context=test`: which test runs which lines.
-Of a test function that takes longer than LONG in all, its quickest parameter stays, if that takes less than ALONE; others are
-added, those with the most new lines for their time first, as long as they run WORTH lines a second that nothing else by day
-runs. What is not Python, generated C and other processes, is looked at by each function in the same way for all parameters.
+The tests by which the mutants of C and codegen are looked for stay. Of another function that takes longer than LONG in all, its
+quickest parameter stays, if that takes less than ALONE; others are added, those with the most new lines for their time first, as
+long as they run WORTH lines a second that nothing else by day runs.
 """
 
 import json
 import re
+import subprocess
 import sys
 from collections import defaultdict
 from pathlib import Path
 from xml.etree import ElementTree
 
-LONG, ALONE = 0.3, 4.0  # s: of all parameters of a test; of its quickest one
+from noslip.tests.mutation import SOURCES
+
+ROOT = Path(__file__).resolve().parent.parent
+LONG, ALONE = 0.3, 3.0  # s: of all parameters of a test; of its quickest one
 WORTH = 3.0  # lines for each second
 GROUP = re.compile(r"@\w+$")  # of tests that run in one process, which pytest-xdist adds to a name
 TEST = re.compile(r"tests/\w+/(test_\w+)\.py::(\w+)(?:\[(.*)\])?", re.S)
@@ -45,17 +49,27 @@ def lines_of(path: Path) -> dict[Test, set[tuple[str, int]]]:
     return found
 
 
-def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]]) -> set[Test]:
-    """Return the tests that stay."""
+def of_mutants() -> set[Test]:
+    """Return the tests by which mutants are looked for."""
+    collect = [sys.executable, "-P", "-m", "pytest", "-n", "0", "--collect-only", "-m", "not nightly or left"]
+    found = set[Test]()
+    for source in SOURCES.values():
+        listed = subprocess.run([*collect, *source.tests], cwd=ROOT, capture_output=True, text=True).stdout
+        found |= {(named[1], named[2], named[3] or "") for named in map(TEST.fullmatch, listed.splitlines()) if named}
+    return found
+
+
+def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]], always: set[Test]) -> set[Test]:
+    """Return the tests that stay, `always` among them."""
     functions = defaultdict[tuple[str, str], list[Test]](list)
     for test in times:
         functions[test[:2]].append(test)
-    kept = set[Test]()
+    kept = always & times.keys()
     for own in functions.values():
         quickest = min(own, key=lambda test: times[test])
         if sum(times[test] for test in own) < (LONG if len(own) > 1 else ALONE):
             kept |= set(own)
-        elif times[quickest] < ALONE:
+        elif times[quickest] < ALONE and not kept & set(own):
             kept.add(quickest)
     missing = set().union(*lines.values()) - set().union(*(lines.get(test, ()) for test in kept))
     while others := times.keys() - kept:
@@ -69,7 +83,7 @@ def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]]) ->
 
 def main() -> None:
     times, lines = times_of(Path(sys.argv[1])), lines_of(Path(sys.argv[2]))
-    kept = chosen(times, lines)
+    kept = chosen(times, lines, of_mutants())
     table = defaultdict[str, dict[str, list[str]]](dict)
     for file, function in sorted({test[:2] for test in times.keys() - kept}):
         table[file][function] = sorted(test[2] for test in kept if test[:2] == (file, function))
