@@ -93,6 +93,41 @@ def test_readme_firmware(cc, exported, tmp_path):
     assert all(0 < abs(torque) < 20 for torque in first)
 
 
+TOWARDS_THE_CENTRE = """
+#include <math.h>
+#include <stdio.h>
+#include "labmate_type_iv_circle_f.h"
+int main(void)
+{
+    const labmate_type_iv_circle_config_f circle = {.L = 0.0f, .x_f = 20.0f, .y_f = 20.0f, .R = 10.0f};
+    const labmate_type_iv_circle_gains_f gains = {.kp_distance = 1.0f, .kd_distance = 2.5f, .kv_speed = 2.0f};
+    const labmate_type_iv_circle_reference_f reference = {.speed = 1.4f};
+    labmate_params_f params;
+    labmate_type_iv_circle_f law;
+    int k;
+    (void)labmate_default_params_f(&params);
+    if (labmate_type_iv_circle_init_f(&law, &params, &circle, &gains, NULL) < 0) { return 1; }
+    for (k = 0; k < 400; k++) {
+        const double angle = k * 6.283185307179586 / 400, away = k % 3 ? 12 : 4, rate = k % 5 ? 0 : 3;
+        const labmate_state_f state = {.x_c = (float)(20 + away * cos(angle)), .y_c = (float)(20 + away * sin(angle)),
+            .phi = (float)(k % 2 ? angle : angle + 3.141592653589793), .thetadot_r = (float)rate, .thetadot_l = (float)rate};
+        float tau[2] = {1.0f, 1.0f};
+        const int status = labmate_type_iv_circle_step_f(&law, &state, &reference, tau);
+        printf("%s %g %g\\n", noslip_status_name(status), (double)tau[0], (double)tau[1]);
+    }
+    return 0;
+}
+"""
+
+
+def test_readme_nose_at_the_centre(exported, tmp_path):
+    """As the README says: wherever the robot is, at rest or not, the law answers that it is singular, without torques."""
+    (tmp_path / "main.c").write_text(TOWARDS_THE_CENTRE)
+    sources = [exported / f"{name}.c" for name in ("labmate_type_iv_circle_f", "labmate_f", "noslip_status")]
+    run([HOST_CC, "-std=c99", f"-I{exported}", *sources, tmp_path / "main.c", "-lm", "-o", tmp_path / "main"])
+    assert run([tmp_path / "main"]).splitlines() == ["singular 0 0"] * 400
+
+
 def test_readme_names_the_files_to_compile(tmp_path):
     """The command as printed, in a folder that has what it names."""
     (tmp_path / "main.c").write_text(block("c"))
