@@ -20,21 +20,23 @@ from noslip.codegen.printing.scalar import SCALARS
 from noslip.codegen.runtime import RUNTIME
 from noslip.codegen.targets import STANDARD
 from noslip.model.algebra.portable import portable
-from noslip.model.contacts import GRAVITY, combination
+from noslip.model.contacts import GRAVITY, combination, unknown_loads
+from noslip.model.law import ControlLaw
+from noslip.model.outputs import axle
 from noslip.model.reduction import ReducedSystem
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of, system_of
-from noslip.simulation.controllers.odometry import wheels_function
 from noslip.simulation.controllers.targets import WASM, require
 from noslip.simulation.drawing import lines_function
 from noslip.simulation.guidance import vehicle_motion
 from noslip.simulation.plant import functions
 
 HERE = Path(__file__).resolve().parent
-ROBOTS = ("labmate", "car", *(f"tractor_trailer:{count}" for count in range(4)))
+ROBOTS = ("labmate", "car", "forklift", "mecanum", "balancer", *(f"tractor_trailer:{count}" for count in range(4)))
 PATHS = ("line", "circle", "ellipse", "segment")
-LAWS = ("type_i", "type_ii", "type_iii", *(f"type_iv_{path}" for path in PATHS))  # as in playground.c
-EXPORTS = ("playground_numbers", "playground_start", "playground_step", "noslip_status_name")
+LAWS = ("type_i", "type_ii", "type_iii", *(f"type_iv_{path}" for path in PATHS))
+OWN_LAWS = {"mecanum": ("pose",), "balancer": ("drive",)}
+EXPORTS = tuple(f"playground_{name}" for name in ("numbers", "start", "step", "headings")) + ("noslip_status_name",)
 # What the plant's C takes from math.h: instructions of WebAssembly, but for fmax, which there differs for NaN.
 MATH = """#define sqrt __builtin_sqrt
 #define floor __builtin_floor
@@ -43,14 +45,20 @@ static inline double fmax(double a, double b) { return a > b ? a : b; }
 """
 
 
-def ahead(system: ReducedSystem) -> ca.Function | None:
-    """How far the vehicle's point is ahead of its axle, m, as a function of the parameters; None for a robot that cannot follow
-    a drawn path, whose forward speed and yaw rate are not fixed combinations of its quasi-velocities.
-    """
-    try:
-        distance = wheels_function(system)(system.mechanism.p)[1]
-    except BadInput:
-        return None
+def laws_of(system: ReducedSystem) -> list[ControlLaw]:
+    """The laws between which the page chooses: Types I to IV, or the one of the robot's own outputs."""
+    return [law_of(system, name) for name in OWN_LAWS.get(system.mechanism.name, LAWS)]
+
+
+def desired_places(law: ControlLaw, unit: str = "") -> list[int]:
+    """Where in the law's reference the desired values of its outputs are, of those with a unit or of all."""
+    names = [quantity.name for quantity in law.reference]
+    return [names.index(row.name) for row in law.output.rows if unit in ("", row.unit)]
+
+
+def ahead(system: ReducedSystem) -> ca.Function:
+    """How far the vehicle's point is ahead of its axle, m, as a function of the parameters; 0 for a robot without an axle."""
+    distance = ca.DM(0) if system.mechanism.name in OWN_LAWS else 0.0 - axle(system)
     return ca.Function("ahead", [system.mechanism.p], [ca.densify(distance)])
 
 
@@ -72,8 +80,7 @@ def ground(system: ReducedSystem) -> ca.Function:
 def evaluated(system: ReducedSystem) -> str:
     """The C of what is evaluated besides the law: a step of the plant, forces, the vehicle's motion, lines to draw."""
     generator = ca.CodeGenerator("plant.c", {"with_header": False})
-    none = ca.Function("ahead", [system.mechanism.p], [ca.DM(0)])
-    for function in (functions(system)["step"], ground(system), vehicle_motion(system), ahead(system) or none):
+    for function in (functions(system)["step"], ground(system), vehicle_motion(system), ahead(system)):
         generator.add(function)
     q, p = system.mechanism.q, system.mechanism.p
     generator.add(portable(ca.Function("lines", [q, p], [ca.vertcat(*lines_function(system.mechanism)(q, p))])))
@@ -83,9 +90,12 @@ def evaluated(system: ReducedSystem) -> str:
 def robot_header(system: ReducedSystem) -> str:
     """The text of robot.h, which playground.c includes."""
     mechanism = system.mechanism
-    counts = {"PARAMETERS": mechanism.parameters, "STATES": system.state, "CONTACTS": mechanism.contacts}
-    lines = [f'#include "{mechanism.name}_{law}.h"' for law in LAWS]
-    lines += [f"#define {name} {len(parts)}" for name, parts in counts.items()] + [f"#define GRAVITY {GRAVITY} /* m/s^2 */"]
+    laws = laws_of(system)
+    counts = {"PARAMETERS": len(mechanism.parameters), "STATES": len(system.state), "INPUTS": len(mechanism.inputs)}
+    counts |= {"OUTPUTS": len(laws[0].output.rows), "CONTACTS": len(mechanism.contacts), "DEGREES": system.dof}
+    lines = [f'#include "{mechanism.name}_{law.name}.h"' for law in laws]
+    lines += ["#define LAWS(X) " + " ".join(f"X({law.name}, {max(desired_places(law, 'rad'), default=0)})" for law in laws)]
+    lines += [f"#define {name} {count}" for name, count in counts.items()] + [f"#define GRAVITY {GRAVITY} /* m/s^2 */"]
     lines += ["#define GRIPS"] * can_grip(system)
     return "\n".join([*lines, f"#define ROBOT(name) {mechanism.name}_##name", ""])
 
@@ -94,8 +104,8 @@ def sources(robot: str) -> dict[str, str]:
     """The C of a robot's loop that is written here: file name -> text."""
     system, scalar = system_of(find_robot(robot)), SCALARS["double"]
     files = {"plant.c": evaluated(system), "robot.h": robot_header(system), **shared_files(system, scalar)}
-    for law in LAWS:
-        files |= law_text(law_program(law_of(system, law)), scalar).files()
+    for law in laws_of(system):
+        files |= law_text(law_program(law), scalar).files()
     return files
 
 
@@ -126,17 +136,18 @@ def layout() -> dict[str, list[int]]:
 
 
 def described(robot: str) -> dict:
-    """What model.js knows of a robot: default parameters, counts, points of each line that is drawn."""
+    """What model.js knows of a robot: default parameters, counts, contacts with known loads, points of the lines drawn."""
     system = system_of(find_robot(robot))
     mechanism = system.mechanism
     return {
         "parameters": {p.name: p.default for p in mechanism.parameters},
         "coordinates": len(mechanism.coordinates),
-        "contacts": [contact.name for contact in mechanism.contacts],
+        "contacts": [contact.name for contact in mechanism.contacts if not unknown_loads(mechanism)],
+        "laws": {law.name: desired_places(law) for law in laws_of(system)},
         "inputs": [f"{entry.name} ({entry.unit})" for entry in mechanism.inputs],
+        "states": len(system.state),
         "lines": [line.shape[1] for line in mechanism.lines],
         "grips": can_grip(system),
-        "followsDrawn": ahead(system) is not None,
     }
 
 

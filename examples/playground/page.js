@@ -5,9 +5,10 @@ const COLOURS = Object.fromEntries(["ink", "quiet", "edge", "one", "two", "three
   [name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim()]));
 const SPARSE = 3; // of so many points a plot shows one: 0.6 pixels of it
 const CURVES = ["one", "two", "ink", "three", "four"]; // colours of the curves of a plot
-const KEPT = 20; // s, of the plots and of the trace
+const KEPT = 20, TICK = 5; // s, of the plots and of the trace; between marks of the time
+const FORBIDDEN = 0.05; // of det Phi over the product of its rows' norms
 const CONTROLS = [ // setting, label, least, largest, step, unit
-  ["speed", "desired speed", -2, 6, 0.1, "m/s"], ["size", "size of the curve", 2, 12, 0.5, "m"], ["angle", "angle of the line", -180, 180, 5, "°"],
+  ["speed", "desired speed", -2, 6, 0.1, "m/s"], ["turn", "desired yaw rate", -2, 2, 0.1, "rad/s"], ["size", "size of the curve", 2, 12, 0.5, "m"], ["angle", "angle of the line", -180, 180, 5, "°"],
   ["kp", "gain kp", 0, 8, 0.05, "1/s²"], ["kd", "gain kd", 0, 8, 0.05, "1/s"], ["kv", "gain kv", 0, 8, 0.05, "1/s"],
   ["L", "P_l ahead of the vehicle's point", -1, 2, 0.1, "m"], ["mu", "friction μ", 0.05, 1, 0.05, ""],
   ["believed", "mass that the law assumes", 10, 80, 1, "kg"], ["mass", "mass of the robot", 10, 80, 1, "kg"],
@@ -16,20 +17,24 @@ const CONTROLS = [ // setting, label, least, largest, step, unit
 ];
 const SCALED = { m: "size", "m/s": "size", kg: "heavy", "N m": "heavy" }; // by which a kind of robot has other ranges
 const CHOICES = [ // setting, label, names for a robot, what is shown
-  ["robot", "robot", () => Object.keys(ROBOTS), titleOf], ["law", "law and path", lawsOf, String], ["mode", "at a limit", modesOf, String],
+  ["robot", "robot", () => Object.keys(ROBOTS), titleOf], ["law", "what is controlled", lawsOf, (law) => LAWS[law]],
+  ["mode", "at a limit", modesOf, (mode) => MODES[mode]],
 ];
 const USED = { // where a setting matters; the others always
-  size: (s) => /circle|ellipse/.test(s.law), angle: (s) => /^I+$|line/.test(s.law), kv: (s) => /IV/.test(s.law),
+  size: (s) => /circle|ellipse/.test(s.law), angle: (s) => movesOnLine(s.law) || /line/.test(s.law),
+  mu: (s) => ROBOTS[s.robot].contacts.length, kp: (s) => s.law !== "drive", kd: (s) => s.law !== "drive", kv: (s) => /IV|drive/.test(s.law),
+  turn: (s) => isOwn(s.law), L: (s) => !isOwn(s.law),
   trailers: (s) => trailersOf(s.robot) > 0, believedTrailers: (s) => trailersOf(s.robot) > 0,
 };
 const MEANING = {
   ok: "the law is in force", saturated: "a torque is at its limit", grip: "held back so that the wheels roll", slipping: "slip was noticed", will_slip: "no torque keeps the wheels rolling",
-  singular: "singular: the law has no torque here. Drag the robot away", bad_path: "the robot cannot follow this path: draw smoother",
+  singular: "singular: the law has no torque here. Drag the robot or press an arrow key", bad_path: "the robot cannot follow this path: draw smoother",
 };
 
 const makeWorker = () => new Worker(URL.createObjectURL(new Blob([element("model").textContent, "serve();"], { type: "text/javascript" })));
 const worker = makeWorker();
 let settings = defaultsOf(DEFAULTS.robot), run = 0, now = null, going = false, waiting = false; // for the worker
+let regular = [], turned = false; // at headings all around; whether the start of the run is another than was asked for
 let paused = false, drawing = null, grabbed = null, clock = 0, last = 0, trace = [];
 
 /* -- settings ---------------------------------------------------------------------------------------------------------- */
@@ -42,8 +47,9 @@ function makeControls() {
   }
   form.addEventListener("input", ({ target }) => {
     if (target.name === "robot") choose(target.value);
-    else change({ [target.name]: target.type === "range" ? +target.value : target.value });
+    else change({ [target.name]: target.type === "range" ? +target.value : target.value }, target.type !== "range");
   });
+  form.addEventListener("change", () => { if (!going) change({}); });
 }
 
 function showControls() {
@@ -58,36 +64,42 @@ function showControls() {
     input.previousElementSibling.textContent = `${settings[name]} ${unit}`;
     input.parentElement.hidden = !(USED[name]?.(settings) ?? true);
   }
-  element("draw").hidden = !ROBOTS[settings.robot].followsDrawn;
+  element("use").parentElement.hidden = !ROBOTS[settings.robot].contacts.length;
+  element("draw").hidden = !lawsOf(settings.robot).includes("IV path");
 }
 
-/* Change settings, and start a run from where the robot is. */
-function change(changes) {
-  const target = settings.along + settings.speed * now.t, x = [...(changes.x || now.x)], { coordinates } = ROBOTS[settings.robot];
-  for (const k of [2, ...Array(coordinates).keys()].filter((k) => k === 2 || k > 4)) x[k] = Math.atan2(Math.sin(x[k]), Math.cos(x[k])); // headings
+/* Change settings, and start a run from where the robot is; once a gesture has ended, from where the law can go on. */
+function change(changes, free = true) {
+  const target = settings.along + settings.speed * now.t, x = [...(changes.x || now.x)], trailers = trailersOf(settings.robot);
+  for (const k of [2, ...Array.from({ length: trailers }, (_, trailer) => 5 + trailer)]) x[k] = Math.atan2(Math.sin(x[k]), Math.cos(x[k])); // headings
   settings = { ...settings, along: target, ...changes, x };
   if (settings.law === "IV path" && settings.speed <= 0) settings.speed = DEFAULTS.speed; // a path has a direction
-  if (settings.law === "IV path" && !settings.drawn.length) settings = { ...settings, drawn: arcsThrough(EIGHT, true), closed: true };
-  begin();
+  if (settings.law === "IV path" && !settings.drawn.length) settings = { ...settings, drawn: arcsThrough(eight(kindOf(settings.robot).size), true), closed: true };
+  begin(free);
 }
 
-const EIGHT = Array.from({ length: 16 }, (_, k) => [7 * Math.sin((k * Math.PI) / 8), 3.5 * Math.sin((k * Math.PI) / 4)]);
+const eight = (size) => Array.from({ length: 16 }, (_, k) => [7 * size * Math.sin((k * Math.PI) / 8), 3.5 * size * Math.sin((k * Math.PI) / 4)]);
 
 /* Go on with another robot, on the same kind of path. */
 function choose(robot) {
-  const law = lawsOf(robot).includes(settings.law) ? settings.law : DEFAULTS.law;
-  settings = { ...defaultsOf(robot), law, mu: settings.mu };
+  const usual = defaultsOf(robot), law = lawsOf(robot).includes(settings.law) ? settings.law : usual.law;
+  settings = { ...usual, law, mu: settings.mu };
   trace = [];
   now = { x: settings.x, t: 0 };
   change({ along: 0 });
 }
 
-function begin() {
+function begin(free = false) {
   run += 1;
-  worker.postMessage({ run, settings });
+  worker.postMessage({ run, settings, free });
   waiting = true;
   clock = 0;
+  turned = false;
   showControls();
+  showAddress();
+}
+
+function showAddress() {
   const hash = `#${encodeURIComponent(JSON.stringify(settings))}`;
   if (!grabbed && location.hash !== hash) history.replaceState(null, "", hash);
 }
@@ -112,14 +124,19 @@ function restore() {
 worker.onmessage = ({ data }) => {
   if (data.run !== run) return;
   waiting = false;
-  ({ going } = data);
+  ({ going, regular } = data);
+  if (data.rows[0]?.t === 0 && settings.x.some((value, k) => value !== data.x[k])) {
+    turned = true;
+    settings.x = data.x;
+    showAddress();
+  }
   now = data.rows.at(-1) || now;
   if (!grabbed) data.rows.forEach(remember);
 };
 
 /* A point of the trace; times go on from run to run. */
 function remember({ motion: [x, y, heading], error, tau, use, status }) {
-  const time = (trace.at(-1)?.now || 0) + PERIOD, { L } = settings;
+  const time = (trace.at(-1)?.now || 0) + PERIOD, { L } = isOwn(settings.law) ? { L: 0 } : settings;
   const series = { error, tau, use }, most = Object.fromEntries(Object.entries(series).map(([name, all]) => [name, Math.max(...all.map(Math.abs))]));
   trace.push({ now: time, x: x + L * Math.cos(heading), y: y + L * Math.sin(heading), ...series, most, status });
   if (trace.length > KEPT / PERIOD) trace.shift();
@@ -139,7 +156,7 @@ function frame(time) {
     drawFloor();
     plot("error", 0.1, 20 * size);
     plot("tau", 1, 100 * heavy);
-    plot("use", 1.2, 4, 1);
+    if (now.use.length) plot("use", 1.2, 4, 1);
     showStatus();
   }
   requestAnimationFrame(frame);
@@ -147,10 +164,21 @@ function frame(time) {
 
 function showStatus() {
   const slips = going && Math.max(...now.use) > 1, { status } = now;
-  const text = `${MEANING[status] || status}${slips ? ", and the wheels would slip here" : ""}`;
+  const text = `${turned ? "turned out of a heading that the law cannot leave; " : ""}${MEANING[status] || status}${slips ? ", and the wheels would slip here" : ""}`;
   const shown = element("status");
   if (shown.textContent !== text) shown.textContent = text;
   shown.className = slips || !going ? "bad" : "";
+  const lateral = lateralError();
+  element("measures").textContent = [...(lateral === null ? [] : [`lateral error ${lateral.toFixed(2)} m`]),
+    ...(now.use.length ? [`friction use ${Math.max(...now.use).toFixed(2)}`] : [])].join(" · ");
+}
+
+/* How far P_l is to the left of the path, m; null without a path. */
+function lateralError() {
+  const { law, angle, L } = settings, [x, y, heading] = now.motion, direction = (angle * Math.PI) / 180;
+  if (!movesOnLine(law)) return isOwn(law) ? null : now.error[0];
+  const l = isOwn(law) ? 0 : L;
+  return Math.cos(direction) * (y + l * Math.sin(heading)) - Math.sin(direction) * (x + l * Math.cos(heading));
 }
 
 /* -- drawing ----------------------------------------------------------------------------------------------------------- */
@@ -174,8 +202,8 @@ function fresh(canvas) {
 
 function drawFloor() {
   const { context: c, width, height } = fresh(element("floor")), { x } = now, { size } = kindOf(settings.robot);
-  const onLine = /^I+$|line/.test(settings.law), room = 3 * size;
-  const reach = { "IV path": 11, "IV circle": settings.size + room, "IV ellipse": 1.5 * settings.size + room }[settings.law] || 8 * size;
+  const onLine = isOwn(settings.law) || movesOnLine(settings.law) || /line/.test(settings.law), room = 3 * size;
+  const reach = { "IV path": 11 * size, "IV circle": settings.size + room, "IV ellipse": 1.5 * settings.size + room }[settings.law] || 8 * size;
   middle.x = onLine ? x[0] : 0;
   middle.y = onLine ? x[1] : 0;
   if (!grabbed) far = Math.max(Math.abs(x[0] - middle.x), Math.abs(x[1] - middle.y)) + size; // fixed while the robot is dragged
@@ -209,14 +237,14 @@ function drawPath(c) {
   else if (law === "IV path") for (const [x, y, heading, radius, turn] of settings.drawn) {
     const side = Math.sign(turn), from = heading - (side * Math.PI) / 2;
     c.arc(x - side * radius * Math.sin(heading), y + side * radius * Math.cos(heading), radius, from, from + turn, turn < 0);
-  } else {
+  } else if (law !== "drive") {
     const reach = Math.hypot(middle.x, middle.y) + 50;
     c.moveTo(-reach * Math.cos(angle), -reach * Math.sin(angle));
     c.lineTo(reach * Math.cos(angle), reach * Math.sin(angle));
   }
   c.stroke();
   c.setLineDash([]);
-  if (/^I+$/.test(law)) { // the desired point moves along the line
+  if (movesOnLine(law)) { // the desired point moves along the line
     const along = settings.along + settings.speed * now.t;
     dot(c, along * Math.cos(angle), along * Math.sin(angle), 6, COLOURS.quiet);
   }
@@ -245,7 +273,7 @@ function drawTrace(c) {
 
 /* The lines of the robot: bodies, hitches, and wheels, thick, red where they would slip; the forces at the wheels. */
 function drawRobot(c) {
-  const { wheels, handle } = kindOf(settings.robot), { lines, use, forces, motion, x } = now;
+  const { wheels, handle, across } = kindOf(settings.robot), { lines, use, forces, motion, x } = now;
   const contactOf = Object.fromEntries(use.flatMap((_, contact) => wheels[contact].map((line) => [line, contact])));
   const ends = [];
   let place = 0;
@@ -261,15 +289,31 @@ function drawRobot(c) {
     c.stroke();
   });
   c.lineWidth = 2 / scale;
-  use.forEach((_, contact) => drawForce(c, wheels[contact].map((line) => ends[line]), use[contact], forces.slice(2 * contact, 2 * contact + 2)));
+  use.forEach((_, contact) => drawForce(c, wheels[contact].map((line) => ends[line]), use[contact], forces.slice(2 * contact, 2 * contact + 2), across?.[contact]));
+  drawForbidden(c, x, handle);
   dot(c, x[0] + handle * Math.cos(x[2]), x[1] + handle * Math.sin(x[2]), 7, COLOURS.one);
-  dot(c, motion[0] + settings.L * Math.cos(motion[2]), motion[1] + settings.L * Math.sin(motion[2]), 4, COLOURS.ink);
+  if (!isOwn(settings.law)) dot(c, motion[0] + settings.L * Math.cos(motion[2]), motion[1] + settings.L * Math.sin(motion[2]), 4, COLOURS.ink);
 }
 
-/* The force of the ground at a contact, between its wheels (ends x, y, x, y of each), as part of a ring, the limit of friction. */
-function drawForce(c, wheels, use, [along, across]) {
+/* The headings at which the law has no torque or hardly one, on the circle of the handle. */
+function drawForbidden(c, [x, y], handle) {
+  const step = (2 * Math.PI) / regular.length;
+  c.strokeStyle = COLOURS.bad;
+  c.lineWidth = 8 / scale;
+  c.beginPath();
+  regular.forEach((value, k) => {
+    if (Math.abs(value) > FORBIDDEN && value * regular[(k + 1) % regular.length] > 0) return;
+    c.moveTo(x + handle * Math.cos(k * step), y + handle * Math.sin(k * step));
+    c.arc(x, y, handle, k * step, (k + 1) * step);
+  });
+  c.stroke();
+}
+
+/* The force of the ground at a contact, between its wheels (ends x, y, x, y of each), as part of a ring, the limit of friction; `turned`: by
+ * how much `along` is to the left of the wheel's direction. */
+function drawForce(c, wheels, use, [along, across], turned = 0) {
   const mean = (k) => wheels.reduce((sum, ends) => sum + ends[k] + ends[k + 2], 0) / (2 * wheels.length), [x, y] = [mean(0), mean(1)];
-  const [u, v, p, q] = wheels[0], length = Math.hypot(p - u, q - v), [cos, sin] = [(p - u) / length, (q - v) / length];
+  const [u, v, p, q] = wheels[0], direction = Math.atan2(q - v, p - u) + turned, [cos, sin] = [Math.cos(direction), Math.sin(direction)];
   const ring = 0.5 * kindOf(settings.robot).size, size = Math.hypot(along, across), reach = size ? (ring * Math.min(3, use)) / size : 0;
   c.strokeStyle = COLOURS.quiet;
   c.lineWidth = 1 / scale;
@@ -297,10 +341,18 @@ function plot(name, least, limit, mark) {
   const largest = trace.reduce((most, p) => Math.max(most, p.most[name]), least), names = NAMES[name]();
   const shown = trace.filter((p, k) => k + 1 === trace.length || Math.round(p.now / PERIOD) % SPARSE === 0);
   const most = Math.min(largest, limit), low = name === "use" ? 0 : -most;
-  const across = (t) => width * (1 - (end - t) / KEPT), up = (value) => height - ((value - low) / (most - low)) * (height - 16) - 4;
+  const across = (t) => width * (1 - (end - t) / KEPT), up = (value) => height - 14 - ((value - low) / (most - low)) * (height - 32);
   c.font = "11px system-ui, sans-serif";
   c.fillStyle = c.strokeStyle = COLOURS.quiet;
   c.fillText(`${+most.toPrecision(2)}`, 4, 12);
+  c.strokeStyle = COLOURS.edge;
+  for (let t = Math.ceil(Math.max(0, end - KEPT) / TICK) * TICK; t <= end; t += TICK) {
+    c.beginPath();
+    c.moveTo(across(t), 16);
+    c.lineTo(across(t), height - 12);
+    c.stroke();
+    c.fillText(`${t} s`, Math.max(0, Math.min(across(t) - 8, width - 26)), height - 2);
+  }
   [0, ...(mark ? [mark] : [])].forEach((value) => {
     c.strokeStyle = value ? COLOURS.bad : COLOURS.edge;
     c.beginPath();
@@ -319,7 +371,7 @@ function plot(name, least, limit, mark) {
 }
 
 const NAMES = {
-  error: () => ({ I: ["x (m)", "y (m)"], II: ["x (m)", "heading (rad)"], III: ["y (m)", "heading (rad)"] }[settings.law] || ["distance (m)", "speed (m/s)"]),
+  error: () => ({ pose: ["x (m)", "y (m)", "heading (rad)"], drive: ["speed and tilt (m/s)", "yaw rate (rad/s)"], I: ["x (m)", "y (m)"], II: ["x (m)", "heading (rad)"], III: ["y (m)", "heading (rad)"] }[settings.law] || ["distance (m)", "speed (m/s)"]),
   tau: () => ROBOTS[settings.robot].inputs,
   use: () => ROBOTS[settings.robot].contacts,
 };
@@ -348,13 +400,13 @@ function move(event) {
   const [x, y] = place(event), state = [...now.x];
   if (drawing?.length) {
     const [u, v] = drawing[drawing.length - 1];
-    if (Math.hypot(x - u, y - v) > 0.8 && drawing.length < 90) drawing.push([x, y]);
+    if (Math.hypot(x - u, y - v) > 0.8 * kindOf(settings.robot).size && drawing.length < 90) drawing.push([x, y]);
   } else if (grabbed === "nose") {
     state[2] = Math.atan2(y - state[1], x - state[0]);
-    change({ x: state });
+    change({ x: state }, false);
   } else if (grabbed) {
     [state[0], state[1]] = [x + grabbed[0], y + grabbed[1]];
-    change({ x: state });
+    change({ x: state }, false);
   }
 }
 
@@ -365,7 +417,7 @@ function release() {
   else if (carried) change({ x: settings.x });
 }
 
-/* Arrow keys move the robot by 0.2 m; left and right with shift turn it. */
+/* Arrow keys move the robot; left and right with shift turn it. */
 function key(event) {
   const way = { ArrowLeft: -1, ArrowRight: 1, ArrowDown: -1, ArrowUp: 1 }[event.key], x = [...now.x];
   if (!way) return;
@@ -378,7 +430,7 @@ function key(event) {
 
 /* Follow the points drawn, smoothed; the path is closed if they end near where they began. */
 function followDrawn(points) {
-  const closed = points.length > 5 && Math.hypot(points[0][0] - points.at(-1)[0], points[0][1] - points.at(-1)[1]) < 2;
+  const closed = points.length > 5 && Math.hypot(points[0][0] - points.at(-1)[0], points[0][1] - points.at(-1)[1]) < 2 * kindOf(settings.robot).size;
   const smooth = (list) => list.map((p, k) => {
     const [before, after] = closed ? [list.at(k - 1), list[(k + 1) % list.length]] : [list[k - 1] || p, list[k + 1] || p];
     return [(before[0] + 2 * p[0] + after[0]) / 4, (before[1] + 2 * p[1] + after[1]) / 4];
@@ -386,7 +438,7 @@ function followDrawn(points) {
   setDrawing(null);
   if (points.length < 3) return;
   const drawn = arcsThrough(smooth(smooth(smooth(points))), closed), [x, y, heading] = drawn[0];
-  const { robot } = settings, rest = defaultsOf(robot).x.slice(5).map((_, k) => (k < trailersOf(robot) ? heading : 0));
+  const rest = now.x.slice(5).map((_, k) => (k < trailersOf(settings.robot) ? heading : 0));
   change({ law: "IV path", drawn, closed, x: [x, y, heading, 0, 0, ...rest] });
 }
 

@@ -1,8 +1,9 @@
 /*
  * playground.c - a robot in closed loop with one of its laws, for the page: the generated C, called every period, and the plant
  * of `noslip simulate`. Order and meaning of all steps are those of `sampled` and `_hold` in simulation/integrate.py, so that the
- * numbers are the same bit for bit. robot.h, which build.py writes, says which robot: the headers of its laws, ROBOT(name), its
- * name before another one, how many PARAMETERS, STATES and CONTACTS it has, and GRIPS if its laws have NOSLIP_GRIP.
+ * numbers are the same bit for bit. robot.h, which build.py writes, says which robot: its LAWS with their headers, ROBOT(name), its
+ * name before another one, how many PARAMETERS, STATES, INPUTS, OUTPUTS and CONTACTS it has, its DEGREES of freedom, which are
+ * the rows and columns of Phi, and GRIPS if its laws have NOSLIP_GRIP.
  */
 #include "robot.h"
 #include "noslip_angle.h"
@@ -10,6 +11,7 @@
 
 #define SEGMENTS 200
 #define SHORTEST 1e-9      /* s: the integrator's shortest step */
+#define HEADINGS 72        /* directions in which the law is tried */
 
 /* All that the page writes and reads, doubles in SI units; build.py tells the page the place of each. Arrays are as long as the
  * largest robot needs. */
@@ -17,15 +19,15 @@ typedef struct numbers {
     double law;            /* index in `laws` */
     double believed[18];   /* parameters, as the controller knows them */
     double plant[18];      /* the robot's own */
-    double config[4];      /* of the law, after L */
-    double L;              /* m */
-    double gains[4];
+    double config[6];      /* of the law */
+    double gains[6];
     double limit;          /* N m, of each motor; 0: none */
     double mode;           /* noslip_on_limit */
     double mu;             /* friction coefficient of the floor */
     double margin;         /* part of mu in reserve, with NOSLIP_GRIP */
-    double offset[6];      /* reference: offset + slope t */
-    double slope[6];
+    double offset[9];      /* reference: offset + slope t */
+    double slope[9];
+    double desired[3];     /* places of the desired outputs in the reference */
     double count;          /* segments of the path; 0: a law without one */
     double closed;         /* 1: its last segment is followed by the first */
     double segments[1000]; /* x, y, heading, curvature, length of each */
@@ -33,15 +35,16 @@ typedef struct numbers {
     double tolerance;      /* of the integration */
     double x[10];          /* state: at the start, then now */
     double t;              /* s, since the start */
-    double tau[2];         /* N m */
-    double y[2];           /* outputs */
-    double error[2];       /* y - y_d */
+    double tau[4];         /* N m */
+    double y[3];           /* outputs */
+    double error[3];       /* y - y_d */
     double status;         /* NOSLIP_... */
     double forces[10];     /* N: of the ground on each contact, along and across */
     double use[5];         /* friction use of each contact; above 1 it would slip */
     double piece;          /* segment that is followed */
     double motion[5];      /* x, y (m) and heading (rad) of the vehicle's point, forward speed (m/s), yaw rate (rad/s) */
     double lines[84];      /* m: x, y of the points that show the robot from above */
+    double regular[72];    /* det Phi over the product of its rows' norms, -1 to 1, at headings all around */
 } numbers;
 
 static numbers page;
@@ -67,6 +70,7 @@ int ahead(const double **arguments, double **results, long long *integers, doubl
 numbers *playground_numbers(void);
 int playground_start(void);
 int playground_step(void);
+void playground_headings(void);
 
 static void copy(double *to, const double *from, int count)
 {
@@ -79,71 +83,71 @@ static void copy(double *to, const double *from, int count)
 /* What a law does, by the same names for all: `truth` has the plant's parameters. */
 typedef struct law {
     int (*init)(const parameters *believed, const parameters *plant, const options_of_law *options);
-    int (*step)(const state *now, const double *reference, double tau[2]);
-    int (*decoupling)(const state *now, double Phi[2][2]);
-    int (*output)(const state *now, double h[2]);
-    int heading;           /* place of a desired heading; 0: none */
+    int (*step)(const state *now, const double *reference, double tau[INPUTS]);
+    int (*decoupling)(const state *now, double Phi[DEGREES][DEGREES]);
+    int (*output)(const state *now, double h[OUTPUTS]);
+    int heading;           /* place of a desired heading in the reference; 0: none */
 } law;
 
-#define LAW(name) \
+#define LAW(name, heading) \
     static ROBOT(name) name##_law, name##_truth; \
     static int name##_init(const parameters *believed, const parameters *plant, const options_of_law *options) \
     { \
-        union { ROBOT(name##_config) named; double at[5]; } config; \
-        union { ROBOT(name##_gains) named; double at[4]; } gains; \
+        union { ROBOT(name##_config) named; double at[6]; } config; \
+        union { ROBOT(name##_gains) named; double at[6]; } gains; \
         int status; \
-        config.at[0] = page.L; \
-        copy(config.at + 1, page.config, 4); \
-        copy(gains.at, page.gains, 4); \
+        copy(config.at, page.config, 6); \
+        copy(gains.at, page.gains, 6); \
         status = ROBOT(name##_init)(&name##_law, &believed->named, &config.named, &gains.named, options); \
         return status < 0 ? status \
                           : ROBOT(name##_init)(&name##_truth, &plant->named, &config.named, &gains.named, NULL); \
     } \
-    static int name##_step(const state *now, const double *reference, double tau[2]) \
+    static int name##_step(const state *now, const double *reference, double tau[INPUTS]) \
     { \
-        union { ROBOT(name##_reference) named; double at[6]; } wanted; \
-        copy(wanted.at, reference, 6); \
+        union { ROBOT(name##_reference) named; double at[9]; } wanted; \
+        copy(wanted.at, reference, 9); \
         return ROBOT(name##_step)(&name##_law, &now->named, &wanted.named, tau); \
     } \
-    static int name##_decoupling(const state *now, double Phi[2][2]) \
+    static int name##_decoupling(const state *now, double Phi[DEGREES][DEGREES]) \
     { \
         return ROBOT(name##_decoupling)(&name##_law, &now->named, Phi); \
     } \
-    static int name##_output(const state *now, double h[2]) \
+    static int name##_output(const state *now, double h[OUTPUTS]) \
     { \
         return ROBOT(name##_output)(&name##_truth, &now->named, h); \
     }
 
-#define ENTRY(name, heading) {name##_init, name##_step, name##_decoupling, name##_output, heading}
+#define ENTRY(name, heading) {name##_init, name##_step, name##_decoupling, name##_output, heading},
 
-LAW(type_i)
-LAW(type_ii)
-LAW(type_iii)
-LAW(type_iv_line)
-LAW(type_iv_circle)
-LAW(type_iv_ellipse)
-LAW(type_iv_segment)
-
-static const law laws[] = {
-    ENTRY(type_i, 0), ENTRY(type_ii, 3), ENTRY(type_iii, 3), ENTRY(type_iv_line, 0), ENTRY(type_iv_circle, 0),
-    ENTRY(type_iv_ellipse, 0), ENTRY(type_iv_segment, 0),
-};
+LAWS(LAW)
+static const law laws[] = {LAWS(ENTRY)};
 
 static const law *chosen(void)
 {
     return &laws[(int)page.law];
 }
 
+static double determinant(double Phi[DEGREES][DEGREES])
+{
+#if DEGREES == 3
+    return Phi[0][0] * (Phi[1][1] * Phi[2][2] - Phi[1][2] * Phi[2][1])
+         - Phi[0][1] * (Phi[1][0] * Phi[2][2] - Phi[1][2] * Phi[2][0])
+         + Phi[0][2] * (Phi[1][0] * Phi[2][1] - Phi[1][1] * Phi[2][0]);
+#else
+    return Phi[0][0] * Phi[1][1] - Phi[0][1] * Phi[1][0];
+#endif
+}
+
 /* Positive unless the singular set has been crossed since the start; 0 where Phi is undefined. */
 static double side(const double *x)
 {
-    double Phi[2][2];
+    double Phi[DEGREES][DEGREES];
     state now;
     copy(now.at, x, STATES);
     if (chosen()->decoupling(&now, Phi) < 0) {
         return 0;
     }
-    return sign * (Phi[0][0] * Phi[1][1] - Phi[0][1] * Phi[1][0]);
+    return sign * determinant(Phi);
 }
 
 /* Initializes the law with the numbers of the page. */
@@ -152,10 +156,12 @@ static int make_law(void)
     parameters believed, plant;
     options_of_law options = {0};
     double found;
-    int status;
+    int i, status;
     copy(believed.at, page.believed, PARAMETERS);
     copy(plant.at, page.plant, PARAMETERS);
-    options.limit[0] = options.limit[1] = page.limit;
+    for (i = 0; i < INPUTS; i++) {
+        options.limit[i] = page.limit;
+    }
     options.on_limit = (noslip_on_limit)page.mode;
 #ifdef GRIPS
     if (options.on_limit == NOSLIP_GRIP) {
@@ -208,10 +214,10 @@ static int follow(double *reference)
         reference[4] = guide.speed_rate;
         page.piece = guide.segment;
         if (guide.changed) {
-            page.config[0] = guide.x;
-            page.config[1] = guide.y;
-            page.config[2] = guide.heading;
-            page.config[3] = guide.curvature;
+            page.config[1] = guide.x;
+            page.config[2] = guide.y;
+            page.config[3] = guide.heading;
+            page.config[4] = guide.curvature;
             return make_law();
         }
     }
@@ -222,10 +228,10 @@ static int follow(double *reference)
 static int call(void)
 {
     const law *const self = chosen();
-    double reference[6];
+    double reference[9];
     state now;
     int i, status = NOSLIP_OK;
-    for (i = 0; i < 6; i++) {
+    for (i = 0; i < 9; i++) {
         reference[i] = page.offset[i] + page.slope[i] * page.t;
     }
     copy(now.at, page.x, STATES);
@@ -242,11 +248,14 @@ static int call(void)
         status = NOSLIP_SINGULAR;
     }
     if (status < 0) {
-        page.tau[0] = page.tau[1] = 0;
+        for (i = 0; i < INPUTS; i++) {
+            page.tau[i] = 0;
+        }
     }
     if (self->output(&now, page.y) >= 0) {
-        page.error[0] = page.y[0] - reference[0];
-        page.error[1] = page.y[1] - reference[3];
+        for (i = 0; i < OUTPUTS; i++) {
+            page.error[i] = page.y[i] - reference[(int)page.desired[i]];
+        }
     }
     measure_forces();
     page.status = status;
@@ -302,8 +311,8 @@ int playground_start(void)
         double *results[1] = {&options.ahead};
         (void)ahead(arguments, results, NULL, NULL, 0);
         options.speed = page.offset[3];
-        options.L[0] = page.L;
-        options.L[1] = -page.L - 2 * options.ahead;
+        options.L[0] = page.config[0];
+        options.L[1] = -page.config[0] - 2 * options.ahead;
         options.closed = page.closed > 0;
         for (i = 0; i < (int)page.count; i++) {
             const double *const given = page.segments + 5 * i;
@@ -333,4 +342,27 @@ int playground_step(void)
     calls++;
     page.t = next;
     return call();
+}
+
+/* Writes `regular`: how far from singular the law is with the robot turned about its first coordinates, in steps of 5 degrees. */
+void playground_headings(void)
+{
+    int i, j, k;
+    for (i = 0; i < HEADINGS; i++) {
+        double Phi[DEGREES][DEGREES], scale = 1;
+        state now;
+        copy(now.at, page.x, STATES);
+        now.at[2] = i * 6.283185307179586 / HEADINGS;
+        page.regular[i] = 0;
+        if (chosen()->decoupling(&now, Phi) >= 0) {
+            for (j = 0; j < DEGREES; j++) {
+                double square = 0;
+                for (k = 0; k < DEGREES; k++) {
+                    square += Phi[j][k] * Phi[j][k];
+                }
+                scale *= noslip_sqrt(square);
+            }
+            page.regular[i] = scale > 0 ? determinant(Phi) / scale : 0;
+        }
+    }
 }

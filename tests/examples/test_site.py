@@ -132,6 +132,7 @@ AHEAD = {"x": [0.0, 2.0, 0.3, 0.0, 0.0, 3.0, 3.0]}
 POINTS = {"points": [[0, 0], [4, 1], [8, 0], [10, -4], [6, -6], [2, -4]], "x": [0.0, -0.5, 0.4, 0.0, 0.0, 1.0, 1.0]}
 CAR = {"robot": "car", "x": [17.0, -5.0, 1.4, 0.1, 0.0, 9.0, 0.0]}
 TRAIN = {"robot": "tractor_trailer:3", "x": [5.5, -3.0, 1.5, 0.0, 0.0, 1.4, 1.3, 1.1, 2.0, 2.5]}
+WIDE = [[3 * x, 3 * y] for x, y in POINTS["points"]]
 RUNS = {
     "type I, another mass": {"law": "I", "angle": 30, "mass": 42, **AHEAD},
     "type II": {"law": "II", "angle": 10, **AHEAD},
@@ -150,6 +151,11 @@ RUNS = {
     "tractor, drawn path": {"robot": "tractor_trailer:0", "law": "IV path", "L": 0.5, "closed": True, **POINTS},
     "a trailer, limits": {"robot": "tractor_trailer:1", "limit": 20, "mode": "slow", "trailers": 120, "L": 0.5},
     "two trailers": {"robot": "tractor_trailer:2", "law": "I", "angle": 70, "L": 0.5},
+    "car, drawn path": {**CAR, "law": "IV path", "closed": True, "x": [0, -1, 0.3, 0.1, 0, 3, 0], "points": WIDE},
+    "forklift": {"robot": "forklift", "x": [7.0, -2.0, 1.4, 0.2, 0.0, 2.0, 0.0]},
+    "mecanum platform": {"robot": "mecanum", "limit": 1},
+    "mecanum platform, grip": {"robot": "mecanum", "mode": "grip", "mu": 0.05, "x": [2, -0.4, 0.3, 0, 0, 0, 0, 0.1, 0.1, 0]},
+    "balancer": {"robot": "balancer", "believed": 4},
     "three trailers": {"trailers": 100, "believedTrailers": 60, **TRAIN},
     "three trailers, drawn path": {
         **{**TRAIN, "law": "IV path", "closed": False, "L": 0.5, "points": POINTS["points"]},
@@ -160,10 +166,16 @@ RUNS = {
 
 
 @pytest.fixture(scope="module")
-def playground(page, tmp_path_factory) -> dict[str, dict]:
-    """What the page's own scripts compute, run by Node: name -> its SPEC, a row for each period, the last status."""
+def model(page) -> str:
+    """The page's script that simulates, for Node."""
     need("node")
     (model,) = re.findall(r'<script id="model">(.*?)</script>', page.read_text(), re.S)
+    return model
+
+
+@pytest.fixture(scope="module")
+def playground(model, tmp_path_factory) -> dict[str, dict]:
+    """What the page's own scripts compute, run by Node: name -> its SPEC, a row for each period, the last status."""
     file = tmp_path_factory.mktemp("playground") / "run.js"
     file.write_text(model + RUN + IN_NODE)
     return dict(zip(RUNS, json.loads(run("node", file, json.dumps(list(RUNS.values())))), strict=True))
@@ -179,6 +191,9 @@ def check_same(page: dict, name: str) -> None:
     kept = slice(0, count)
     assert (rows["x"] == np.column_stack([there.t, there.x, there.tau])[kept]).all()
     assert np.abs(rows["y"] - there.y[kept]).max() <= 1e-12  # m, m/s, rad: another order of the same sums
+    if not there.use:  # loads that are not known: the page shows none
+        assert not rows["use"].size
+        return
     use = np.column_stack(list(there.use.values()))[kept]  # up to thousands beside the singular set
     assert np.max(np.abs(rows["use"] - use) / (1 + use)) <= 1e-11
     contacts = grip(there).contacts
@@ -191,6 +206,35 @@ def check_same(page: dict, name: str) -> None:
 def test_playground_is_simulate(name, playground):
     """10 s of each robot, run by Node."""
     check_same(playground[name], name)
+
+
+LEAVES = """
+(async () => {
+  const ended = [];
+  for (const robot of Object.keys(ROBOTS)) {
+    const loop = await Loop.of(robot), usual = defaultsOf(robot);
+    let good = loop.start(usual);
+    for (let k = 0; good && k < 300; k++) good = loop.step();
+    const driving = loop.get("x"), laws = lawsOf(robot).filter((law) => law !== "IV path");
+    for (const law of laws) for (const heading of [0, Math.PI / 2, driving[2]]) {
+      const s = { ...usual, law, x: driving.with(2, heading) }, x = loop.startFor(s);
+      good = loop.start({ ...s, x });
+      for (let k = 0; good && k < 500; k++) good = loop.step();
+      ended.push([x !== s.x, good ? "" : loop.status]);
+    }
+  }
+  process.stdout.write(JSON.stringify(ended));
+})();
+"""
+
+
+@pytest.mark.nightly
+def test_another_law_goes_on(model, tmp_path):
+    """Wherever a robot is and whatever it drives at, the page finds a start near it from which another law has torques."""
+    file = tmp_path / "run.js"
+    file.write_text(model + LEAVES)
+    turned, stopped = zip(*json.loads(run("node", file)), strict=True)
+    assert sum(turned) > 5 and not any(stopped)
 
 
 IN_BROWSER = """
@@ -236,6 +280,32 @@ def test_dragged_robot_comes_back(page, tab):
     away = tab.until("!waiting && now.t < 1", "now.error[0]")
     back = tab.until("now.t > 10", "now.error[0]")
     assert abs(before) < 0.3 < abs(away) and abs(back) < 0.01  # m
+
+
+CHOOSE = """
+(() => {
+  const { law } = element("controls").elements;
+  law.value = "II";
+  for (const kind of ["input", "change"]) law.dispatchEvent(new Event(kind, { bubbles: true }));
+})()
+"""
+NUDGE = 'element("floor").dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowUp" }))'
+
+
+@pytest.mark.nightly
+def test_stopped_robot_goes_on(page, tab):
+    """A robot that stands at a singular heading goes on after an arrow key, and one that drives after a change of law."""
+    settings = {"law": "II", "x": [0, 2, np.pi / 2, 0, 0, 0, 0]}
+    tab.open(f"{page.as_uri()}#{quote(json.dumps(settings))}")
+    stuck = tab.until("now && !going", "regular.filter((value) => Math.abs(value) < FORBIDDEN).length")
+    tab.value(NUDGE)
+    tab.until("going && !waiting && now.t > 3")
+    tab.value('choose("car")')
+    tab.until("going && now.t > 3 && now.t < 8")
+    tab.value(CHOOSE)
+    assert stuck and tab.until("settings.law === 'II' && !waiting && now.t > 3", "going")
+    lateral = float(re.findall(r"lateral error (-?\d+\.\d\d) m", tab.value("element('measures').textContent"))[0])
+    assert abs(lateral - tab.value("lateralError()")) < 0.5  # m; it goes on
 
 
 @pytest.mark.nightly
