@@ -1,5 +1,6 @@
 """A page in a browser without a window, in real time, so that its workers run: by the browser's own protocol over a pipe."""
 
+import base64
 import fcntl
 import json
 import os
@@ -42,6 +43,10 @@ class Page:
     def until(self, when: str, value: str = "true") -> Any:
         """Return a value when a condition holds."""
         return self.value(UNTIL.format(when=when, value=value))
+
+    def printed(self) -> bytes:
+        """Return the page as it is printed, a PDF."""
+        return base64.b64decode(self._call("Page.printToPDF", preferCSSPageSize=True)["data"])
 
     def _call(self, method: str, **arguments: Any) -> Any:
         self._count += 1

@@ -89,6 +89,7 @@ reference/spec
 ```{toctree}
 :hidden:
 :caption: Evidence
+paper
 gallery
 CHANGELOG
 reference/citing

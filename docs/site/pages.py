@@ -6,10 +6,12 @@ other sources: the references of Python, C, the command line and SPEC, the galle
 
 import inspect
 import json
+import posixpath
 import re
 import shlex
 import shutil
 import sys
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -163,6 +165,73 @@ def _fenced(language: str, text: str) -> str:
     return f"```{language}\n{text.rstrip()}\n```"
 
 
+PRINTED = """<style>
+@media print {
+  @page { size: A4; margin: 1.5cm }
+  html { font-size: 8.25pt }
+  .content { width: 100% !important; padding: 0 !important }
+  article { line-height: 1.25 }
+  article h1, article h2, article h3 { margin: 0.4em 0 0.2em }
+  article p, article ul, article ol, article li, article table { margin-block: 0.2em !important }
+  article th, article td { padding: 0.05em 0.4em !important }
+  article img { max-height: 3.6cm }
+  .headerlink, .page footer { display: none }
+}
+</style>"""
+
+
+def paper_page(report: str) -> str:
+    """A paper of four printed pages: what noslip is, its method, guarantees and evidence, out of the documentation and of what
+    the report says.
+    """
+    cff = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    title, version, date = (re.search(rf'^{name}: "?(.*?)"?$', cff, re.M)[1] for name in ("title", "version", "date-released"))
+    guarantees = (ROOT / "checks/guarantees/README.md").read_text(encoding="utf-8")
+    alarms = re.search(r"0 alarms means: (.*?)\.", guarantees, re.S)[1]
+    rows = re.findall(r"^\| `([^|]*)` \| ([^|]*) \|", guarantees.replace("| see below |", f"| {_cell(alarms)} |"), re.M)
+    plain = [(name, re.sub(r"\[(.*?)\]\(.*?\)", r"\1", claim)) for name, claim in rows]
+    table = "\n".join(["| check | claim |", "|---|---|", *(f"| `{name}` | {claim} |" for name, claim in plain)])
+    claims = re.findall(r"<p><strong>(.*?)</strong></p>", report)
+    parts = [
+        f"# {title}",
+        f"The noslip maintainers. Version {version}, {date}. {available()}",
+        excerpt("README.md", "Path following in C", "![The LABMATE"),
+        excerpt("README.md", "The method is that of", "If these words"),
+        "## Method",
+        excerpt("docs/method.md", "## A wheel constrains", "Suffixes of laws"),
+        "## Guarantees",
+        "What `make guarantees` checks of the C:",
+        table,
+        "## Evidence",
+        " ".join(claims),
+        "![The LABMATE goes to a line](figures/figure_1.svg)",
+        excerpt("checks/bench/README.md", "![Instructions", "The rows but"),
+        excerpt("docs/following.md", "![Distance", "## "),
+        "## Assumptions",
+        excerpt("README.md", "Some numbers are illegible", "[CITATION.cff]"),
+        "## How to cite",
+        excerpt("docs/method.md", "```bibtex", "\0"),
+        PRINTED,
+    ]
+    return "\n\n".join(parts)
+
+
+def excerpt(file: str, first: str, last: str) -> str:
+    """A document from one text to the next other one, with links as from the root, a level deeper."""
+    text = (ROOT / file).read_text(encoding="utf-8")
+    text = text[text.index(first) :].partition(last)[0]
+    folder = posixpath.dirname(file)
+    text = re.sub(r"\]\((?!\w+:|#)([^)]*)\)", lambda link: f"]({posixpath.normpath(posixpath.join(folder, link[1]))})", text)
+    return re.sub("^##", "###", text, flags=re.M).strip()
+
+
+def available() -> str:
+    """Where the software is to be had, as its owner says in pyproject.toml; without that, how to say it."""
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"].get("urls", {})
+    unknown = "No address is stated: `[project.urls] Repository` in pyproject.toml is where the owner of the repository says it."
+    return f"<{urls['Repository']}>" if "Repository" in urls else unknown
+
+
 def figures() -> Path:
     """The folder of `make figures`; without it, that of a few figures, drawn now if they are not there."""
     every, few = ROOT / "build/figures", ROOT / "build/gallery"
@@ -201,13 +270,15 @@ def main(folder: Path) -> None:
     generated = [path for path in sorted((ROOT / "generated/labmate").glob("*.h")) if not path.stem.endswith("_f")]
     labmate = {path.name: path.read_text(encoding="utf-8") for path in generated}
     runtime = {name: text for name, text in runtime_files().items() if name.endswith(".h")}
+    citation, bibtex = (ROOT / "CITATION.cff").read_text(encoding="utf-8"), excerpt("docs/method.md", "```bibtex", "\0")
     pages = {
         "reference/python": python_page(),
         "reference/c_labmate": c_page("C of the LABMATE", labmate),
         "reference/c_runtime": c_page("C of the runtime", runtime),
         "reference/command_line": command_line_page(),
         "reference/spec": spec_page(),
-        "reference/citing": f"# How to cite\n\n{_fenced('yaml', (ROOT / 'CITATION.cff').read_text(encoding='utf-8'))}",
+        "reference/citing": f"# How to cite\n\n{available()}\n\n{bibtex}\n\n{_fenced('yaml', citation)}",
+        "paper": paper_page((folder / "figures/report.html").read_text(encoding="utf-8")),
         "gallery": gallery_page(folder / "figures"),
         "playground": playground_page(folder / "playground"),
     }

@@ -82,6 +82,18 @@ def test_search_needs_no_server(site, tab):
     assert 'href="readers/glossary.html' in shown
 
 
+@pytest.mark.nightly
+def test_paper(site, tab):
+    """Method, guarantees, evidence and how to cite, with every claim of the guarantees, on four printed pages."""
+    paper = (site / "paper.html").read_text()
+    for name in ("Method", "Guarantees", "Evidence", "Assumptions", "How to cite", "Repository"):
+        assert name in paper, name
+    for name in re.findall(r"^\| `(\w[\w-]*)`", (ROOT / "checks/guarantees/README.md").read_text(), re.M):
+        assert f">{name}<" in paper, name
+    tab.open((site / "paper.html").as_uri())
+    assert len(re.findall(rb"/Type\s*/Page\b", tab.printed())) == 4
+
+
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> Path:
     """The playground."""
