@@ -190,12 +190,9 @@ def draw_11(runs: Runs) -> matplotlib.figure.Figure:
     axes[2].legend(loc="upper right")
     for k, join in zip(_joins(run), JOINS, strict=True):
         t, jump = _time(run, k), torque_jump(run, k)
-        for panel in axes[1:]:
+        for panel, what in zip(axes[1:], ("", f"\n ∓{abs(jump):.2f} N m"), strict=True):
             panel.axvline(t, color=STOP, linestyle=":", linewidth=1.2)
-            panel.text(t, panel.get_ylim()[0], f" {join}", color=STOP, fontsize=9, va="bottom")
-        axes[2].annotate(
-            f"∓{abs(jump):.2f} N m", (t, run.tau[k + 1, 0]), (-4, -4), textcoords="offset points", color=STOP, ha="right"
-        )
+            panel.text(t, panel.get_ylim()[0], f" {join}{what}", color=STOP, fontsize=9, va="bottom")
     return figure
 
 

@@ -19,9 +19,8 @@ def _off(run: FigureRun) -> np.ndarray:
 
 def draw_limits(runs: Runs) -> matplotlib.figure.Figure:
     """Path, distance, speed, torques."""
-    figure, axes = panels(
-        "path of $P_l$", "distance from the circle", "forward speed", "torque of either motor", height=5.0, widths=(1.25, 1, 1, 1)
-    )
+    titles = ("path of $P_l$", "distance from the circle", "forward speed", "larger torque of both motors")
+    figure, axes = panels(*titles, height=5.0, widths=(1.25, 1, 1, 1))
     angle = np.linspace(0, 2 * np.pi, 361)
     x, y = circle = RADIUS * np.array([np.cos(angle), np.sin(angle)])
     to_follow(axes[0], x, y, "circle to follow")
@@ -44,14 +43,13 @@ def draw_limits(runs: Runs) -> matplotlib.figure.Figure:
                 else f"{label}: up to {np.abs(_off(run)).max() * 100:.1f} cm",
             )
         axes[2].plot(run.t, run.speed, style, color=colour, label=label)
-        for wheel in (0, 1):
-            axes[3].plot(run.t, run.tau[:, wheel], style, color=colour, label=label if wheel == 0 else None)
+        axes[3].plot(run.t, np.abs(run.tau).max(axis=1), style, color=colour, label=label)
     start(axes[0], np.array([RADIUS, 0.0]), "start, at rest")
     plane(axes[0], 1.1 * circle.T)
     legend_below(axes[0])
     over_time(axes[1], "distance (cm), outside positive")
     over_time(axes[2], "speed (m/s)")
-    over_time(axes[3], "torque (N m)")
+    over_time(axes[3], "torque (N m), absolute")
     axes[3].axhspan(LIMIT, 30, color=STOP, alpha=0.08)
     axes[3].axhline(LIMIT, color=STOP, linewidth=1.2)
     say(axes[3], "more than the motors give", (0.98, 0.66), STOP, ha="right")

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ....model.segments import Segment
-from ....simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow
+from ....simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, say, start, to_follow
 from ....simulation.planning.curves import sampled, through
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..vehicle import draw_vehicle
@@ -280,17 +280,21 @@ def draw_fastest(runs: Runs) -> matplotlib.figure.Figure:
     for k in np.searchsorted(first.t, (0.0, 1.8, 3.2, 5.0, 12.0)):
         draw_vehicle(axes[0], first, min(int(k), len(first.t) - 1), FAINT, 0.1)
     plane(axes[0], axes[0].dataLim.get_points())
-    below = axes[1].twinx()
+    below = axes[1].inset_axes((0, 0, 1, 0.22), sharex=axes[1])  # a strip below the speed, with an axis of its own
     ends = np.cumsum([0.0, *(segment.length for segment in _segments(first))])
     curvatures = [segment.curvature for segment in _segments(first)]
-    below.stairs(curvatures, ends, fill=True, color=FAINT, alpha=0.25, label="curvature of the path")
-    below.set(ylabel="grey: curvature (1/m), left positive", ylim=(-0.7, 3.0), yticks=(-0.5, 0.0, 0.5))
+    below.stairs(curvatures, ends, fill=True, color=FAINT, alpha=0.25, linewidth=0)
+    below.set(ylabel="1/m", ylim=(-0.8, 0.8), yticks=(-0.5, 0.0, 0.5), facecolor="none")
+    below.yaxis.tick_right()
+    below.yaxis.set_label_position("right")
+    below.tick_params(labelbottom=False, bottom=False)
+    say(axes[1], "curvature of the path, left positive", (0.02, 0.23))
     for (label, run), colour in zip(runs.items(), COLOURS, strict=False):
         axes[1].plot(_way(run), run.speed, color=colour, label=f"{label}: stands after {_standing(run):.1f} s")
         worst = np.max([contact.use for contact in run.grip.contacts], axis=0)
         axes[3].plot(run.grip.t, worst, color=colour, label=f"{label}: at most {worst.max():.2f}")
     axes[1].plot(_way(first), first.y_d[:, 1], color="black", linestyle=":", linewidth=1.2, label="desired")
-    axes[1].set(xlabel="way of $P_l$ (m)", ylabel="speed (m/s)", ylim=(-1.0, 4.2), yticks=range(5))
+    axes[1].set(xlabel="way of $P_l$ (m)", ylabel="speed (m/s)", ylim=(-1.6, 4.2), yticks=range(5))
     limited = (first.status == "grip")[: len(first.grip.t)]
     friction_circle(axes[2], 1.25)
     for contact, colour in zip(first.grip.contacts, COLOURS, strict=False):
