@@ -270,6 +270,8 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
     instants = np.unique(evenly_spread(way, int(np.clip(1 + length / APART, 2, OUTLINES))))
     if len(instants) == 2 and np.hypot(*(way[-1] - way[0])) < STAYS:  # the later one would hide the first
         instants = instants[:1]
+    if len(turned):  # the end, where no other vehicle stands in its place
+        instants = np.append(instants[np.hypot(*(place[instants] - place[-1]).T) > APART / 2], len(place) - 1)
     forward = np.column_stack([np.cos(heading), np.sin(heading)])[instants]
     left = forward[:, ::-1] * (-1.0, 1.0)
     lines = outlines(run.law.system.mechanism, run.q[instants], run.plant.parameters)
@@ -345,8 +347,11 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     held = run.spec.simulation.period >= run.spec.simulation.output_step
     style = "steps-post" if held else "default"
     for given, values, colour in zip(inputs, run.tau[going].T, COLOURS, strict=False):
-        axes.plot(run.t[going], values, color=colour, drawstyle=style, label=f"{given.name} ({given.unit})")
+        label = f"{given.name} ({given.unit}): {given.about}".rstrip(": ")
+        axes.plot(run.t[going], values, color=colour, drawstyle=style, label=label)
     axes.axhline(0.0, color="black", linewidth=0.8)
+    if _ahead_of_axle(run) and not run.stopped and run.tau[-1].prod() < 0:
+        axes.set_title("turning: they balance the side force's moment about the centre of mass", loc="left", fontsize=9)
     units = {i.unit for i in inputs}
     axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
     axes.legend(loc="best", fontsize=9)

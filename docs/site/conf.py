@@ -27,6 +27,8 @@ ACCESSIBLE = {  # what the theme leaves out for keyboards and screen readers
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="all pages">',
     "<pre>": '<pre tabindex="0">',
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
+    "</head>": "<style>@media (max-width: 45em) { article p:has(> img) { overflow-x: auto } "  # text of pictures stays legible
+    "article img:is([src*='/figure_'], [src$='.png']) { max-width: none; width: 60rem } }</style></head>",
     '<div class="math-wrapper': '<div tabindex="0" class="math-wrapper',
 }
 LESSON = r"docs/lessons/\w+\.\w+|\d_\w+\.py"

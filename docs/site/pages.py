@@ -150,7 +150,8 @@ def _claims(report: str, figure: str) -> list[str]:
     section = re.search(rf'<h2 id="{re.escape(figure)}">.*?(?=<h2 )', report, re.S)
     assert section, f"the report lacks figure {figure}"
     assumed = re.findall(r'<p class="note">.*?</p>', section[0])
-    tables = re.findall(r"<table><thead><tr><th>claim</th>.*?</table>", section[0], re.S)
+    table = r"<table><thead><tr><th>claim</th>.*?</table>"
+    tables = re.findall(rf"(?:<details><summary>[^<]*</summary>\s*)?{table}(?:\s*</details>)?", section[0], re.S)
     return [*assumed, *(TABLE.format(table.replace("<table>", '<table class="docutils">')) for table in tables)]
 
 

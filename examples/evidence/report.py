@@ -4,6 +4,7 @@ import base64
 import importlib.metadata
 import platform
 import subprocess
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -36,6 +37,7 @@ def report(made: Sequence[Made]) -> str:
         versions=_versions(),
         summary=summary,
         by_whom=by_whom,
+        repeated=repeated(made),
         image=lambda each: base64.b64encode(each.pictures["svg"]).decode(),
         friction=lambda run: "–" if (needed := _friction(run)) is None else f"μ ≥ {needed:.2g}",
         ending=_ending,
@@ -56,6 +58,12 @@ def summary(made: Iterable[Made]) -> str:
     said += [_count(len(found), "does not (as found here)", "do not (as found here)")] if found else []
     said += [_count(len(failing), "FAILS", "FAIL") + ": " + "; ".join(claim.text for claim in failing)] if failing else []
     return ", ".join(said)
+
+
+def repeated(made: Iterable[Made]) -> set[str]:
+    """Return the texts of claims that more than one figure makes, which a page folds where they hold."""
+    times = Counter(claim.text for each in made for claim in each.claims)
+    return {text for text, count in times.items() if count > 1}
 
 
 def by_whom(made: Iterable[Made]) -> list[str]:

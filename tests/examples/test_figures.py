@@ -404,6 +404,14 @@ def test_the_report_tells_everything(small):
     assert spec in text and noslip.__version__ in text and "m_c" in text
 
 
+def test_claims_of_several_figures_are_folded_where_they_hold(small):
+    def unfolded(*made):
+        return re.sub(r"<details>.*?</details>", "", report(made), flags=re.S)
+
+    assert "in every run" in unfolded(small[0]) and "in every run" not in unfolded(*small)
+    assert "in every run" in report(small) and "it is fast" in unfolded(small[2], small[2])  # it fails
+
+
 def test_outcomes_are_counted(small):
     own = [dataclasses.replace(made, claims=[c for c in made.claims if "every run" not in c.text]) for made in small]
     assert [summary([made]) for made in own] == [

@@ -430,6 +430,17 @@ def test_a_tolerance_that_cannot_be_met_is_said():
         list(continuous(loop, LINE.simulation))
 
 
+def test_a_picture_has_the_vehicle_at_the_end():
+    """After more than a turn its last outline stands where the run ends; the torques of a turn are explained, and no others."""
+    from noslip.simulation.plot import draw  # slow to import
+
+    for name, duration, why in (("circle", 14.0, "turning"), ("line", 2.0, "")):
+        run = simulate(read_varied(name, {"simulation.duration": duration, "simulation.output_step": 0.1}))
+        plane, _, _, inputs = draw(run).axes
+        ends = [np.hypot(*(patch.get_xy().mean(axis=0) - run.q[-1, :2])) for patch in plane.patches if hasattr(patch, "get_xy")]
+        assert min(ends) < 0.5 and inputs.get_title("left").startswith(why) and bool(inputs.get_title("left")) == bool(why)
+
+
 def test_a_picture_calls_assumed_what_the_user_did_not_set():
     """The radius of the LABMATE is illegible in the scan: its default is assumed, that of a SPEC is the user's."""
     from noslip.simulation.plot import draw  # slow to import
