@@ -307,7 +307,10 @@ def _draw_errors(axes: Axes, run: Run) -> None:
     axes.axhline(0.0, color="black", linewidth=0.8)
     units = " or ".join(dict.fromkeys(row.unit for row in rows))
     axes.set_ylabel(f"{'path error' if run.law.output.path else 'error'} ({units})")
-    axes.legend(loc="best", fontsize=9)
+    if len(rows) == 1:
+        legend_on_top(axes)
+    else:
+        axes.legend(loc="best", fontsize=9)
 
 
 def _draw_speed(axes: Axes, run: Run) -> None:

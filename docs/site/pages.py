@@ -209,9 +209,9 @@ def paper_page(report: str) -> str:
         excerpt("checks/bench/README.md", "![Instructions", "The rows but"),
         excerpt("docs/following.md", "![Distance", "## "),
         "## Assumptions",
-        excerpt("README.md", "Some numbers are illegible", "[CITATION.cff]"),
+        excerpt("README.md", "Some numbers are illegible", "[CITATION"),
         "## How to cite",
-        excerpt("docs/method.md", "```bibtex", "\0"),
+        _fenced("bibtex", (ROOT / "CITATION.bib").read_text(encoding="utf-8")),
         PRINTED,
     ]
     return "\n\n".join(parts)
@@ -271,14 +271,14 @@ def main(folder: Path) -> None:
     generated = [path for path in sorted((ROOT / "generated/labmate").glob("*.h")) if not path.stem.endswith("_f")]
     labmate = {path.name: path.read_text(encoding="utf-8") for path in generated}
     runtime = {name: text for name, text in runtime_files().items() if name.endswith(".h")}
-    citation, bibtex = (ROOT / "CITATION.cff").read_text(encoding="utf-8"), excerpt("docs/method.md", "```bibtex", "\0")
+    cff, bibtex = ((ROOT / f"CITATION.{kind}").read_text(encoding="utf-8") for kind in ("cff", "bib"))
     pages = {
         "reference/python": python_page(),
         "reference/c_labmate": c_page("C of the LABMATE", labmate),
         "reference/c_runtime": c_page("C of the runtime", runtime),
         "reference/command_line": command_line_page(),
         "reference/spec": spec_page(),
-        "reference/citing": f"# How to cite\n\n{available()}\n\n{bibtex}\n\n{_fenced('yaml', citation)}",
+        "reference/citing": f"# How to cite\n\n{available()}\n\n{_fenced('bibtex', bibtex)}\n\n{_fenced('yaml', cff)}",
         "paper": paper_page((folder / "figures/report.html").read_text(encoding="utf-8")),
         "gallery": gallery_page(folder / "figures"),
         "playground": playground_page(folder / "playground"),

@@ -36,9 +36,9 @@ STRICT = (
 SKIPPED = {".venv", "build", "__pycache__", ".git", ".pytest_cache", ".ruff_cache"}
 
 
-def block(language: str, page: str = "README.md", before: str = "tests/cli/test_package.py -->\n") -> str:
-    """The one block of a page in this language, before which a comment says that it is tested here."""
-    blocks = re.findall(rf"{before}```{language}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
+def block(language: str, page: str = "README.md") -> str:
+    """The one block of a page in this language that a comment says is tested here."""
+    blocks = re.findall(rf"tests/cli/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
     assert len(blocks) == 1
     return blocks[0]
 
@@ -139,8 +139,8 @@ def test_readme_names_the_files_to_compile(tmp_path):
 
 
 def test_citation():
-    """CITATION.cff and the BibTeX have the package's version, one date, and the address that pyproject.toml may state."""
-    cff, bibtex = (ROOT / "CITATION.cff").read_text(), block("bibtex", "docs/method.md", "")
+    """CITATION.cff and CITATION.bib have the package's version, one date, and the address that pyproject.toml may state."""
+    cff, bibtex = ((ROOT / f"CITATION.{kind}").read_text() for kind in ("cff", "bib"))
     assert f"\nversion: {noslip.__version__}\n" in cff and f"  version = {{{noslip.__version__}}}\n" in bibtex
     assert re.findall(r"^date-released: (.*)", cff, re.M) == re.findall(r"date += \{(.*)\}", bibtex)
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"].get("urls", {}).get("Repository")
