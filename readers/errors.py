@@ -65,11 +65,14 @@ def library(name: str, what: str, extra: str) -> ModuleType:
 
 
 def installing(extra: str) -> str:
-    """Return the command that installs an extra of noslip here: in a clone `make setup`, else the wheel's own path with it."""
+    """Return the command that installs an extra of noslip into this environment: `make setup` in that of a clone, for another one
+    the clone or the wheel that it has, with the extra.
+    """
     root = Path(__file__).resolve().parents[1]
-    if (root / "Makefile").is_file():
+    clone = (root / "Makefile").is_file()
+    if clone and Path(sys.prefix).resolve() == (root / ".venv").resolve():
         return f"`make -C {root} setup` installs it"
     origin = metadata.distribution("noslip").read_text("direct_url.json")  # of what was installed from a file
     wheel = unquote(urlsplit(json.loads(origin)["url"]).path) if origin else f"PATH/noslip-{metadata.version('noslip')}.whl"
     pip = f"{sys.executable} -m pip install" if find_spec("pip") else f"uv pip install --python {sys.executable}"
-    return f"`{pip} '{wheel}[{extra}]'` installs it"
+    return f"`{pip} -e '{root}[{extra}]'` installs it" if clone else f"`{pip} '{wheel}[{extra}]'` installs it"

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from noslip.cli.main import main
@@ -119,8 +120,12 @@ def test_a_drive_by_torque_is_told_how(bad_input, tmp_path):
 
 
 def test_how_an_extra_is_installed(monkeypatch, tmp_path):
-    """In a clone by make; of a wheel by the file that was installed, with pip or without."""
-    assert installing("physics").startswith("`make -C ") and " setup`" in installing("physics")
+    """In a clone by make; from one, into another environment, by its path; of a wheel by its file, with pip or without."""
+    root = Path(errors.__file__).resolve().parents[1]
+    monkeypatch.setattr(sys, "prefix", str(root / ".venv"))
+    assert installing("physics") == f"`make -C {root} setup` installs it"
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    assert installing("physics").endswith(f" install -e '{root}[physics]'` installs it")
 
     class Distribution:
         def read_text(self, name: str) -> str:
