@@ -353,7 +353,8 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
         label = f"{given.name} ({given.unit}): {given.about}".rstrip(": ")
         axes.plot(run.t[going], values, color=colour, drawstyle=style, label=label)
     axes.axhline(0.0, color="black", linewidth=0.8)
-    if _ahead_of_axle(run) and not run.stopped and run.tau[-1].prod() < 0:
+    steady = np.abs(run.tau[-1]).min() > 0.1 * np.abs(run.tau).max()  # at the end, as on a circle
+    if _ahead_of_axle(run) and not run.stopped and steady and run.tau[-1].prod() < 0:
         axes.set_title("turning: they balance the side force's moment about the centre of mass", loc="left", fontsize=9)
     units = {i.unit for i in inputs}
     axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")

@@ -434,7 +434,7 @@ def test_a_picture_has_the_vehicle_at_the_end():
     """After more than a turn its last outline stands where the run ends; the torques of a turn are explained, and no others."""
     from noslip.simulation.plot import draw  # slow to import
 
-    for name, duration, why in (("circle", 14.0, "turning"), ("line", 2.0, "")):
+    for name, duration, why in (("circle", 14.0, "turning"), ("line", 15.0, "")):
         run = simulate(read_varied(name, {"simulation.duration": duration, "simulation.output_step": 0.1}))
         plane, _, _, inputs = draw(run).axes
         ends = [np.hypot(*(patch.get_xy().mean(axis=0) - run.q[-1, :2])) for patch in plane.patches if hasattr(patch, "get_xy")]
