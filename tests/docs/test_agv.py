@@ -22,7 +22,7 @@ VEHICLES = {"agv": COMMANDS[:5], "tricycle": OF_A_TRUCK, "car": [line.replace("t
 TARGET = "cortex-m4f" if not FIRMWARE["cortex-m4f"].missing("make") else "generic"
 
 
-@pytest.mark.parametrize("vehicle", ["agv", *(pytest.param(kind, marks=pytest.mark.nightly) for kind in ("tricycle", "car"))])
+@pytest.mark.parametrize("vehicle", VEHICLES)
 def test_the_commands(vehicle, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     commands = VEHICLES[vehicle]
