@@ -44,6 +44,10 @@ class Page:
         """Return a value when a condition holds."""
         return self.value(UNTIL.format(when=when, value=value))
 
+    def resize(self, width: int, height: int) -> None:
+        """Show the page on a screen of another size, in pixels; a narrow one is a phone's."""
+        self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+
     def printed(self) -> bytes:
         """Return the page as it is printed, a PDF."""
         return base64.b64decode(self._call("Page.printToPDF", preferCSSPageSize=True)["data"])

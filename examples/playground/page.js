@@ -164,7 +164,7 @@ function frame(time) {
 
 function showStatus() {
   const slips = going && Math.max(...now.use) > 1, { status } = now;
-  const text = `${turned ? "turned out of a heading that the law cannot leave; " : ""}${MEANING[status] || status}${slips ? ", and the wheels would slip here" : ""}`;
+  const text = `${turned ? "stopped and turned to where the law can go on; " : ""}${MEANING[status] || status}${slips ? ", and the wheels would slip here" : ""}`;
   const shown = element("status");
   if (shown.textContent !== text) shown.textContent = text;
   shown.className = slips || !going ? "bad" : "";
@@ -466,8 +466,8 @@ element("floor").addEventListener("pointercancel", release);
 element("pause").addEventListener("click", ({ target }) => { paused = !paused; target.textContent = paused ? "Go on" : "Pause"; });
 element("again").addEventListener("click", () => { trace = []; change({ x: defaultsOf(settings.robot).x, along: 0 }); });
 element("draw").addEventListener("click", () => setDrawing(drawing ? null : []));
-element("spec").addEventListener("click", () => { change({}); copy(spec(settings)); });
-element("link").addEventListener("click", () => { change({}); copy(location.href); });
+element("spec").addEventListener("click", () => { change({}, false); copy(spec(settings)); });
+element("link").addEventListener("click", () => { change({}, false); copy(location.href); });
 addEventListener("hashchange", restore);
 restore();
 requestAnimationFrame(frame);

@@ -294,6 +294,17 @@ def test_dragged_robot_comes_back(page, tab):
     assert abs(before) < 0.3 < abs(away) and abs(back) < 0.01  # m
 
 
+@pytest.mark.nightly
+def test_controls_come_before_charts_on_a_phone(page, tab):
+    """At 390 pixels, without a need to scroll sideways; every law has a name in words."""
+    tab.resize(390, 844)
+    tab.open(page.as_uri())
+    tops = tab.value("['floor', 'controls', 'plots'].map((id) => element(id).getBoundingClientRect().top)")
+    assert tops == sorted(tops) and tab.value("document.documentElement.scrollWidth") <= 390
+    names = tab.value("Object.keys(ROBOTS).flatMap((robot) => lawsOf(robot).map((law) => LAWS[law]))")
+    assert len(names) > 40 and not any(re.search(r"\b[IV]+\b|undefined", name) for name in names)
+
+
 CHOOSE = """
 (() => {
   const { law } = element("controls").elements;
