@@ -270,8 +270,10 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
     instants = np.unique(evenly_spread(way, int(np.clip(1 + length / APART, 2, OUTLINES))))
     if len(instants) == 2 and np.hypot(*(way[-1] - way[0])) < STAYS:  # the later one would hide the first
         instants = instants[:1]
-    if len(turned):  # the end, where no other vehicle stands in its place
-        instants = np.append(instants[np.hypot(*(place[instants] - place[-1]).T) > APART / 2], len(place) - 1)
+    if len(turned) and not run.stopped:  # the end, instead of vehicles that would overlap it
+        last = outlines(run.law.system.mechanism, run.q[-1:], run.plant.parameters)
+        size = np.ptp(np.concatenate([line[0] for line in last]), axis=0).max()
+        instants = np.append(instants[np.hypot(*(place[instants] - place[-1]).T) > size], len(place) - 1)
     forward = np.column_stack([np.cos(heading), np.sin(heading)])[instants]
     left = forward[:, ::-1] * (-1.0, 1.0)
     lines = outlines(run.law.system.mechanism, run.q[instants], run.plant.parameters)
