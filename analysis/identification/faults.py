@@ -129,7 +129,7 @@ def without_repeats(values: np.ndarray, name: str) -> tuple[np.ndarray, list[str
     return kept, [f"{name} is new in every {every:g}th row only; the rows between, which repeat it, do not count"]
 
 
-def standstills(values: np.ndarray) -> list[np.ndarray]:
+def standstills(values: np.ndarray) -> list[list[int]]:
     """Return the rows that repeat a value while what is measured moves on, as it is if a sensor or its line fails for a while:
     after STILL rows or more the signal (N, NaN where it was not measured) jumps to where the motion has come to.
     """
@@ -141,17 +141,17 @@ def standstills(values: np.ndarray) -> list[np.ndarray]:
     since = np.diff(new, prepend=-1)  # rows with the value that ends with each change
     least = HELD * np.quantile(change[new], 0.95)
     found = [(k, n) for k, n in zip(new, since, strict=True) if n >= STILL and change[k] > least]
-    return [there[k - n + 2 : k + 1] for k, n in found if change[k] > HELD * change[k + 1 : k + STILL].max(initial=0.0)]
+    return [there[k - n + 2 : k + 1].tolist() for k, n in found if change[k] > HELD * change[k + 1 : k + STILL].max(initial=0.0)]
 
 
-def saturated(values: np.ndarray) -> np.ndarray:
+def saturated(values: np.ndarray) -> list[int]:
     """Return the rows at which a signal (N, NaN where it was not measured) is held at its largest or smallest value, as by a
     sensor at the end of its range: runs of that value, where the signal is nowhere else straight, as a profile of speeds is.
     """
     there = np.flatnonzero(np.isfinite(values))
     known = values[there]
     if len(known) < NEARBY:
-        return there[:0]
+        return []
     straight = np.ones(len(known), bool)
     straight[1:-1] = np.abs(np.diff(known, 2)) <= EXACT * np.abs(known).max()
     rows = np.zeros(len(known), bool)
@@ -160,7 +160,7 @@ def saturated(values: np.ndarray) -> np.ndarray:
         runs = at[2:] & at[1:-1] & at[:-2]
         if runs.sum() >= STILL and at.mean() < 0.5 and straight[~at].mean() < MOST:
             rows |= at
-    return there[rows]
+    return list(map(int, there[rows]))
 
 
 def cut(stretches: Iterable[range], after: Sequence[int]) -> tuple[range, ...]:

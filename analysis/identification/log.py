@@ -117,7 +117,7 @@ def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str,
             clean[name], _, remark = continued(clean[name], t, name, kept)
             remarks = (*remarks, *remark)
     for name in outputs:
-        if len(ends := saturated(clean[name])):
+        if ends := saturated(clean[name]):
             clean[name] = clean[name].copy()
             clean[name][ends] = math.nan
             remarks = (*remarks, f"{name} is at the end of its range in {rows_of(kept, t, ends)}: left out")
@@ -146,7 +146,7 @@ def _sound(t: np.ndarray, values: np.ndarray, name: str, numbers: np.ndarray) ->
     values, remarks = without_repeats(values, name)
     cuts: list[int] = []
     if still := standstills(values):
-        values, cuts = values.copy(), [int(rows[-1]) for rows in still]
+        values, cuts = values.copy(), [rows[-1] for rows in still]
         values[np.concatenate(still)] = math.nan
         from_to = "; ".join(f"{rows_of(numbers, t, rows[:1])} to {rows_of(numbers, t, rows[-1:])}" for rows in still)
         remarks.append(f"{name} stands still and jumps then, {from_to}: left out")
@@ -213,8 +213,8 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
         t, signals, kept = t[complete], signals[complete], kept[complete]
     else:
         for k in range(len(names)):
-            there = np.flatnonzero(known[:, k])
-            signals[: there[0], len(names) :] = signals[there[-1] + 1 :, len(names) :] = math.nan
+            first, last = np.flatnonzero(known[:, k])[[0, -1]]
+            signals[:first, len(names) :] = signals[last + 1 :, len(names) :] = math.nan
             signals[:, k] = filled(t, signals[:, k])
     angles, poses = signals[:, : len(names)], signals[:, len(names) :]
     return PoseLog(t, tuple(names), angles, poses, tuple(filter(None, stretches)), remarks, kept, periods)
