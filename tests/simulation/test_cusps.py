@@ -363,10 +363,10 @@ def test_the_command_writes_such_a_course(tmp_path, capsys):
 
 
 DEFECTS = {  # what is changed in the C, in double
-    "no turn at a cusp": ("(double)(own->backward ? NOSLIP_COURSE_BACK : -NOSLIP_COURSE_BACK)", "0.0"),
+    "no turn at a cusp": ("own->backward ? (double)NOSLIP_COURSE_BACK : -(double)NOSLIP_COURSE_BACK", "0.0"),
     "a curvature without its sign": ("own->backward ? -curvature[k] : curvature[k]", "curvature[k]"),
     "does not wait": ("noslip_abs(forward_speed) <= self->options.creep", "noslip_abs(forward_speed) < 1e9"),
-    "forward in reverse": ("own.speed = own.backward ? -top : top;", "own.speed = top;"),
+    "forward in reverse": ("speed = backward ? -top : top,", "speed = top,"),
     "does not stop": ("now->stopped = now->stopped ||", "now->stopped = 0 &&"),
 }
 
@@ -374,9 +374,9 @@ DEFECTS = {  # what is changed in the C, in double
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.nightly) if n != "does not wait" else n for n in DEFECTS])
 def test_a_planted_defect_is_found(name, monkeypatch):
     """By the walk along the course: it is given the changed C."""
-    old, new = DEFECTS[name]
     text = runtime_files()["noslip_course.h"]
-    assert old in text
+    assert [old for old, _ in DEFECTS.values() if old not in text] == []
+    old, new = DEFECTS[name]
     planted = Runtime.__new__(Runtime)
     planted.ffi = runtime("noslip_course.h").ffi
     planted.lib = load(planted.ffi, {"library.c": SOURCE.replace('#include "{header}"\n', "") + text.replace(old, new, 1)})
