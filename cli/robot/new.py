@@ -110,11 +110,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _given(numbers: Sequence[str], kind: str) -> dict[str, float]:
     """Return the numbers of the command line by key, SI."""
-    given = {}
+    given: dict[str, float] = {}
     for text in numbers:
         name, sign, value = text.partition("=")
         if not sign:
             raise BadInput(f"{text}: write KEY=VALUE, such as track=0.62")
+        if name in given:
+            raise BadInput(f"{text}: {name} has a number already")
         check_named(name, KINDS[kind], f"unknown number of a {kind} vehicle")
         given[name] = _number(name, value, KINDS[kind][name])
     return given

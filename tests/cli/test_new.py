@@ -69,6 +69,7 @@ def test_it_asks_at_a_terminal(tmp_path, monkeypatch):
         (["x.toml", "track=nan"], "track"),
         (["x.toml", "trak=1"], "did you mean 'track'"),
         (["x.toml", "track"], "KEY=VALUE"),
+        (["x.toml", "track=1", "track=2"], "track has a number already"),
         (["x.toml", "counts=1.5"], "whole number"),
         (["x.toml", "mass=3s"], "in kg"),
         (["x.toml", "--kind", "car", "counts=100"], "unknown number of a car vehicle"),
