@@ -30,7 +30,7 @@ FEWEST = 20  # measurements beyond the unknowns from which the size of each outp
 CHANCE = 3.09  # standard deviations that a sum of random sign exceeds in one case of 1000
 HUBER = 1.345  # standard deviations from which an error has less weight
 LONG = 8  # rows of a window in which drift counts; of fewer, errors that two windows share would hide it
-LARGER = 1.8  # times the variance for independent errors: that between windows, from which on it counts
+LARGER = 1.5  # times the variance for independent errors: that between windows, from which on it counts
 SPARE = 4  # windows beyond the parameters that tell how much errors drift
 PHASES = 64  # of a count, at which rounding is repeated
 ROUNDED = 1.2  # times the error of rounding to a count: an error beyond has other causes too
@@ -211,14 +211,15 @@ class OutputError:
         """Return the errors of the outputs, (W, R, ny), in their units; NaN where nothing was measured."""
         return self._errors(slice(None))
 
-    def deviations(self) -> tuple[dict[str, float], int]:
+    def deviations(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return the standard deviations of the parameters, in their units, and their degrees of freedom.
 
         Errors may be correlated in any way within a row, and a row in two windows has one error. Where they may drift, or
         successive errors are correlated beyond chance, they may be correlated in any way within a window too: then the
         variance between windows counts, to which rows in two windows contribute as errors that are independent from row to
         row, if it is clearly larger: that of a few windows, of which some tell little, is also small by chance. It is not
-        biased if errors are independent (R. M. Bell and D. F. McCaffrey, Survey Methodology 28, 2002). Errors of
+        biased if errors are independent, and its degrees of freedom are those of Satterthwaite, which are few where few
+        windows tell most (R. M. Bell and D. F. McCaffrey, Survey Methodology 28, 2002). Errors of
         rounding are those of `_of_counts`. Errors with less weight count as in the covariance of an M-estimate (Huber,
         Robust Statistics, 1981, section 7.6). Raises BadInput if there are too few windows.
         """
@@ -234,7 +235,7 @@ class OutputError:
 
         alone = rows.reshape(-1, len(of_row), len(self.names))
         together = self._by_row(rows, self.windows.used)
-        degrees, found = self.surplus, variance(together)
+        degrees, found = np.full(len(self.names), float(self.surplus)), variance(together)
         if (of_counts := self._of_counts(rows)) is not None:
             found = np.sum((of_counts @ inverse) ** 2, axis=(0, 1)) / PHASES
         elif (correlated := self._correlated(left)) or self._drifts:
@@ -248,14 +249,20 @@ class OutputError:
             information, axes = np.linalg.eigh(each.sum(axis=0))
             U, share, _ = np.linalg.svd(rows @ axes / np.sqrt(np.maximum(information, 1e-300)), full_matrices=False)
             larger = 1 / np.sqrt(np.maximum(1 - share**2, 1e-6)) - 1
-            unbiased = left + np.einsum("wrk,wk,wsk,ws->wr", U, larger, U, left, optimize=True)
-            by_window = np.sum((np.einsum("wrp,wr->wp", rows, unbiased) @ inverse) ** 2, axis=0)
+            weights = rows @ inverse  # of the errors of a window in its part of the changes of the parameters
+            weights = weights + np.einsum("wrk,wk,wsk,wsp->wrp", U, larger, U, weights, optimize=True)
+            by_window = np.sum(np.einsum("wrp,wr->wp", weights, left) ** 2, axis=0)
             by_window = np.maximum(by_window + found - variance(alone), by_window / 2)
-            degrees = len(each) - len(self.names) if correlated else degrees
-            found = np.where(by_window > LARGER * found, by_window, found)
+            fit = np.einsum("wrq,wrp->pwq", rows, weights)
+            between = -fit @ inverse @ fit.transpose(0, 2, 1)  # covariances of these parts, if errors are independent
+            between += np.einsum("wrp,wv->pwv", weights**2, np.eye(len(each)))
+            few = np.trace(between, axis1=1, axis2=2) ** 2 / np.sum(between**2, axis=(1, 2))
+            degrees = np.full_like(degrees, len(each) - len(self.names)) if correlated else degrees
+            larger_by_window = by_window > LARGER * found
+            found, degrees = np.where(larger_by_window, (by_window, few), (found, degrees))
         sd = dict(zip(self.names, np.sqrt(found) / sizes, strict=True))
         sd = {name: math.hypot(each, self.shifts.get(name, 0.0)) for name, each in sd.items()}
-        return sd | dict.fromkeys(self.unseen, math.inf), degrees
+        return sd | dict.fromkeys(self.unseen, math.inf), dict(zip(self.names, degrees.tolist(), strict=True))
 
     def check_misfit(self, most: float) -> None:
         """Raise BadInput if the errors of an output that nothing explains are more than a part `most` of its changes within the

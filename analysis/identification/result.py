@@ -22,7 +22,7 @@ class Estimate:
     quantity: Quantity
     value: float
     sd: float
-    degrees: int
+    degrees: float
 
     @property
     def within(self) -> float:
@@ -91,7 +91,9 @@ def result_of(
                 f"{name}: its standard deviation, {sd[name]:.3g}, is more than half of its value, {fit.value(name):.3g}"
             )
             alone.remove(name)
-    estimates = {name: Estimate(fit.quantities[name], fit.value(name), sd[name], degrees) for name in names if name in alone}
+    estimates = {
+        name: Estimate(fit.quantities[name], fit.value(name), sd[name], degrees[name]) for name in names if name in alone
+    }
     bounds = (
         f"{name} is at its bound, {fit.value(name):g}; beyond it the log would be predicted better" for name in fit.at_bound()
     )
