@@ -139,7 +139,7 @@ STAGES = (
         reads=("wheel angles", "yaw rate", "acceleration"),
         writes=("friction", "status"),
         module="noslip_slip.h",
-        columns=("believed_mu", "uncertain_heading", "uncertain_way"),
+        columns=("uncertain_heading", "uncertain_way"),
         rules=(
             Excludes("[limits] notice_slip", '[drive] kind = "kinematic"', "it lowers the friction of a law that gives torques"),
             Needs("[limits] notice_slip", '[limits] mode = "grip"', "other modes do not use friction"),
@@ -479,9 +479,10 @@ STAGES = (
         name="limits",
         about="inputs within their limits: each cut, or the vehicle slows down, or the wheels keep their grip too",
         where=("[limits]",),
-        reads=("inputs", "friction"),
+        reads=("inputs", "friction", "sensed rates"),
         writes=("inputs", "status"),
         module="noslip_grip.h",
+        columns=("believed_mu",),
         rules=(
             Excludes(
                 '[drive] kind = "kinematic"',
@@ -495,6 +496,8 @@ STAGES = (
                 'there is no speed to reduce: use another type IV, or mode = "cut"',
             ),
             Needs('[limits] mode = "grip"', "[contact]", "mu is the friction that the controller may use"),
+            Needs("[limits] known", '[limits] mode = "grip"', "other modes do not use friction"),
+            Bound("[limits] known", "[contact] mu", "more is never believed"),
             Needs(
                 '[limits] mode = "cut" | "slow"',
                 ("[limits] torque", "a limit of integral action or observers"),

@@ -88,7 +88,8 @@ static int law_evaluate(pil *self)
 static int law_friction(pil *self)
 {
 #if PIL_GRIP
-    self->laws[self->request.object].grip = noslip_grip_of_f(&self->input.friction);
+    noslip_believe_at_most_f(&self->laws[self->request.object].earned, &self->laws[self->request.object].grip,
+                               self->input.friction);
     return NOSLIP_OK;
 #else
     (void)self;

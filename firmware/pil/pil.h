@@ -202,7 +202,7 @@ typedef union {
         noslip_slip_reading_f reading;
         float dt;
     } slip_step;
-    noslip_friction_f friction;
+    float friction; /* the most that may be believed */
     struct {
         noslip_velocity_limits_f limits[NOSLIP_VELOCITIES];
         int32_t count;

@@ -16,7 +16,7 @@ import subprocess
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from threading import Lock
@@ -32,7 +32,7 @@ from ...readers.errors import BadInput
 from ...readers.files import children
 from .build import built, compiler
 from .compiled import DynamicsLibrary, Library, dynamics_library, library
-from .controller import ON_TARGET, Friction
+from .controller import ON_TARGET
 from .runtime import Runtime, runtime
 from .targets import HOST, SEMIHOSTING, TARGETS, Target, require
 
@@ -312,11 +312,9 @@ class TargetLibrary(Library):
         handle.extension, handle.extension_rate = (np.zeros(len(self._law.extension), np.float32) for _ in range(2))
         return handle
 
-    def set_friction(self, instance: Handle, friction: Friction) -> None:
+    def set_friction(self, instance: Handle, mu: float) -> None:
         """As Library.set_friction, on the target."""
-        c = runtime("noslip_grip.h")
-        made = c.new("noslip_friction", "float", asdict(friction))
-        instance.session.call("law_friction", instance.number, bytes(c.ffi.buffer(made)))
+        instance.session.call("law_friction", instance.number, np.float32(mu).tobytes())
 
     def function(self, name: str) -> Function:
         """As Library.function, on the target."""
