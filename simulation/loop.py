@@ -1,5 +1,6 @@
 """Builds the loop of a controller and a robot from a SPEC."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -11,13 +12,14 @@ from numpy.typing import ArrayLike
 
 from ..codegen.loop.stages import check
 from ..model.algebra.trigonometry import sine_cosine
-from ..model.contacts import GRAVITY
+from ..model.contacts import GRAVITY, unknown_loads
 from ..model.errors import ModelError
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import PATH_GAIN, axle
+from ..model.segments import Segment
 from ..readers.errors import BadInput, check_named, check_status
 from ..readers.reading import check_keys, one_for_each
 from ..readers.robots import find_robot, law_of
@@ -56,6 +58,7 @@ from .guidance import (
 )
 from .planning.course import SmoothCurve
 from .planning.course_tracker import CourseOptions, CourseTracker
+from .planning.fits import misfit
 from .planning.profile import Accelerations, make_profile
 from .plant import Plant
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
@@ -290,8 +293,9 @@ def make_loop(spec: Spec) -> Loop:
             make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law) if limits_along else None
         )
         guidance = route = Route(law, believed, tracker, make_leg, start, profile, spec.output.band)
+        warnings = () if limits_along else _too_fast(spec, plant, path.segments, tracker.options, limits)
         if route.faces(start) < 0:
-            warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
+            warnings = (*warnings, "[initial] faces against the direction of travel: the path is followed away from its end",)
     else:
         spec, warnings = _facing(spec, law, believed)
         course, L = spec.reference.course, spec.output.L
@@ -475,6 +479,24 @@ def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Acceler
         )
         given = {name: given.get(name, getattr(known, name)) for name in names}
     return Accelerations(**given)
+
+
+def _too_fast(
+    spec: Spec, plant: Plant, segments: Sequence[Segment], options: TrackerOptions, limits: Limits | None
+) -> tuple[str, ...]:
+    """Return a warning if the speed on lines and arcs does not fit bends and joins, by all of friction and motors."""
+    contact, torque = spec.contact, limits.torque if limits else ()
+    if contact is None or options.speed == 0 or unknown_loads(plant.system.mechanism):
+        return ()
+    part = 1 - spec.limits.margin if spec.limits and spec.limits.mode == "grip" else 1.0
+    found = misfit(segments, options, friction_accelerations(plant, contact, part, torque))
+    if found is None:
+        return ()
+    speed, where = found
+    return (
+        f"[reference] speed = {options.speed:g} m/s does not fit the friction of [contact] mu = {contact.mu:g}: "
+        f'at most {math.floor(100 * speed) / 100:g} m/s fits {where}; give that, or speed = "fastest"',
+    )
 
 
 def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray, limits: Accelerations | None) -> Tracker:
