@@ -117,7 +117,8 @@ def why_singular(run: Run, engine: str | None = None) -> str:
     for about, changed in _remedies(run):
         with suppress(BadInput, ModelError):
             tried = simulate(changed, engine=engine)
-            if tried.stopped is None and abs(tried.error[-1, 0]) <= abs(tried.error[0, 0]):
+            nearer = abs(tried.y[-1, 0]) <= abs(tried.y[0, 0]) or law.output.rows[0].name != "distance"
+            if tried.stopped is None and nearer:
                 return f"{text}; with {about} this run does not stop (tried)"
     return f"{text}; of the remedies in docs/normal.md none that was tried on this run works"
 
