@@ -476,13 +476,25 @@ STAGES = (
         ),
     ),
     Stage(
+        name="friction",
+        about="a part of mu is believed, which rises while driven wheels accelerate as expected, and falls where one runs away",
+        where=('[limits] mode = "grip"',),
+        reads=("seen", "inputs"),
+        writes=("friction",),
+        module="noslip_grip.h",
+        columns=("believed_mu",),
+        rules=(
+            Needs("[limits] known", '[limits] mode = "grip"', "other modes do not use friction"),
+            Bound("[limits] known", "[contact] mu", "more is never believed"),
+        ),
+    ),
+    Stage(
         name="limits",
         about="inputs within their limits: each cut, or the vehicle slows down, or the wheels keep their grip too",
         where=("[limits]",),
-        reads=("inputs", "friction", "sensed rates"),
+        reads=("inputs", "friction"),
         writes=("inputs", "status"),
         module="noslip_grip.h",
-        columns=("believed_mu",),
         rules=(
             Excludes(
                 '[drive] kind = "kinematic"',
@@ -496,8 +508,6 @@ STAGES = (
                 'there is no speed to reduce: use another type IV, or mode = "cut"',
             ),
             Needs('[limits] mode = "grip"', "[contact]", "mu is the friction that the controller may use"),
-            Needs("[limits] known", '[limits] mode = "grip"', "other modes do not use friction"),
-            Bound("[limits] known", "[contact] mu", "more is never believed"),
             Needs(
                 '[limits] mode = "cut" | "slow"',
                 ("[limits] torque", "a limit of integral action or observers"),

@@ -30,10 +30,15 @@ def runtime_types(scalar: Scalar) -> str:
         "friction": "mu margin share height period known error coarse lag",
         "grip": "weight height",
         "earned": "mu most given weight height period pause frequency rise after error coarse lag",
-        "wheel": "rate expected force across load mass radius away steps",
+        "wheel": "rate expected per_mass radius away steps",
     }
     floor = [
-        struct(scalar.name(f"noslip_{n}"), "", [(f"{scalar.real} {p};", "") for p in each.split()]) for n, each in parts.items()
+        struct(
+            scalar.name(f"noslip_{n}"),
+            "",
+            [*((f"{scalar.real} {p};", "") for p in each.split()), *([("int contact;", "")] if n == "wheel" else [])],
+        )
+        for n, each in parts.items()
     ]
     return "\n".join(["typedef int noslip_on_error;", "typedef int noslip_on_limit;", foot, *floor])
 
@@ -93,6 +98,7 @@ class LawC(ProgramC[Program]):
                     *([(f"{name('noslip_grip')} grip;", "of the floor, with NOSLIP_GRIP")] if self.grips else []),
                     *([(f"{name('noslip_earned')} earned;", "what is believed of it")] if self.grips else []),
                     *([(f"{name('noslip_wheel')} wheel[{self.wheels}];", "what shows it")] if self.wheels else []),
+                    *([(f"{real} ground[{4 * self.contacts}];", "at the last step")] if self.wheels else []),
                     *self._extension_fields(),
                     ("int ready;", "set by init"),
                     *record_fields(self.program, self.scalar, self.meanings.constant),
@@ -295,12 +301,17 @@ class LawC(ProgramC[Program]):
         includes = [self.type, *headers(computed), *(["noslip_shaping"] if self.grips and not self.plain_grip else [])]
         parts = [
             self._head(f"{self.type}.c", includes, own=self.grips, quick=True),
+            *[self._about(WHEELS) + "\n" + self._mathematics(WHEELS) for _ in range(self.wheels > 0)],  # init calls it
             self._init(),
             self._reset(),
             self._set_limits(),
             self._update(),
             *self._admits(),
-            *[self._about(entry) + "\n" + self._mathematics(entry) for entry in self.entries if not entry.public],
+            *[
+                self._about(entry) + "\n" + self._mathematics(entry)
+                for entry in self.entries
+                if not (entry.public or entry == WHEELS)
+            ],
             *[part for entry in self.entries if entry.public for part in (self._mathematics(entry), self._entry_point(entry))],
         ]
         return "\n\n".join(parts) + "\n"
@@ -351,11 +362,24 @@ class LawC(ProgramC[Program]):
                 *(self._init_grip() if self.grips else []),
                 body(writer.lines),
                 *([body([self.leave(f"!{finite}", "NOSLIP_BAD_PARAMETER")])] if constants else []),
+                *self._init_wheels(),
                 "    self->ready = NOSLIP_READY;",
                 "    return status;",
                 "}",
             ]
         )
+
+    def _init_wheels(self) -> list[str]:
+        """Return the statements that initialize the wheels, with the constants that init has computed."""
+        if not self.wheels:
+            return []
+        init, real, zeros = self.scalar.name("noslip_wheel_init"), self.scalar.real, ", ".join(["0"] * self.inputs)
+        lines = [f"    const {real} none[{self.inputs}] = {{{zeros}}};", f"    {real} drive[{3 * self.wheels}];"]
+        lines.append(f"    status = {self.function(WHEELS.name)}_law(self, NULL, none, drive);")
+        for k, wheel in enumerate(wheels_of(self.system)):
+            lines.append(f"    {init}(&self->wheel[{k}], {wheel.contact}, &drive[{3 * k}]);")
+        zero = f"{self.scalar.name('noslip_write_zeros')}(self->ground, {4 * self.contacts});"
+        return ["    {", *(f"    {line}" for line in lines), "    }", f"    {zero}"]
 
     def _refused_friction(self) -> str:
         if not self.grips:
@@ -364,9 +388,8 @@ class LawC(ProgramC[Program]):
         return f" ||\n        (options->on_limit == NOSLIP_GRIP && !{friction_ok}(&options->friction, {wide}))"
 
     def _init_grip(self) -> list[str]:
-        wheels = f"{'self->wheel' if self.wheels else 'NULL'}, {self.wheels}"
-        given = "self->on_limit == NOSLIP_GRIP ? &options->friction : NULL"
-        init = f"{self.scalar.name('noslip_grip_init')}(&self->earned, &self->grip, {wheels}, {given});"
+        given = f"self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, {self.wheels}"
+        init = f"{self.scalar.name('noslip_grip_init')}(&self->earned, &self->grip, {given});"
         return [*self._clear(), *(f"    {line}" for line in fill(init, ""))]
 
     def _limit(self, k: int, value: str) -> str:
@@ -399,12 +422,15 @@ class LawC(ProgramC[Program]):
         real = self.scalar.real
         kept = {"held": self.inputs} | ({"extension": self.extends, "extension_rate": self.extends} if self.extends else {})
         name = self.scalar.name
-        earned = [f"{name('noslip_wheel')} wheel[{self.wheels}];", f"{real} mu, pause;"] if self.wheels else []
-        before = ["mu = self->earned.mu;", "pause = self->earned.pause;", "noslip_copy(wheel, self->wheel, sizeof wheel);"]
+        arrays = f"{real} mu, pause, ground[{4 * self.contacts}];"
+        earned = [f"{name('noslip_wheel')} wheel[{self.wheels}];", arrays] if self.wheels else []
+        copies = [f"noslip_copy({member}, self->{member}, sizeof {member});" for member in ("wheel", "ground")]
+        before = ["mu = self->earned.mu;", "pause = self->earned.pause;", *copies]
         after = [
             f"{name('noslip_believe')}(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);",
             "self->earned.pause = pause;",
             "noslip_copy(self->wheel, wheel, sizeof wheel);",
+            "noslip_copy(self->ground, ground, sizeof ground);",
         ]
         lines = [
             *(f"    {real} {name}[{count}];" for name, count in kept.items()),
@@ -481,7 +507,7 @@ class LawC(ProgramC[Program]):
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
         beside = entry.near or (entry == GROUND and code_bytes(law.roots) > LONG)
-        kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry == GROUND else "static"
+        kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry in (GROUND, WHEELS) else "static"
         head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
 
@@ -578,7 +604,7 @@ class LawC(ProgramC[Program]):
             rolls = [*self._within("limit"), *after[count:], self._rolls()]
             with_grip = [
                 f"const {self.scalar.real} made[{count}] = {{{', '.join(asked)}}};",
-                f"{self.scalar.real} ground[{4 * self.contacts}];",
+                self._ground,
                 *self._earn(),
                 f"if ({' && '.join(rolls)}) {{",
                 *(f"    {line}" for line in self._expect()),
@@ -708,16 +734,23 @@ class LawC(ProgramC[Program]):
         places = [f"&ground[{4 * k}]" if k else "ground" for k in range(self.contacts)]
         return " && ".join(parts + [f"{holds}({place}, &self->grip)" for place in places])
 
+    @property
+    def _ground(self) -> str:
+        """The declaration of the memory for the forces of a step; it is in the law where wheels are compared with them."""
+        real = self.scalar.real
+        return f"{real} *const ground = self->ground;" if self.wheels else f"{real} ground[{4 * self.contacts}];"
+
     def _earn(self) -> list[str]:
         """Return the statements that compare the rates of the wheels with what the last step expects."""
         if not self.wheels:
             return []
-        names = [self.system.quasi_velocities[wheel.velocity].name for wheel in wheels_of(self.system)]
+        name, wheels = self.scalar.name, wheels_of(self.system)
+        names = [self.system.quasi_velocities[wheel.velocity].name for wheel in wheels]
         rates = ", ".join(self.argument(Group.STATE, name) for name in names)
         return [
             "if (self->earned.period > 0) {",
             f"    const {self.scalar.real} rates[{self.wheels}] = {{{rates}}};",
-            f"    {self.scalar.name('noslip_earn')}(&self->earned, &self->grip, self->wheel, rates, {self.wheels});",
+            f"    {name('noslip_earn')}(&self->earned, &self->grip, self->wheel, self->ground, rates, {self.wheels});",
             "}",
         ]
 
@@ -727,7 +760,7 @@ class LawC(ProgramC[Program]):
             return []
         expect = self.scalar.name("noslip_expect")
         kept = [
-            f"{expect}(&self->wheel[{k}], &self->grip, &ground[{4 * wheel.contact}], &drive[{3 * k}]);"
+            f"{expect}(&self->wheel[{k}], &ground[{4 * wheel.contact}], &drive[{3 * k}]);"
             for k, wheel in enumerate(wheels_of(self.system))
         ]
         law = f"{self.function(WHEELS.name)}_law(self, state, made, drive) == NOSLIP_OK"
@@ -743,7 +776,7 @@ class LawC(ProgramC[Program]):
     def _grip(self, slope: Entry) -> list[str]:
         """Return the statements that change tau so that the wheels keep rolling, within the limits."""
         real, name, count = self.scalar.real, self.scalar.name, self.inputs
-        arrays = {"ground": f"[{4 * self.contacts}]", "by_inputs": f"[{3 * self.contacts}][{count}]"}
+        arrays = {"by_inputs": f"[{3 * self.contacts}][{count}]"}
         calls = [f"{self.function(GROUND.name)}_law(self, state, made, ground)"]
         calls.append(f"{self.function(GROUND_BY_INPUTS.name)}_law(self, state, by_inputs)")
         if self.slows:
@@ -760,6 +793,7 @@ class LawC(ProgramC[Program]):
             keep_grip = f"{name('noslip_keep_grip_of')}(made, {along}, {free}, {rest}, {count}, work)"
         return [
             "if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {",
+            f"    {self._ground}",
             *(f"    {real} {array}{shape};" for array, shape in arrays.items()),
             f"    status = {calls[0]};",
             *(f"    status = status == NOSLIP_OK ? {call} : status;" for call in calls[1:]),

@@ -72,7 +72,11 @@ static int law_step(pil *self)
     }
     return status;
 #else
-    return PIL_LAW(_step)(law, &self->input.step.state, &self->input.step.reference, self->output.step.tau);
+    const int status = PIL_LAW(_step)(law, &self->input.step.state, &self->input.step.reference, self->output.step.tau);
+#if PIL_GRIP
+    self->output.step.believed = law->earned.mu;
+#endif
+    return status;
 #endif
 }
 

@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_i.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_i_wheels_law(const labmate_type_i *self, const labmate_state *state, const double tau[2],
+    double wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k16 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k16;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k16;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_i_init(labmate_type_i *self, const labmate_params *params,
     const labmate_type_i_config *config, const labmate_type_i_gains *gains, const labmate_options *options)
 {
@@ -42,7 +62,7 @@ NOSLIP_SMALL int labmate_type_i_init(labmate_type_i *self, const labmate_params 
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    noslip_grip_init(&self->earned, &self->grip, self->wheel, 2, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL);
+    noslip_grip_init(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
     self->r = params->r;
     self->L = config->L;
     self->kp_x_l = gains->kp_x_l;
@@ -151,6 +171,14 @@ NOSLIP_SMALL int labmate_type_i_init(labmate_type_i *self, const labmate_params 
         self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const double none[2] = {0, 0};
+        double drive[6];
+        status = labmate_type_i_wheels_law(self, NULL, none, drive);
+        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -190,7 +218,7 @@ NOSLIP_SMALL int labmate_type_i_update(labmate_type_i *self, const labmate_type_
 {
     double held[2];
     noslip_wheel wheel[2];
-    double mu, pause;
+    double mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -202,10 +230,12 @@ NOSLIP_SMALL int labmate_type_i_update(labmate_type_i *self, const labmate_type_
     mu = self->earned.mu;
     pause = self->earned.pause;
     noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
     noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
     self->earned.pause = pause;
     noslip_copy(self->wheel, wheel, sizeof wheel);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -240,26 +270,6 @@ static int labmate_type_i_admit_both(const labmate_type_i *self, const labmate_s
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
-}
-
-/*
- * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
- * wheels[6]: force (N), mass (kg) and radius (m) of each
- * Operations: 2 mul.
- */
-static int labmate_type_i_wheels_law(const labmate_type_i *self, const labmate_state *state, const double tau[2],
-    double wheels[6])
-{
-    (void)state;
-    /* k2 (1/m) = 1/r */
-    /* k16 (kg) = I_w/r^2 */
-    wheels[0] = self->k2 * tau[0];
-    wheels[1] = self->k16;
-    wheels[2] = self->r;
-    wheels[3] = self->k2 * tau[1];
-    wheels[4] = self->k16;
-    wheels[5] = self->r;
-    return NOSLIP_OK;
 }
 
 static int labmate_type_i_output_law(const labmate_type_i *self, const labmate_state *state, double h[2])
@@ -773,7 +783,7 @@ static NOSLIP_COLD int labmate_type_i_step_limited(labmate_type_i *self, const l
     int status = noslip_is_finite(made_0) && noslip_is_finite(made_1) && noslip_is_finite(state->theta_r) &&
         noslip_is_finite(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double work[6];
         status = labmate_type_i_ground_law(self, state, made, ground);
@@ -785,8 +795,8 @@ static NOSLIP_COLD int labmate_type_i_step_limited(labmate_type_i *self, const l
             if (self->earned.period > 0) {
                 double drive[6];
                 if (labmate_type_i_wheels_law(self, state, made, drive) == NOSLIP_OK) {
-                    noslip_expect(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                    noslip_expect(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                    noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
                 }
             }
         }
@@ -799,10 +809,10 @@ static NOSLIP_BESIDE int labmate_type_i_step_with_grip(labmate_type_i *self, con
     double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
     if (self->earned.period > 0) {
         const double rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn(&self->earned, &self->grip, self->wheel, rates, 2);
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
     }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->theta_r + state->theta_l) && labmate_type_i_ground_law(self, state, made,
@@ -810,8 +820,8 @@ static NOSLIP_BESIDE int labmate_type_i_step_with_grip(labmate_type_i *self, con
         if (self->earned.period > 0) {
             double drive[6];
             if (labmate_type_i_wheels_law(self, state, made, drive) == NOSLIP_OK) {
-                noslip_expect(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                noslip_expect(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
             }
         }
         tau[0] = made[0];

@@ -59,6 +59,7 @@ typedef struct labmate_type_i {
     noslip_grip grip;         /* of the floor, with NOSLIP_GRIP */
     noslip_earned earned;     /* what is believed of it */
     noslip_wheel wheel[2];    /* what shows it */
+    double ground[8];         /* at the last step */
     int ready;                /* set by init */
     double r;                 /* m */
     double L;                 /* m */

@@ -59,6 +59,7 @@ typedef struct labmate_type_i_f {
     noslip_grip_f grip;       /* of the floor, with NOSLIP_GRIP */
     noslip_earned_f earned;   /* what is believed of it */
     noslip_wheel_f wheel[2];  /* what shows it */
+    float ground[8];          /* at the last step */
     int ready;                /* set by init */
     float r;                  /* m */
     float L;                  /* m */

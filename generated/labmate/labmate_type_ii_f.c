@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_ii_f.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_ii_wheels_f_law(const labmate_type_ii_f *self, const labmate_state_f *state,
+    const float tau[2], float wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k15 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k15;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k15;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *params,
     const labmate_type_ii_config_f *config, const labmate_type_ii_gains_f *gains, const labmate_options_f *options)
 {
@@ -42,8 +62,7 @@ NOSLIP_SMALL int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_p
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    noslip_grip_init_f(&self->earned, &self->grip, self->wheel, 2,
-        self->on_limit == NOSLIP_GRIP ? &options->friction : NULL);
+    noslip_grip_init_f(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
     self->r = params->r;
     self->L = config->L;
     self->kp_x_l = gains->kp_x_l;
@@ -137,6 +156,14 @@ NOSLIP_SMALL int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_p
         self->k25 + self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const float none[2] = {0, 0};
+        float drive[6];
+        status = labmate_type_ii_wheels_f_law(self, NULL, none, drive);
+        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -176,7 +203,7 @@ NOSLIP_SMALL int labmate_type_ii_update_f(labmate_type_ii_f *self, const labmate
 {
     float held[2];
     noslip_wheel_f wheel[2];
-    float mu, pause;
+    float mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -188,10 +215,12 @@ NOSLIP_SMALL int labmate_type_ii_update_f(labmate_type_ii_f *self, const labmate
     mu = self->earned.mu;
     pause = self->earned.pause;
     noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
     noslip_believe_f(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
     self->earned.pause = pause;
     noslip_copy(self->wheel, wheel, sizeof wheel);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip_f(held[0], self->limit[0]);
     self->held[1] = noslip_clip_f(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -226,26 +255,6 @@ static int labmate_type_ii_admit_both_f(const labmate_type_ii_f *self, const lab
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok_f(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
-}
-
-/*
- * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
- * wheels[6]: force (N), mass (kg) and radius (m) of each
- * Operations: 2 mul.
- */
-static int labmate_type_ii_wheels_f_law(const labmate_type_ii_f *self, const labmate_state_f *state, const float tau[2],
-    float wheels[6])
-{
-    (void)state;
-    /* k2 (1/m) = 1/r */
-    /* k15 (kg) = I_w/r^2 */
-    wheels[0] = self->k2 * tau[0];
-    wheels[1] = self->k15;
-    wheels[2] = self->r;
-    wheels[3] = self->k2 * tau[1];
-    wheels[4] = self->k15;
-    wheels[5] = self->r;
-    return NOSLIP_OK;
 }
 
 static int labmate_type_ii_output_f_law(const labmate_type_ii_f *self, const labmate_state_f *state, float h[2])
@@ -759,7 +768,7 @@ static NOSLIP_COLD int labmate_type_ii_step_f_limited(labmate_type_ii_f *self, c
     int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) && noslip_is_finite_f(state->y_c) &&
         noslip_is_finite_f(state->theta_r) && noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float work[6];
         status = labmate_type_ii_ground_f_law(self, state, made, ground);
@@ -771,8 +780,8 @@ static NOSLIP_COLD int labmate_type_ii_step_f_limited(labmate_type_ii_f *self, c
             if (self->earned.period > 0) {
                 float drive[6];
                 if (labmate_type_ii_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
-                    noslip_expect_f(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                    noslip_expect_f(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                    noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
                 }
             }
         }
@@ -785,10 +794,10 @@ static NOSLIP_BESIDE int labmate_type_ii_step_f_with_grip(labmate_type_ii_f *sel
     float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
     if (self->earned.period > 0) {
         const float rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn_f(&self->earned, &self->grip, self->wheel, rates, 2);
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
     }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->y_c + state->theta_r + state->theta_l) && labmate_type_ii_ground_f_law(self, state,
@@ -796,8 +805,8 @@ static NOSLIP_BESIDE int labmate_type_ii_step_f_with_grip(labmate_type_ii_f *sel
         if (self->earned.period > 0) {
             float drive[6];
             if (labmate_type_ii_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
-                noslip_expect_f(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                noslip_expect_f(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
             }
         }
         tau[0] = made[0];

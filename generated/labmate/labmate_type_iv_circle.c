@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_circle.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_circle_wheels_law(const labmate_type_iv_circle *self, const labmate_state *state,
+    const double tau[2], double wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k14 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k14;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k14;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_params *params,
     const labmate_type_iv_circle_config *config, const labmate_type_iv_circle_gains *gains,
     const labmate_options *options)
@@ -45,7 +65,7 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    noslip_grip_init(&self->earned, &self->grip, self->wheel, 2, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL);
+    noslip_grip_init(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
     self->r = params->r;
     self->L = config->L;
     self->x_f = config->x_f;
@@ -157,6 +177,14 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
         self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const double none[2] = {0, 0};
+        double drive[6];
+        status = labmate_type_iv_circle_wheels_law(self, NULL, none, drive);
+        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -196,7 +224,7 @@ NOSLIP_SMALL int labmate_type_iv_circle_update(labmate_type_iv_circle *self, con
 {
     double held[2];
     noslip_wheel wheel[2];
-    double mu, pause;
+    double mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -208,10 +236,12 @@ NOSLIP_SMALL int labmate_type_iv_circle_update(labmate_type_iv_circle *self, con
     mu = self->earned.mu;
     pause = self->earned.pause;
     noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
     noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
     self->earned.pause = pause;
     noslip_copy(self->wheel, wheel, sizeof wheel);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -246,26 +276,6 @@ static int labmate_type_iv_circle_admit_both(const labmate_type_iv_circle *self,
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
-}
-
-/*
- * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
- * wheels[6]: force (N), mass (kg) and radius (m) of each
- * Operations: 2 mul.
- */
-static int labmate_type_iv_circle_wheels_law(const labmate_type_iv_circle *self, const labmate_state *state,
-    const double tau[2], double wheels[6])
-{
-    (void)state;
-    /* k2 (1/m) = 1/r */
-    /* k14 (kg) = I_w/r^2 */
-    wheels[0] = self->k2 * tau[0];
-    wheels[1] = self->k14;
-    wheels[2] = self->r;
-    wheels[3] = self->k2 * tau[1];
-    wheels[4] = self->k14;
-    wheels[5] = self->r;
-    return NOSLIP_OK;
 }
 
 /*
@@ -909,7 +919,7 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_limited(labmate_type_iv_circl
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double slope[2];
         double work[6];
@@ -923,8 +933,8 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_limited(labmate_type_iv_circl
             if (self->earned.period > 0) {
                 double drive[6];
                 if (labmate_type_iv_circle_wheels_law(self, state, made, drive) == NOSLIP_OK) {
-                    noslip_expect(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                    noslip_expect(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                    noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
                 }
             }
         }
@@ -937,10 +947,10 @@ static NOSLIP_BESIDE int labmate_type_iv_circle_step_with_grip(labmate_type_iv_c
     double tau[2], double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
     if (self->earned.period > 0) {
         const double rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn(&self->earned, &self->grip, self->wheel, rates, 2);
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
     }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->theta_r + state->theta_l) && labmate_type_iv_circle_ground_law(self, state, made,
@@ -948,8 +958,8 @@ static NOSLIP_BESIDE int labmate_type_iv_circle_step_with_grip(labmate_type_iv_c
         if (self->earned.period > 0) {
             double drive[6];
             if (labmate_type_iv_circle_wheels_law(self, state, made, drive) == NOSLIP_OK) {
-                noslip_expect(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                noslip_expect(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
             }
         }
         tau[0] = made[0];

@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_ellipse_f.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_ellipse_wheels_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+    const float tau[2], float wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k21 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k21;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k21;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmate_params_f *params,
     const labmate_type_iv_ellipse_config_f *config, const labmate_type_iv_ellipse_gains_f *gains,
     const labmate_options_f *options)
@@ -44,8 +64,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    noslip_grip_init_f(&self->earned, &self->grip, self->wheel, 2,
-        self->on_limit == NOSLIP_GRIP ? &options->friction : NULL);
+    noslip_grip_init_f(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
     self->r = params->r;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
@@ -173,6 +192,14 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
         self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const float none[2] = {0, 0};
+        float drive[6];
+        status = labmate_type_iv_ellipse_wheels_f_law(self, NULL, none, drive);
+        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -213,7 +240,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_update_f(labmate_type_iv_ellipse_f *sel
 {
     float held[2];
     noslip_wheel_f wheel[2];
-    float mu, pause;
+    float mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -225,10 +252,12 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_update_f(labmate_type_iv_ellipse_f *sel
     mu = self->earned.mu;
     pause = self->earned.pause;
     noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
     noslip_believe_f(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
     self->earned.pause = pause;
     noslip_copy(self->wheel, wheel, sizeof wheel);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip_f(held[0], self->limit[0]);
     self->held[1] = noslip_clip_f(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -263,26 +292,6 @@ static int labmate_type_iv_ellipse_admit_both_f(const labmate_type_iv_ellipse_f 
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok_f(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
-}
-
-/*
- * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
- * wheels[6]: force (N), mass (kg) and radius (m) of each
- * Operations: 2 mul.
- */
-static int labmate_type_iv_ellipse_wheels_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
-    const float tau[2], float wheels[6])
-{
-    (void)state;
-    /* k2 (1/m) = 1/r */
-    /* k21 (kg) = I_w/r^2 */
-    wheels[0] = self->k2 * tau[0];
-    wheels[1] = self->k21;
-    wheels[2] = self->r;
-    wheels[3] = self->k2 * tau[1];
-    wheels[4] = self->k21;
-    wheels[5] = self->r;
-    return NOSLIP_OK;
 }
 
 /*
@@ -1036,7 +1045,7 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_limited(labmate_type_iv_el
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float slope[2];
         float work[6];
@@ -1050,8 +1059,8 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_limited(labmate_type_iv_el
             if (self->earned.period > 0) {
                 float drive[6];
                 if (labmate_type_iv_ellipse_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
-                    noslip_expect_f(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                    noslip_expect_f(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                    noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
                 }
             }
         }
@@ -1064,10 +1073,10 @@ static NOSLIP_BESIDE int labmate_type_iv_ellipse_step_f_with_grip(labmate_type_i
     const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
     if (self->earned.period > 0) {
         const float rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn_f(&self->earned, &self->grip, self->wheel, rates, 2);
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
     }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_iv_ellipse_ground_f_law(self, state, made,
@@ -1075,8 +1084,8 @@ static NOSLIP_BESIDE int labmate_type_iv_ellipse_step_f_with_grip(labmate_type_i
         if (self->earned.period > 0) {
             float drive[6];
             if (labmate_type_iv_ellipse_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
-                noslip_expect_f(&self->wheel[0], &self->grip, &ground[0], &drive[0]);
-                noslip_expect_f(&self->wheel[1], &self->grip, &ground[4], &drive[3]);
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
             }
         }
         tau[0] = made[0];

@@ -60,6 +60,7 @@ typedef struct labmate_type_iv_line_f {
     noslip_grip_f grip;       /* of the floor, with NOSLIP_GRIP */
     noslip_earned_f earned;   /* what is believed of it */
     noslip_wheel_f wheel[2];  /* what shows it */
+    float ground[8];          /* at the last step */
     int ready;                /* set by init */
     float r;                  /* m */
     float L;                  /* m */

@@ -636,7 +636,7 @@ def test_wrong_masses_and_coarse_rates():
         mu, slip = straight_on("c", friction, 2.0, counts, mass, torque)
         assert (np.diff(mu) >= 0).all() and mu[-1] > 0.4 and slip.max() == 0
         mu, slip = straight_on("c", friction, 0.4, counts, mass, torque)
-        assert slip.max() < 0.4 and np.mean(slip > 0.05) < 0.2
+        assert slip.max() < 0.5 and np.mean(slip > 0.05) < 0.2
 
 
 def test_what_is_believed_stays_within_what_is_given():

@@ -190,11 +190,10 @@ def test_the_grip_of_a_law(scalar):
     """It is that of the friction with the mu that is noticed, which no friction exceeds; earned friction falls to it at once."""
     c = runtime("noslip_slip.h")
     vehicle = c.new("noslip_odometry_options", scalar, {"forward": list(FORWARD), "turn": list(TURN)})
-    names = ("noslip_slip", "noslip_earned", "noslip_grip", "noslip_wheel")
-    self, earned, grip, wheel = (c.new(name, scalar) for name in names)
+    self, earned, grip = (c.new(name, scalar) for name in ("noslip_slip", "noslip_earned", "noslip_grip"))
     write = c.function("noslip_slip_grip", scalar)
     given = {"mu": 0.6, "margin": 0.1, "share": 0.5, "height": 0.2}
-    c.function("noslip_grip_init", scalar)(earned, grip, wheel, 1, c.new("noslip_friction", scalar, given))
+    c.function("noslip_grip_init", scalar)(earned, grip, c.new("noslip_friction", scalar, given), 1)
     grip.weight = 7.0
     for k in range(3):
         arguments = [self, earned, grip]
@@ -208,7 +207,7 @@ def test_the_grip_of_a_law(scalar):
         assert write(self, earned, grip) == 0
         assert grip.weight == pytest.approx(min(mu, 0.6) * 0.9 * 0.5 * 9.81, rel=1e-6)
         assert grip.height == pytest.approx(min(mu, 0.6) * 0.9 * 0.2, rel=1e-6)
-    c.function("noslip_grip_init", scalar)(earned, grip, wheel, 1, c.new("noslip_friction", scalar, given | {"period": 0.01}))
+    c.function("noslip_grip_init", scalar)(earned, grip, c.new("noslip_friction", scalar, given | {"period": 0.01}), 1)
     for mu, believed in ((0.5, 0.36), (0.3, 0.3), (0.5, 0.3)):
         self.noticed.mu = mu
         assert write(self, earned, grip) == 0 and earned.mu == pytest.approx(believed, rel=1e-6)
