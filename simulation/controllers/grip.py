@@ -119,7 +119,8 @@ class Earned:
         self.mu = (friction.known or FIRST * friction.mu) if self._earns else friction.mu
         self._rates: np.ndarray | None = None
         self._expected: tuple[np.ndarray, ...] | None = None
-        self._away, self._steps, self._pause = np.zeros(len(wheels)), np.zeros(len(wheels)), 0.0
+        self._away, self._steps, self._sign = np.zeros((3, len(wheels)))
+        self._pause = 0.0
 
     def believe_at_most(self, most: float) -> None:
         """Believe no more than this, nor than what is given."""
@@ -150,9 +151,12 @@ class Earned:
         along, across, most, mass, radius, expected = self._expected
         bound = (friction.error or ERROR) * (np.abs(expected).max() + weight / 4)
         runs = radius * (rates - before) / friction.period - expected
-        away = self._away + np.where(along > 0, runs, -runs) - bound
+        sign = np.where(along > 0, 1, -1)
+        same = sign == self._sign
+        away = np.where(same, self._away, 0.0) + sign * runs - bound
         suspected = (away > 0) & (self._pause <= 0) & (np.abs(along) * ASKED > most)
-        self._away, self._steps = np.where(suspected, away, 0.0), np.where(suspected, self._steps + 1, 0.0)
+        self._steps = np.where(suspected, np.where(same, self._steps, 0.0) + 1, 0.0)
+        self._away, self._sign = np.where(suspected, away, 0.0), sign
         slips = suspected & (self._away * friction.period > 2 * radius * friction.coarse + friction.lag * weight)
         if slips.any():
             rest = np.maximum(np.abs(along) - mass * (bound + self._away / np.maximum(self._steps, 1)), 0.0)
