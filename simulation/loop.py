@@ -295,7 +295,10 @@ def make_loop(spec: Spec) -> Loop:
         guidance = route = Route(law, believed, tracker, make_leg, start, profile, spec.output.band)
         warnings = () if limits_along else _too_fast(spec, plant, path.segments, tracker.options, limits)
         if route.faces(start) < 0:
-            warnings = (*warnings, "[initial] faces against the direction of travel: the path is followed away from its end",)
+            warnings = (
+                *warnings,
+                "[initial] faces against the direction of travel: the path is followed away from its end",
+            )
     else:
         spec, warnings = _facing(spec, law, believed)
         course, L = spec.reference.course, spec.output.L
