@@ -429,7 +429,7 @@ class LawC(ProgramC[Program]):
         after = [
             f"{name('noslip_believe')}(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);",
             "self->earned.pause = pause;",
-            "noslip_copy(self->wheel, wheel, sizeof wheel);",
+            *(f"{name('noslip_wheel_continue')}(&self->wheel[{k}], &wheel[{k}]);" for k in range(self.wheels)),
             "noslip_copy(self->ground, ground, sizeof ground);",
         ]
         lines = [

@@ -248,7 +248,8 @@ NOSLIP_SMALL int labmate_type_iv_segment_update(labmate_type_iv_segment *self, c
     noslip_copy(self, next, sizeof *self);
     noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
     self->earned.pause = pause;
-    noslip_copy(self->wheel, wheel, sizeof wheel);
+    noslip_wheel_continue(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue(&self->wheel[1], &wheel[1]);
     noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
