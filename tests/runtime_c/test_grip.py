@@ -23,6 +23,7 @@ from noslip.simulation.controllers.runtime import runtime
 from noslip.simulation.controllers.symbolic import slope_function
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.spec import ContactSection, spec_of
+from noslip.simulation.specification.vary import varied
 from noslip.simulation.sweeping.batch import Batch
 from scipy.optimize import minimize, minimize_scalar
 
@@ -655,3 +656,33 @@ def test_what_is_believed_stays_within_what_is_given():
                 controller.adapt(np.array(numbers) * random.uniform(0.9, 1.1))
                 assert controller.believed == found[-1]
         assert 0 <= min(found) < 0.3 < max(found) <= 0.5 * (1 + 1e-6)
+
+
+@pytest.mark.nightly
+def test_no_false_alarm_in_random_runs():
+    """Wheels that roll, of robots whose masses are off by 20 %, with encoders and delays, from starts beside a line."""
+    random = np.random.default_rng(43)
+    text = """
+robot = "labmate"
+gains = { kp = 1.0, kd = 2.5, kv = 2.0 }
+output = { type = "IV", path = { kind = "line", A = 1.0, B = -1.0, C = 0.0 } }
+limits = { mode = "grip" }
+contact = { mu = 0.5 }
+reference = { speed = 1.0 }
+initial = { point = [0.0, 0.0], heading = 0.0, speed = 0.0 }
+simulation = { duration = 4.0, period = 0.01 }
+"""
+    sizes = dict(zip(("m_c", "m_w", "I_c", "I_w", "I_m"), (30.0, 1.0, 15.625, 0.005, 0.0025), strict=True))
+    for _ in range(300):
+        start = {"point": [0.0, random.uniform(-2, 2)], "heading": random.uniform(-1.2, 2.8), "speed": random.uniform(0, 1.5)}
+        changes = {
+            "plant": {name: size * random.uniform(0.8, 1.2) for name, size in sizes.items()},
+            "simulation.delay": float(random.choice([0.0, 0.01])),
+            "initial": start,
+            "contact.mu": random.uniform(0.15, 0.9),
+            "reference.speed": random.uniform(0.3, 1.5),
+        }
+        if counts := int(random.choice([0, 2048, 4096, 16384])):
+            changes["sensors"] = {"counts": counts, "pose": "true"}
+        run = simulate(varied(text, "test", changes))
+        assert (np.diff(run.noticed[:, 0]) >= 0).all(), changes
