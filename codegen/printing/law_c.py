@@ -754,19 +754,21 @@ class LawC(ProgramC[Program]):
             "}",
         ]
 
-    def _expect(self) -> list[str]:
-        """Return the statements that keep what the inputs made, with the forces `ground`, let the wheels do."""
+    def _expect(self, memory: str = "drive") -> list[str]:
+        """Return the statements that keep what the inputs made, with the forces `ground`, let the wheels do; `memory`: an array
+        for 3 numbers for each wheel, of their own or one that is there.
+        """
         if not self.wheels:
             return []
         expect = self.scalar.name("noslip_expect")
         kept = [
-            f"{expect}(&self->wheel[{k}], &ground[{4 * wheel.contact}], &drive[{3 * k}]);"
+            f"{expect}(&self->wheel[{k}], &ground[{4 * wheel.contact}], &{memory}[{3 * k}]);"
             for k, wheel in enumerate(wheels_of(self.system))
         ]
-        law = f"{self.function(WHEELS.name)}_law(self, state, made, drive) == NOSLIP_OK"
+        law = f"{self.function(WHEELS.name)}_law(self, state, made, {memory}) == NOSLIP_OK"
         return [
             "if (self->earned.period > 0) {",
-            f"    {self.scalar.real} drive[{3 * self.wheels}];",
+            *([f"    {self.scalar.real} drive[{3 * self.wheels}];"] if memory == "drive" else []),
             f"    if ({law}) {{",
             *(f"        {line}" for line in kept),
             "    }",
@@ -799,7 +801,7 @@ class LawC(ProgramC[Program]):
             *(f"    status = status == NOSLIP_OK ? {call} : status;" for call in calls[1:]),
             "    if (status == NOSLIP_OK) {",
             f"        status = {keep_grip} && {self._rolls()} ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;",
-            *(f"        {line}" for line in self._expect()),
+            *(f"        {line}" for line in self._expect("work")),
             "    }",
             "}",
         ]

@@ -795,10 +795,9 @@ static NOSLIP_COLD int labmate_type_i_step_f_limited(labmate_type_i_f *self, con
                 labmate_type_i_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
             if (self->earned.period > 0) {
-                float drive[6];
-                if (labmate_type_i_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
-                    noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
-                    noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
+                if (labmate_type_i_wheels_f_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect_f(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &work[3]);
                 }
             }
         }
