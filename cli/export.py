@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -138,6 +139,8 @@ def _vehicle(args: argparse.Namespace) -> VehicleNumbers:
     spec = read_spec(args.robot)
     with naming(args.robot):
         _, vehicle = vehicle_of(spec)
+    for warning in vehicle.warnings:
+        print(f"{args.robot}: warning: {warning}", file=sys.stderr)
     args.robot, args.output = spec.robot, [FOLLOWER]
     return vehicle
 

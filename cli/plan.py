@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,6 +106,7 @@ def _add_segments(parser: argparse.ArgumentParser) -> None:
     form.add_argument("--c", action="store_true", help="print a C array of noslip_segment")
     form.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--scalar", choices=("double", "float"), help="type of the C array; default: double")
+    parser.add_argument("--spec", metavar="SPEC.toml", help="warn if its vehicle cannot follow the path at its speed")
     _add_common(parser)
     parser.set_defaults(run=run, closed=False)
 
@@ -118,6 +120,7 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run `noslip plan`. Return 0. Raises BadInput, ModelError, OSError."""
     inputs = [arguments.points] if arguments.way == "waypoints" else []
+    inputs += [arguments.spec] if arguments.spec else []
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], inputs)
     if not arguments.c:
         refuse_given(arguments, ["scalar"], "requires --c")
@@ -126,6 +129,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _run_between(arguments, segments)
     if "speed" in arguments:
         refuse_given(arguments, ["speed"], "requires --course: lines and arcs have no speed of their own")
+    if arguments.spec:
+        _warn(arguments.spec, segments, arguments.closed)
     written = _written(segments, arguments)
     about = _summary(segments, arguments.way) + _from_origin(arguments)
 
@@ -235,6 +240,22 @@ def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], 
     points, headings = _waypoints(arguments)
     with naming(arguments.points):
         return fit(points, arguments.tolerance, headings, arguments.closed, arguments.min_radius), points
+
+
+def _warn(spec: str, segments: list["Segment"], closed: bool) -> None:
+    """Print what a run of a SPEC along a path would warn of. Raises BadInput for one that it cannot follow."""
+    from ..readers.errors import BadInput
+    from ..simulation.loop import make_loop
+    from ..simulation.specification.spec import read_spec
+
+    given = read_spec(spec)
+    if not (given.output.path and given.output.path.segments):
+        raise BadInput(f'{spec}: --spec requires [output] path = {{ kind = "composite" }}, which the path takes the place of')
+    path = replace(given.output.path, segments=tuple(segments), closed=closed)
+    with naming(spec):
+        loop = make_loop(replace(given, output=replace(given.output, path=path), initial=None))
+    for warning in loop.warnings:
+        print(f"{spec}: warning: {warning}", file=sys.stderr)
 
 
 def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:

@@ -78,7 +78,7 @@ def _schema() -> dict[str, Any]:
 def run(arguments: argparse.Namespace) -> int:
     """Run `noslip simulate`. Return 0, or 1 if the run stopped early. Raises BadInput, ModelError, OSError."""
     from ..model.errors import ModelError
-    from ..simulation.closed_loop import as_json, simulate, summary  # slow to import, as are models
+    from ..simulation.closed_loop import as_json, simulate, summary, why_singular  # slow to import, as are models
     from ..simulation.specification.vary import change, read_varied
 
     outputs = (arguments.output, arguments.record, arguments.animate, arguments.write_scene)
@@ -122,7 +122,8 @@ def run(arguments: argparse.Namespace) -> int:
     for warning in () if arguments.json else completed.warnings:
         print(f"{arguments.spec}: warning: {warning}", file=sys.stderr)
     if completed.stopped:
-        print(f"{arguments.spec}: stopped at t = {completed.t[-1]:.9g} s: {completed.stopped}", file=sys.stderr)
+        why = f": {why_singular(completed, arguments.engine)}" if completed.stopped == "singular" else ""
+        print(f"{arguments.spec}: stopped at t = {completed.t[-1]:.9g} s: {completed.stopped}{why}", file=sys.stderr)
         return 1
     return 0
 

@@ -88,6 +88,13 @@ NULL_INPUTS = Entry(
     (Result.NULL_INPUTS,),
     public=False,
 )
+WHEELS = Entry(
+    "wheels",
+    "Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius",
+    (Result.WHEELS,),
+    Group.INPUT,
+    public=False,
+)
 EVALUATE = Entry(
     "evaluate",
     "All quantities, with one sine and cosine",
@@ -127,6 +134,7 @@ ENTRIES = (
     GROUND,
     GROUND_BY_INPUTS,
     NULL_INPUTS,
+    WHEELS,
     EVALUATE,
     STEP,
     SLOPE,
@@ -249,7 +257,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     labels = _own_names(law, quantities) | labels
     entries: dict[Entry, EntryBody] = {}
     for entry in (*ENTRIES, *(one.within for one in ENTRIES if near and one.inverts)):
-        if (law.extension or law.kinematic) and entry in (GROUND, GROUND_BY_INPUTS, NULL_INPUTS):
+        if (law.extension or law.kinematic) and entry in (GROUND, GROUND_BY_INPUTS, NULL_INPUTS, WHEELS):
             continue  # a step with an extension or without inputs does not keep grip
         given = at_foot if entry.at_foot else quantities
         given = given | (near_at_foot if entry.at_foot else near) if entry.near and given else given

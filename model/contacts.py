@@ -31,6 +31,39 @@ class Ground:
     shift: ca.SX
 
 
+@dataclass(frozen=True, eq=False)
+class Wheel:
+    """A driven wheel by whose rate the ground's force F along its contact is known: mass rim' = drive - F.
+
+    `contact`, `velocity`: numbers of the contact and of the quasi-velocity that is the wheel's rate; the rim's speed (m/s) is
+    the rate times `radius` (m). `drive` (N): the force of the inputs at the rim; `mass` (kg): inertia over the squared radius.
+    """
+
+    contact: int
+    velocity: int
+    drive: ca.SX
+    mass: ca.SX
+    radius: ca.SX
+
+
+def driven_wheels(mechanism: Mechanism, tau: ca.SX) -> list[Wheel]:
+    """Return the wheels with inertia whose rates are quasi-velocities, and which nothing but their contacts and the inputs tau
+    couples to the robot: their rows of (8) are I theta'' = E tau - r F.
+    """
+    rates, rows, found = mechanism.quasi_velocity_rows, mechanism.contact_rows, []
+    for i, row in enumerate(() if rates is None else ca.vertsplit(rates)):
+        j = row.sparsity().get_col()
+        touched = [k for k in range(rows.shape[0]) if not rows[k, j].is_zero()]
+        if len(j) != 1 or not (row[j[0]] - 1).is_zero() or len(touched) != 1 or touched[0] % 2:
+            continue
+        inertia, radius = canonical(mechanism.M[j, :]), -rows[touched[0], j]
+        drive = mechanism.E[j, :] @ tau
+        alone = inertia.nnz() == 1 and not inertia[j].is_zero() and canonical(mechanism.V[j]).is_zero()
+        if alone and not ca.depends_on(ca.vertcat(inertia[j], radius), ca.vertcat(mechanism.q, mechanism.qdot)) and drive.nnz():
+            found.append(Wheel(touched[0] // 2, i, drive / radius, inertia[j] / radius**2, radius))
+    return found
+
+
 def unknown_loads(mechanism: Mechanism) -> str:
     """Return why the loads of the contacts are not known from what rests on them; empty if they are."""
     if not mechanism.contacts:

@@ -18,6 +18,11 @@
 #include "noslip_controller.h"
 
 #define NOSLIP_GRAVITY 9.81 /* m/s^2 */
+#define NOSLIP_EARNED_FIRST 0.6 /* part of mu that is believed at first */
+#define NOSLIP_EARNED_RISE 0.5  /* 1/s: part of mu by which it rises */
+#define NOSLIP_EARNED_AFTER 0.9 /* part that is believed of the friction that a wheel showed */
+#define NOSLIP_EARNED_ERROR 0.5 /* of accelerations: (1 + 0.2) / (1 - 0.2) - 1, of torques and masses that are off by 20 % */
+#define NOSLIP_EARNED_ASKED 4   /* a wheel shows friction where more than 1/4 of mu load is asked of it */
 
 #define NOSLIP_MODULE "noslip_grip.inc"
 #include "noslip_scalars.inc"

@@ -15,7 +15,7 @@
  *     noslip_slip_init_f(&slip, &slip_options, &vehicle);
  *     ...
  *     status = noslip_slip_step_f(&slip, &reading, dt, &noticed);         at each call, before the step of the law
- *     noslip_slip_grip_f(&slip, &options.friction, &law.grip);            the law keeps its wheels within noticed.mu
+ *     noslip_slip_grip_f(&slip, &law.earned, &law.grip);                  the law keeps its wheels within noticed.mu
  *     reference.speed *= noticed.slower;                                  and speed_rate alike
  *
  * noticed.slower is the root of mu over that of the options: all accelerations along the path are then less by mu.

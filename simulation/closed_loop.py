@@ -1,20 +1,25 @@
 """Simulates the closed loop of a controller and a plant, continuous or sampled."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
+from ..model.errors import ModelError
+from ..readers.errors import BadInput
 from .contact import contact_forces, grip
 from .controllers.controller import ON_TARGET
 from .engine.measured import FloorMeasurements
-from .guidance import distances, outputs
+from .guidance import distances, outputs, vehicle_motion
 from .integrate import continuous, sampled
 from .loop import Loop, make_loop
 from .run import Run
-from .specification.spec import Simulation, Spec
+from .specification.spec import ApproachSection, Simulation, Spec
 
+LOOK_BACK = 0.5  # s, of what led to a singular state
 SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6  # with rounding in float, step-size control fails at smaller tolerances
 
 
@@ -95,6 +100,51 @@ def _as_run(simulation: Simulation, backend: str | None) -> Simulation:
     return replace(simulation, backend=backend, tolerance=max(simulation.tolerance, least))
 
 
+def why_singular(run: Run, engine: str | None = None) -> str:
+    """Return what a run that ended "singular" met, where, and what led there; and a change of its SPEC with which it does not end
+    so, which has been tried.
+    """
+    law, t, x = run.law, run.t, run.x
+    vehicle = vehicle_motion(law.system)(x.T, run.plant.parameters).full()
+    place = f"at ({vehicle[0, -1]:.3g}, {vehicle[1, -1]:.3g}) m, heading {math.degrees(vehicle[2, -1]):.4g} deg"
+    quantity = f"det Phi of {', '.join(row.name for row in law.output.rows)} is zero"
+    since = max(int(np.searchsorted(t, t[-1] - LOOK_BACK)), 0)
+    limited = int(np.isin(run.status[since:-1], ("grip", "will_slip", "saturated")).sum())
+    led = [f"the speed went from {vehicle[3, since]:.3g} to {vehicle[3, -1]:.3g} m/s"]
+    led += [f"the heading turned by {math.degrees(vehicle[2, -1] - vehicle[2, since]):.3g} deg"]
+    led += [f"inputs were limited in {limited} of {len(t) - 1 - since} rows"] if limited else []
+    text = f"{quantity} {place}; in the last {t[-1] - t[since]:.2g} s {', '.join(led)}"
+    for about, changed in _remedies(run):
+        with suppress(BadInput, ModelError):
+            tried = simulate(changed, engine=engine)
+            nearer = abs(tried.y[-1, 0]) <= abs(tried.y[0, 0]) or law.output.rows[0].name != "distance"
+            if tried.stopped is None and nearer:
+                return f"{text}; with {about} this run does not stop (tried)"
+    return f"{text}; of the remedies in docs/normal.md none that was tried on this run works"
+
+
+def _remedies(run: Run) -> Iterator[tuple[str, Spec]]:
+    """Return changes of a SPEC that may keep a run from the singular set, the gentlest first, with what they are in a SPEC."""
+    spec, reference, output = run.spec, run.spec.reference, run.spec.output
+    if output.type == "IV":
+        yield 'near_singular = "damped" in [output]', replace(spec, output=replace(output, near_singular="damped"))
+    if reference.approach:
+        slow = reference.approach.acceleration / 4
+        approach = replace(reference.approach, acceleration=slow)
+    else:
+        approach = ApproachSection(acceleration=(slow := 0.2))
+    approached = replace(spec, reference=replace(reference, approach=approach))
+    yield f"approach = {{ acceleration = {slow:g} }} in [reference]", approached
+    if reference.approach:
+        yield "no approach in [reference]", replace(spec, reference=replace(reference, approach=None))
+    if reference.speed and isinstance(reference.speed, float) and math.isfinite(reference.speed):
+        half = reference.speed / 2
+        yield f"speed = {half:g} in [reference]", replace(spec, reference=replace(reference, speed=half))
+    if (initial := spec.initial) and initial.q is None and initial.state is None and not initial.speed:
+        speed = min(abs(spec.desired_speed or 0.0), 0.5)
+        yield f"speed = {speed:g} in [initial]", replace(spec, initial=replace(initial, speed=speed))
+
+
 def as_json(run: Run) -> dict[str, Any]:
     """Return what `summary` states, SI: duration, errors of the outputs, largest inputs, residual of the constraints, and whether
     each contact rolls; of a run in a physics engine, slip and load of each contact instead.
@@ -141,6 +191,8 @@ def summary(run: Run) -> str:
         held += f", {drive.kind} drives of {drive.bandwidth:g} Hz, delay {drive.delay:g} s"
     how = f"backend {simulation.backend}, {held}, tolerance {simulation.tolerance:g}"
     lines = [f"{run.spec.robot}, {run.law.name}, {how}: {run.t[-1]:.9g} s, {len(run.t)} rows"]
+    if run.floor and run.floor.stands and run.floor.stands.left_out:
+        lines.append(f"  the engine leaves out: {run.floor.stands.left_out}")
     for name, error in values["errors"].items():
         unit = error["unit"]
         lines.append(f"  error of {name}: final {error['final']:.2e} {unit}, peak {error['peak']:.3g} {unit}")

@@ -1,6 +1,7 @@
 """The closed loop marched through time, the controller continuous or called at a period."""
 
 import itertools
+import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -236,9 +237,11 @@ def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: 
 
 
 def _noticed(loop: Loop) -> np.ndarray:
-    """Return the friction that is believed and the uncertainty of dead reckoning (rad, m); empty if slip is not noticed."""
-    noticed = loop.noticed
-    return np.array([noticed.mu, noticed.uncertain_heading, noticed.uncertain_way]) if noticed else np.zeros(0)
+    """Return the friction that is believed, and the uncertainty of dead reckoning (rad, m) if slip is noticed; empty without mode
+    "grip"."""
+    noticed, mu = loop.noticed, loop.guidance.leg.controller.believed
+    uncertain = [noticed.uncertain_heading, noticed.uncertain_way] if noticed else []
+    return np.array([mu, *uncertain]) if math.isfinite(mu) else np.zeros(0)
 
 
 def _row_times(simulation: Simulation) -> list[float]:

@@ -1,5 +1,6 @@
 """Builds the loop of a controller and a robot from a SPEC."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -7,16 +8,18 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from numpy.polynomial import polynomial
+from numpy.typing import ArrayLike
 
 from ..codegen.loop.stages import check
 from ..model.algebra.trigonometry import sine_cosine
-from ..model.contacts import GRAVITY
+from ..model.contacts import GRAVITY, unknown_loads
 from ..model.errors import ModelError
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import PATH_GAIN, axle
+from ..model.segments import Segment
 from ..readers.errors import BadInput, check_named, check_status
 from ..readers.reading import check_keys, one_for_each
 from ..readers.robots import find_robot, law_of
@@ -55,6 +58,7 @@ from .guidance import (
 )
 from .planning.course import SmoothCurve
 from .planning.course_tracker import CourseOptions, CourseTracker
+from .planning.fits import misfit
 from .planning.profile import Accelerations, make_profile
 from .plant import Plant
 from .sensing import Estimating, NoisyRates, Sensing, SlipSensing
@@ -77,6 +81,7 @@ from .specification.units import check_units
 from .starts import extension_starts, starts
 
 PROFILE_PART = 0.6  # of friction and motors that a speed profile uses by default; what is left is for staying on the path
+DEVIATIONS = 6  # of the noise of a rate that count as its largest error
 ALONG, LATERAL = 0.6, 0.8  # parts of friction that a kinematic law uses along its way and across it: together all of it
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
@@ -217,6 +222,14 @@ class ControllerCall:
             return np.zeros(0), np.zeros(0)
         return rows.seen(self._outputs, self._loop.integral.added(self.reference, add))
 
+    @property
+    def status(self) -> str:
+        """The status of the law here; unlike a command, it is no step of the controller."""
+        if np.isnan(self.reference).any():  # no point of the course is the nearest
+            return "singular"
+        status = self._outputs.status
+        return "singular" if status in RUNNING and self._leg.side(self._known) <= 0 else status
+
     def command(self, add: np.ndarray, less: np.ndarray | None = None) -> tuple[str, np.ndarray]:
         """Return status and inputs (N, N m) of the controller; zeros on an error."""
         loop, controller, noticed = self._loop, self._leg.controller, self._loop.noticed
@@ -259,8 +272,14 @@ def make_loop(spec: Spec) -> Loop:
     limits, integral = _limits(spec, law, believed), _integral(spec, law, gains)
     observers = _observers(spec, law, gains)
 
+    controller: Controller | None = None
+
     def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
-        controller = make_controller(spec.simulation.backend, law, used, config, gains, limits)
+        nonlocal controller
+        known = limits
+        if controller and limits and limits.friction and limits.friction.period:
+            known = replace(limits, friction=replace(limits.friction, known=controller.believed))
+        controller = make_controller(spec.simulation.backend, law, used, config, gains, known)
         return Leg(config, controller, Side(law, believed, config, np.append(x, np.zeros(len(law.extension)))))
 
     warnings: tuple[str, ...] = ()
@@ -274,8 +293,12 @@ def make_loop(spec: Spec) -> Loop:
             make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law) if limits_along else None
         )
         guidance = route = Route(law, believed, tracker, make_leg, start, profile, spec.output.band)
+        warnings = () if limits_along else _too_fast(spec, plant, path.segments, tracker.options, limits)
         if route.faces(start) < 0:
-            warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
+            warnings = (
+                *warnings,
+                "[initial] faces against the direction of travel: the path is followed away from its end",
+            )
     else:
         spec, warnings = _facing(spec, law, believed)
         course, L = spec.reference.course, spec.output.L
@@ -392,8 +415,28 @@ def _limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> Limits | None:
     torque, friction = (0.0,) if spec.limits.torque is None else spec.limits.torque, None
     if spec.limits.mode == "grip" and (floor := spec.contact):
         height = floor.height or Plant(law.system, believed.tolist()).height
-        friction = Friction(floor.mu, spec.limits.margin, floor.share, height)
+        friction = replace(earning(spec), mu=floor.mu, margin=spec.limits.margin, share=floor.share, height=height)
     return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode, friction)
+
+
+def earning(spec: Spec) -> Friction:
+    """Return how friction is earned, all else 0: not with drives that take velocities, where torques do not turn wheels."""
+    limits, simulation, sensors = spec.limits, spec.simulation, spec.sensors
+    period = simulation.period
+    if limits is None or limits.friction != "earned" or not period or (spec.drive and spec.drive.takes_velocity):
+        return Friction(0.0)
+    counts, noise = (sensors.counts, max(sensors.noise.sd)) if sensors else (0, 0.0)
+    coarse, lag = (float(value) for value in roughness(period, simulation.delay, counts, noise))
+    return Friction(0.0, period=period, known=limits.known or 0.0, error=limits.error, coarse=coarse, lag=lag)
+
+
+def roughness(period: ArrayLike, delay: ArrayLike, counts: ArrayLike, noise: ArrayLike) -> np.ndarray:
+    """Return the largest errors (rad/s) of rates that encoders of `counts` a turn (0: exact ones) and a standard deviation
+    `noise` make, and the lag (s) of their answer: a rate by counts is the mean of a period.
+    """
+    period, delay, counts, noise = np.broadcast_arrays(period, delay, counts, noise)
+    coarse = np.divide(2 * np.pi, counts * period, out=np.zeros(counts.shape), where=counts > 0)
+    return np.array([coarse + DEVIATIONS * noise, delay + np.where(counts > 0, period / 2, 0.0)])
 
 
 def _vehicle_limits(limits: LimitsSection, contact: ContactSection, law: ControlLaw, believed: np.ndarray) -> VehicleLimits:
@@ -439,6 +482,24 @@ def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Acceler
         )
         given = {name: given.get(name, getattr(known, name)) for name in names}
     return Accelerations(**given)
+
+
+def _too_fast(
+    spec: Spec, plant: Plant, segments: Sequence[Segment], options: TrackerOptions, limits: Limits | None
+) -> tuple[str, ...]:
+    """Return a warning if the speed on lines and arcs does not fit bends and joins, by all of friction and motors."""
+    contact, torque = spec.contact, limits.torque if limits else ()
+    if contact is None or options.speed == 0 or unknown_loads(plant.system.mechanism):
+        return ()
+    part = 1 - spec.limits.margin if spec.limits and spec.limits.mode == "grip" else 1.0
+    found = misfit(segments, options, friction_accelerations(plant, contact, part, torque))
+    if found is None:
+        return ()
+    speed, where = found
+    return (
+        f"[reference] speed = {options.speed:g} m/s does not fit the friction of [contact] mu = {contact.mu:g}: "
+        f'at most {math.floor(100 * speed) / 100:g} m/s fits {where}; give that, or speed = "fastest"',
+    )
 
 
 def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray, limits: Accelerations | None) -> Tracker:
@@ -681,8 +742,8 @@ def _extension(law: ControlLaw, spec: Spec, believed: np.ndarray, guidance: Guid
 
 
 def _check_start(loop: Loop) -> None:
-    """Raise BadInput with the reason if the controller returns an error at the start."""
-    status, _ = loop.call(0.0, loop.start, loop.extension).command(np.zeros(len(loop.integral.rows)))
+    """Raise BadInput with the reason if the law has an error at the start."""
+    status = loop.call(0.0, loop.start, loop.extension).status
     if status in RUNNING:
         return
     check_status(status, "[initial]: the controller, at the start,", fine=["singular"])

@@ -76,7 +76,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
     ]
     plant, begins = _named(law.parameters, loop.plant.parameters), _named(system.state, loop.start)
     duration, late = spec.simulation.duration, spec.simulation.delay
-    return law, VehicleNumbers(config, spec.output.segments, plant, begins, duration, late, follows, assumed)
+    return law, VehicleNumbers(config, spec.output.segments, plant, begins, duration, late, follows, assumed, loop.warnings)
 
 
 def _named(quantities: Iterable[Quantity], values: Iterable[float]) -> dict[str, float]:

@@ -6,7 +6,7 @@ import casadi as ca
 
 from ...model.algebra.exact import canonical
 from ...model.algebra.linear import solve
-from ...model.contacts import distribution, ground, masses, narrow, shift_by_forces
+from ...model.contacts import Wheel, distribution, driven_wheels, ground, masses, narrow, shift_by_forces
 from ...model.law import symbols
 from ...model.reduction import ReducedSystem
 from .stages import Result, Stages, by_monomials
@@ -38,6 +38,18 @@ def is_wide(system: ReducedSystem) -> bool:
     return not narrow(system.mechanism)
 
 
+@lru_cache(maxsize=64)
+def wheels_of(system: ReducedSystem) -> list[Wheel]:
+    """Return the wheels by which the laws of the robot earn friction; none unless `can_grip`."""
+    return driven_wheels(system.mechanism, symbols(system.mechanism.inputs)) if can_grip(system) else []
+
+
+def _wheels(system: ReducedSystem) -> dict[Result, ca.SX]:
+    """Return WHEELS, three numbers for each of `wheels_of`: force of the inputs at the rim, mass, radius."""
+    rows = [ca.vertcat(wheel.drive, wheel.mass, wheel.radius) for wheel in wheels_of(system)]
+    return {Result.WHEELS: ca.vertcat(*rows)} if rows else {}
+
+
 @lru_cache(maxsize=16)
 def plain_ground(system: ReducedSystem) -> dict[Result, ca.SX]:
     """Return the quantities of `staged_ground` as the model has them."""
@@ -48,7 +60,7 @@ def plain_ground(system: ReducedSystem) -> dict[Result, ca.SX]:
     first = [ca.vertcat(reaction.force[2 * k : 2 * k + 2], reaction.shift[k]) for k in range(reaction.mass.numel())]
     each = [ca.vertcat(part, reaction.mass[k]) for k, part in enumerate(first)]
     by_inputs = ca.jacobian(ca.vertcat(*first), tau)
-    return {Result.GROUND: ca.vertcat(*each), Result.GROUND_BY_INPUTS: by_inputs} | _null_inputs(system)
+    return {Result.GROUND: ca.vertcat(*each), Result.GROUND_BY_INPUTS: by_inputs} | _wheels(system) | _null_inputs(system)
 
 
 def _null_inputs(system: ReducedSystem) -> dict[Result, ca.SX]:
@@ -62,8 +74,8 @@ def _null_inputs(system: ReducedSystem) -> dict[Result, ca.SX]:
 @lru_cache(maxsize=16)
 def staged_ground(inner: ReducedSystem) -> Stages:
     """Return, in steps that all laws of the robot share, GROUND, four numbers for each contact (force along and across, shift of
-    the load, mass), and GROUND_BY_INPUTS, the first three by each input; NULL_INPUTS if there are more inputs than n-m. Supports
-    are contacts too, the last ones. No quantities unless `can_grip`.
+    the load, mass), and GROUND_BY_INPUTS, the first three by each input; WHEELS; NULL_INPUTS if there are more inputs than n-m.
+    Supports are contacts too, the last ones. No quantities unless `can_grip`.
 
     `inner` is the system in the inner velocities of these laws (`inner_velocities`), whose symbols the steps contain.
     """
@@ -81,6 +93,7 @@ def staged_ground(inner: ReducedSystem) -> Stages:
         Result.GROUND: ca.vertcat(*[ca.vertcat(force[2 * k : 2 * k + 2], moved[k], mass[k]) for k in contacts]),
         Result.GROUND_BY_INPUTS: ca.vertcat(*[ca.vertcat(by[2 * k : 2 * k + 2, :], moved_by[k, :]) for k in contacts]),
     }
+    stages.quantities |= {name: stages.exact(rows) for name, rows in _wheels(inner).items()}
     if inner.redundant:
         spread = stages.exact(inner.spread())
         square = stages.inverse(stages.matrix("square", stages.exact(inner.input_map @ spread)))

@@ -51,6 +51,7 @@ class Result(StrEnum):
     GROUND = "ground"
     GROUND_BY_INPUTS = "ground_by_inputs"
     NULL_INPUTS = "null_inputs"
+    WHEELS = "wheels"
 
     SINGULAR = "singular"
     BAND = "band"

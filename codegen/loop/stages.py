@@ -139,7 +139,7 @@ STAGES = (
         reads=("wheel angles", "yaw rate", "acceleration"),
         writes=("friction", "status"),
         module="noslip_slip.h",
-        columns=("believed_mu", "uncertain_heading", "uncertain_way"),
+        columns=("uncertain_heading", "uncertain_way"),
         rules=(
             Excludes("[limits] notice_slip", '[drive] kind = "kinematic"', "it lowers the friction of a law that gives torques"),
             Needs("[limits] notice_slip", '[limits] mode = "grip"', "other modes do not use friction"),
@@ -473,6 +473,19 @@ STAGES = (
             Excludes("[feedback]", "--record", "a record is of a law"),
             Excludes("[feedback]", "noslip outer-loop", "its gains are those of an LQR, see docs/underactuated.md"),
             Excludes("[feedback]", "analyse --start", "starts are certified for laws of outputs; see noslip analyse ROBOT"),
+        ),
+    ),
+    Stage(
+        name="friction",
+        about="a part of mu is believed, which rises while driven wheels accelerate as expected, and falls where one runs away",
+        where=('[limits] mode = "grip"',),
+        reads=("seen", "inputs"),
+        writes=("friction",),
+        module="noslip_grip.h",
+        columns=("believed_mu",),
+        rules=(
+            Needs("[limits] known", '[limits] mode = "grip"', "other modes do not use friction"),
+            Bound("[limits] known", "[contact] mu", "more is never believed"),
         ),
     ),
     Stage(

@@ -8,10 +8,10 @@ from ...model.mechanism import Quantity, per_second
 from ...model.names import in_c
 from ...model.outputs import FOOT
 from ..costs import LONG, code_bytes
-from ..derivation.grip import is_wide
+from ..derivation.grip import is_wide, wheels_of
 from ..derivation.stages import Result
 from ..graph import Group, Leaf, Node, angles, executed, headers, reachable
-from ..program import EVALUATE, GROUND, GROUND_BY_INPUTS, NULL_INPUTS, SLOPE, Entry, Program, hidden_inputs
+from ..program import EVALUATE, GROUND, GROUND_BY_INPUTS, NULL_INPUTS, SLOPE, WHEELS, Entry, Program, hidden_inputs
 from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
@@ -26,10 +26,19 @@ def runtime_types(scalar: Scalar) -> str:
     foot = struct(
         scalar.name("noslip_foot"), "Position of the vehicle relative to the foot of P_l on a path.", fields(scalar, FOOT)
     )
-    parts = ("mu", "margin", "share", "height"), ("weight", "height")
-    names = "noslip_friction", "noslip_grip"
+    parts = {
+        "friction": "mu margin share height period known error coarse lag",
+        "grip": "weight height",
+        "earned": "mu most given weight height period pause frequency rise after error coarse lag",
+        "wheel": "rate expected per_mass radius away steps",
+    }
     floor = [
-        struct(scalar.name(n), "", [(f"{scalar.real} {p};", "") for p in each]) for n, each in zip(names, parts, strict=True)
+        struct(
+            scalar.name(f"noslip_{n}"),
+            "",
+            [*((f"{scalar.real} {p};", "") for p in each.split()), *([("int contact;", "")] if n == "wheel" else [])],
+        )
+        for n, each in parts.items()
     ]
     return "\n".join(["typedef int noslip_on_error;", "typedef int noslip_on_limit;", foot, *floor])
 
@@ -87,6 +96,9 @@ class LawC(ProgramC[Program]):
                     ("noslip_on_error on_error;", "what to return on an error"),
                     *([("noslip_on_limit on_limit;", _listed(self.on_limit))] if len(self.on_limit) > 1 else []),
                     *([(f"{name('noslip_grip')} grip;", "of the floor, with NOSLIP_GRIP")] if self.grips else []),
+                    *([(f"{name('noslip_earned')} earned;", "what is believed of it")] if self.grips else []),
+                    *([(f"{name('noslip_wheel')} wheel[{self.wheels}];", "what shows it")] if self.wheels else []),
+                    *([(f"{real} ground[{4 * self.contacts}];", "at the last step")] if self.wheels else []),
                     *self._extension_fields(),
                     ("int ready;", "set by init"),
                     *record_fields(self.program, self.scalar, self.meanings.constant),
@@ -121,6 +133,11 @@ class LawC(ProgramC[Program]):
     def grips(self) -> bool:
         """Whether a step can keep the wheels rolling."""
         return GROUND in self.program.entries
+
+    @property
+    def wheels(self) -> int:
+        """The number of wheels by which friction is earned."""
+        return len(wheels_of(self.system)) if WHEELS in self.program.entries else 0
 
     @property
     def plain_grip(self) -> bool:
@@ -174,6 +191,7 @@ class LawC(ProgramC[Program]):
             + self._contact_names()
             + " by "
             + ", ".join(q.name for q in inputs),
+            Result.WHEELS: "force (N), mass (kg) and radius (m) of each",
             Result.NULL_INPUTS: "rows of " + ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.SLOPE: ", ".join(f"{q.name} ({q.unit})" for q in inputs) + f", by {speed}",
         }[quantity]
@@ -264,6 +282,7 @@ class LawC(ProgramC[Program]):
 
     def _update_prototype(self) -> str:
         held = "Held inputs and the states of the dynamic extension" if self.extends else "Held inputs"
+        held += " and friction that is earned" if self.wheels else ""
         lines = [
             "Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.",
             f"{held} stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.",
@@ -282,12 +301,17 @@ class LawC(ProgramC[Program]):
         includes = [self.type, *headers(computed), *(["noslip_shaping"] if self.grips and not self.plain_grip else [])]
         parts = [
             self._head(f"{self.type}.c", includes, own=self.grips, quick=True),
+            *[self._about(WHEELS) + "\n" + self._mathematics(WHEELS) for _ in range(self.wheels > 0)],  # init calls it
             self._init(),
             self._reset(),
             self._set_limits(),
             self._update(),
             *self._admits(),
-            *[self._about(entry) + "\n" + self._mathematics(entry) for entry in self.entries if not entry.public],
+            *[
+                self._about(entry) + "\n" + self._mathematics(entry)
+                for entry in self.entries
+                if not (entry.public or entry == WHEELS)
+            ],
             *[part for entry in self.entries if entry.public for part in (self._mathematics(entry), self._entry_point(entry))],
         ]
         return "\n\n".join(parts) + "\n"
@@ -338,11 +362,24 @@ class LawC(ProgramC[Program]):
                 *(self._init_grip() if self.grips else []),
                 body(writer.lines),
                 *([body([self.leave(f"!{finite}", "NOSLIP_BAD_PARAMETER")])] if constants else []),
+                *self._init_wheels(),
                 "    self->ready = NOSLIP_READY;",
                 "    return status;",
                 "}",
             ]
         )
+
+    def _init_wheels(self) -> list[str]:
+        """Return the statements that initialize the wheels, with the constants that init has computed."""
+        if not self.wheels:
+            return []
+        init, real, zeros = self.scalar.name("noslip_wheel_init"), self.scalar.real, ", ".join(["0"] * self.inputs)
+        lines = [f"    const {real} none[{self.inputs}] = {{{zeros}}};", f"    {real} drive[{3 * self.wheels}];"]
+        lines.append(f"    status = {self.function(WHEELS.name)}_law(self, NULL, none, drive);")
+        for k, wheel in enumerate(wheels_of(self.system)):
+            lines.append(f"    {init}(&self->wheel[{k}], {wheel.contact}, &drive[{3 * k}]);")
+        zero = f"{self.scalar.name('noslip_write_zeros')}(self->ground, {4 * self.contacts});"
+        return ["    {", *(f"    {line}" for line in lines), "    }", f"    {zero}"]
 
     def _refused_friction(self) -> str:
         if not self.grips:
@@ -351,14 +388,9 @@ class LawC(ProgramC[Program]):
         return f" ||\n        (options->on_limit == NOSLIP_GRIP && !{friction_ok}(&options->friction, {wide}))"
 
     def _init_grip(self) -> list[str]:
-        return [
-            *self._clear(),
-            "    self->grip.weight = 0;",
-            "    self->grip.height = 0;",
-            "    if (self->on_limit == NOSLIP_GRIP) {",
-            f"        self->grip = {self.scalar.name('noslip_grip_of')}(&options->friction);",
-            "    }",
-        ]
+        given = f"self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, {self.wheels}"
+        init = f"{self.scalar.name('noslip_grip_init')}(&self->earned, &self->grip, {given});"
+        return [*self._clear(), *(f"    {line}" for line in fill(init, ""))]
 
     def _limit(self, k: int, value: str) -> str:
         return f"    self->limit[{k}] = {self.scalar.name('noslip_limit')}({value});"
@@ -389,12 +421,26 @@ class LawC(ProgramC[Program]):
     def _update(self) -> str:
         real = self.scalar.real
         kept = {"held": self.inputs} | ({"extension": self.extends, "extension_rate": self.extends} if self.extends else {})
+        name = self.scalar.name
+        arrays = f"{real} mu, pause, ground[{4 * self.contacts}];"
+        earned = [f"{name('noslip_wheel')} wheel[{self.wheels}];", arrays] if self.wheels else []
+        copies = [f"noslip_copy({member}, self->{member}, sizeof {member});" for member in ("wheel", "ground")]
+        before = ["mu = self->earned.mu;", "pause = self->earned.pause;", *copies]
+        after = [
+            f"{name('noslip_believe')}(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);",
+            "self->earned.pause = pause;",
+            *(f"{name('noslip_wheel_continue')}(&self->wheel[{k}], &wheel[{k}]);" for k in range(self.wheels)),
+            "noslip_copy(self->ground, ground, sizeof ground);",
+        ]
         lines = [
             *(f"    {real} {name}[{count}];" for name, count in kept.items()),
+            *(f"    {line}" for line in earned),
             body([self.leave("self == NULL || next == NULL", "NOSLIP_NULL")]),
             body([self.leave("self->ready != NOSLIP_READY || next->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]),
             *(f"    {name}[{k}] = self->{name}[{k}];" for name, count in kept.items() for k in range(count)),
+            *(f"    {line}" for line in before if earned),
             "    noslip_copy(self, next, sizeof *self);",
+            *(f"    {line}" for line in after if earned),
             *self._keep_held("held"),
             *(f"    self->{name}[{k}] = {name}[{k}];" for name, count in kept.items() if name != "held" for k in range(count)),
             "    return NOSLIP_OK;",
@@ -403,6 +449,7 @@ class LawC(ProgramC[Program]):
 
     def _reset(self) -> str:
         zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
+        zeros += [f"    {self.scalar.name('noslip_expect_nothing')}(&self->earned);"] if self.wheels else []
         zeros += [f"    self->{name}[{k}] = 0;" for k in range(self.extends) for name in ("extension", "extension_rate")]
         head = [
             f"NOSLIP_SMALL int {self.function('reset')}({self.type} *self)",
@@ -460,7 +507,7 @@ class LawC(ProgramC[Program]):
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
         beside = entry.near or (entry == GROUND and code_bytes(law.roots) > LONG)
-        kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry == GROUND else "static"
+        kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry in (GROUND, WHEELS) else "static"
         head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
 
@@ -557,8 +604,10 @@ class LawC(ProgramC[Program]):
             rolls = [*self._within("limit"), *after[count:], self._rolls()]
             with_grip = [
                 f"const {self.scalar.real} made[{count}] = {{{', '.join(asked)}}};",
-                f"{self.scalar.real} ground[{4 * self.contacts}];",
+                self._ground,
+                *self._earn(),
                 f"if ({' && '.join(rolls)}) {{",
+                *(f"    {line}" for line in self._expect()),
                 *written,
                 "}",
                 f"return {limited}({', '.join([*given, *asked])});",
@@ -581,6 +630,7 @@ class LawC(ProgramC[Program]):
             f"    const int admitted = {self._admission(entry)};",
             "    status = admitted == NOSLIP_OK ? status : admitted;",
             "}",
+            *([f"{self.scalar.name('noslip_expect_nothing')}(&self->earned);"] if self.wheels else []),
             f"return {self._applied('self->held', names[-1])};",
         ]
         declared = [*self.parameters(entry, public=True).values(), "int status"]
@@ -684,10 +734,51 @@ class LawC(ProgramC[Program]):
         places = [f"&ground[{4 * k}]" if k else "ground" for k in range(self.contacts)]
         return " && ".join(parts + [f"{holds}({place}, &self->grip)" for place in places])
 
+    @property
+    def _ground(self) -> str:
+        """The declaration of the memory for the forces of a step; it is in the law where wheels are compared with them."""
+        real = self.scalar.real
+        return f"{real} *const ground = self->ground;" if self.wheels else f"{real} ground[{4 * self.contacts}];"
+
+    def _earn(self) -> list[str]:
+        """Return the statements that compare the rates of the wheels with what the last step expects."""
+        if not self.wheels:
+            return []
+        name, wheels = self.scalar.name, wheels_of(self.system)
+        names = [self.system.quasi_velocities[wheel.velocity].name for wheel in wheels]
+        rates = ", ".join(self.argument(Group.STATE, name) for name in names)
+        return [
+            "if (self->earned.period > 0) {",
+            f"    const {self.scalar.real} rates[{self.wheels}] = {{{rates}}};",
+            f"    {name('noslip_earn')}(&self->earned, &self->grip, self->wheel, self->ground, rates, {self.wheels});",
+            "}",
+        ]
+
+    def _expect(self, memory: str = "drive") -> list[str]:
+        """Return the statements that keep what the inputs made, with the forces `ground`, let the wheels do; `memory`: an array
+        for 3 numbers for each wheel, of their own or one that is there.
+        """
+        if not self.wheels:
+            return []
+        expect = self.scalar.name("noslip_expect")
+        kept = [
+            f"{expect}(&self->wheel[{k}], &ground[{4 * wheel.contact}], &{memory}[{3 * k}]);"
+            for k, wheel in enumerate(wheels_of(self.system))
+        ]
+        law = f"{self.function(WHEELS.name)}_law(self, state, made, {memory}) == NOSLIP_OK"
+        return [
+            "if (self->earned.period > 0) {",
+            *([f"    {self.scalar.real} drive[{3 * self.wheels}];"] if memory == "drive" else []),
+            f"    if ({law}) {{",
+            *(f"        {line}" for line in kept),
+            "    }",
+            "}",
+        ]
+
     def _grip(self, slope: Entry) -> list[str]:
         """Return the statements that change tau so that the wheels keep rolling, within the limits."""
         real, name, count = self.scalar.real, self.scalar.name, self.inputs
-        arrays = {"ground": f"[{4 * self.contacts}]", "by_inputs": f"[{3 * self.contacts}][{count}]"}
+        arrays = {"by_inputs": f"[{3 * self.contacts}][{count}]"}
         calls = [f"{self.function(GROUND.name)}_law(self, state, made, ground)"]
         calls.append(f"{self.function(GROUND_BY_INPUTS.name)}_law(self, state, by_inputs)")
         if self.slows:
@@ -704,11 +795,13 @@ class LawC(ProgramC[Program]):
             keep_grip = f"{name('noslip_keep_grip_of')}(made, {along}, {free}, {rest}, {count}, work)"
         return [
             "if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {",
+            f"    {self._ground}",
             *(f"    {real} {array}{shape};" for array, shape in arrays.items()),
             f"    status = {calls[0]};",
             *(f"    status = status == NOSLIP_OK ? {call} : status;" for call in calls[1:]),
             "    if (status == NOSLIP_OK) {",
             f"        status = {keep_grip} && {self._rolls()} ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;",
+            *(f"        {line}" for line in self._expect("work")),
             "    }",
             "}",
         ]

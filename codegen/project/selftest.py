@@ -7,7 +7,6 @@ import numpy as np
 
 from ...model.law import ControlLaw
 from ...readers.templates import render
-from ..derivation.grip import can_grip
 from ..files import law_program
 from ..printing.scalar import Scalar
 from ..program import FOLLOW, SLOPE
@@ -99,7 +98,6 @@ def _law(golden: Golden, scalar: Scalar) -> dict[str, object]:
         "prefix": f"{law.system.mechanism.name}_{law.name}",
         "about": law.output.about,
         "slows": slows(law),
-        "grips": can_grip(law.system),
         "follows": FOLLOW in law_program(law).entries,
         "state": len(law.system.state),
         "extension": len(law.extension),

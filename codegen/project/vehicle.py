@@ -29,7 +29,7 @@ class VehicleNumbers:
 
     `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by
     member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member. `delay` (s) from a tick until its
-    command reaches the drives, less than a period. `assumed`: for the reader, which numbers are assumptions.
+    command reaches the drives, less than a period. `assumed`: for the reader, which numbers are assumptions, and `warnings`.
     """
 
     config: Mapping[str, Any]
@@ -40,6 +40,7 @@ class VehicleNumbers:
     delay: float = 0.0
     drives: VelocityDrives | None = None
     assumed: Sequence[str] = field(default_factory=tuple)
+    warnings: Sequence[str] = field(default_factory=tuple)
 
 
 def example(law: ControlLaw) -> VehicleNumbers:

@@ -72,7 +72,11 @@ static int law_step(pil *self)
     }
     return status;
 #else
-    return PIL_LAW(_step)(law, &self->input.step.state, &self->input.step.reference, self->output.step.tau);
+    const int status = PIL_LAW(_step)(law, &self->input.step.state, &self->input.step.reference, self->output.step.tau);
+#if PIL_GRIP
+    self->output.step.believed = law->earned.mu;
+#endif
+    return status;
 #endif
 }
 
@@ -88,7 +92,8 @@ static int law_evaluate(pil *self)
 static int law_friction(pil *self)
 {
 #if PIL_GRIP
-    self->laws[self->request.object].grip = noslip_grip_of_f(&self->input.friction);
+    noslip_believe_at_most_f(&self->laws[self->request.object].earned, &self->laws[self->request.object].grip,
+                               self->input.friction);
     return NOSLIP_OK;
 #else
     (void)self;

@@ -46,7 +46,7 @@
 enum {
     PIL_OP_HELLO,            /* -> pil_hello */
     PIL_OP_LAW_INIT,         /* params, config, gains, options -> */
-    PIL_OP_LAW_STEP,         /* state, reference(, dt, extension) -> tau(, extension rate) */
+    PIL_OP_LAW_STEP,         /* state, reference(, dt, extension) -> tau(, extension rate)(, friction believed) */
     PIL_OP_LAW_EVALUATE,     /* state, reference(, extension) -> evaluation */
     PIL_OP_PATH_SEGMENT,     /* index, segment -> */
     PIL_OP_PATH_INIT,        /* count, options -> fault */
@@ -202,7 +202,7 @@ typedef union {
         noslip_slip_reading_f reading;
         float dt;
     } slip_step;
-    noslip_friction_f friction;
+    float friction; /* the most that may be believed */
     struct {
         noslip_velocity_limits_f limits[NOSLIP_VELOCITIES];
         int32_t count;
@@ -236,6 +236,9 @@ typedef union {
         float tau[sizeof((PIL_LAW() *)0)->limit / sizeof(float)];
 #if PIL_EXTENSION
         float extension_rate[PIL_EXTENSION];
+#endif
+#if PIL_GRIP
+        float believed;
 #endif
     } step;
     PIL_LAW(_evaluation) evaluation;

@@ -23,7 +23,7 @@ static const noslip_field config_fields[] = {
     {offsetof(labmate_follower_config, ki), 4, sizeof(double)},
     {offsetof(labmate_follower_config, limits.limit), 2, sizeof(double)},
     {offsetof(labmate_follower_config, limits.on_error), 2, sizeof(int)},
-    {offsetof(labmate_follower_config, limits.friction.mu), 4, sizeof(double)},
+    {offsetof(labmate_follower_config, limits.friction.mu), 9, sizeof(double)},
     {offsetof(labmate_follower_config, drive), 1, sizeof(int)},
     {offsetof(labmate_follower_config, motors[0].mode), 1, sizeof(int)},
     {offsetof(labmate_follower_config, motors[0].gear), 10, sizeof(double)},
@@ -46,7 +46,7 @@ static const noslip_field tuning_fields[] = {
     {offsetof(labmate_follower_tuning, gains.kp_distance), 3, sizeof(double)},
     {offsetof(labmate_follower_tuning, limits.limit), 2, sizeof(double)},
     {offsetof(labmate_follower_tuning, limits.on_error), 2, sizeof(int)},
-    {offsetof(labmate_follower_tuning, limits.friction.mu), 4, sizeof(double)},
+    {offsetof(labmate_follower_tuning, limits.friction.mu), 9, sizeof(double)},
 };
 
 #define COUNT(fields) (int)(sizeof(fields) / sizeof(fields)[0])
@@ -67,7 +67,7 @@ static void set_layout(noslip_layout *layout, const noslip_field *fields, int co
 
 static void set_config_layout(noslip_layout *layout)
 {
-    set_layout(layout, config_fields, COUNT(config_fields), 0x5cdb6679u);
+    set_layout(layout, config_fields, COUNT(config_fields), 0xcea7af55u);
     layout->row = segment_fields;
     layout->row_count = COUNT(segment_fields);
     layout->row_size = sizeof(noslip_segment);
@@ -75,7 +75,7 @@ static void set_config_layout(noslip_layout *layout)
 
 static void set_tuning_layout(noslip_layout *layout)
 {
-    set_layout(layout, tuning_fields, COUNT(tuning_fields), 0xa00cd4ddu);
+    set_layout(layout, tuning_fields, COUNT(tuning_fields), 0x9cb56abcu);
 }
 
 /* -- images -------------------------------------------------------------------------------------------------------- */

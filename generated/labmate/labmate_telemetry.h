@@ -17,7 +17,7 @@ extern "C" {
 #endif
 
 /* Bytes of the image of a config with `count` segments. */
-#define LABMATE_FOLLOWER_IMAGE(count) (636u + 44u * (uint32_t)(count))
+#define LABMATE_FOLLOWER_IMAGE(count) (676u + 44u * (uint32_t)(count))
 
 /* What update changes, as one struct. */
 typedef struct labmate_follower_tuning {
@@ -26,7 +26,7 @@ typedef struct labmate_follower_tuning {
     labmate_options limits;
 } labmate_follower_tuning;
 
-#define LABMATE_FOLLOWER_TUNING_IMAGE 172u /* bytes of its image */
+#define LABMATE_FOLLOWER_TUNING_IMAGE 212u /* bytes of its image */
 
 /* Writes the image of a config and its segments; `used` receives its bytes. Errors: see noslip_image_save. */
 int labmate_follower_save(const labmate_follower_config *config, uint8_t *image, uint32_t size, uint32_t *used);

@@ -17,7 +17,7 @@ extern "C" {
 #endif
 
 /* Bytes of the image of a config with `count` segments. */
-#define LABMATE_FOLLOWER_IMAGE_F(count) (356u + 24u * (uint32_t)(count))
+#define LABMATE_FOLLOWER_IMAGE_F(count) (376u + 24u * (uint32_t)(count))
 
 /* What update changes, as one struct. */
 typedef struct labmate_follower_tuning_f {
@@ -26,7 +26,7 @@ typedef struct labmate_follower_tuning_f {
     labmate_options_f limits;
 } labmate_follower_tuning_f;
 
-#define LABMATE_FOLLOWER_TUNING_IMAGE_F 104u /* bytes of its image */
+#define LABMATE_FOLLOWER_TUNING_IMAGE_F 124u /* bytes of its image */
 
 /* Writes the image of a config and its segments; `used` receives its bytes. Errors: see noslip_image_save. */
 int labmate_follower_save_f(const labmate_follower_config_f *config, uint8_t *image, uint32_t size, uint32_t *used);

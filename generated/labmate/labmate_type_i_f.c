@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_i_f.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_i_wheels_f_law(const labmate_type_i_f *self, const labmate_state_f *state,
+    const float tau[2], float wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k16 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k16;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k16;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params,
     const labmate_type_i_config_f *config, const labmate_type_i_gains_f *gains, const labmate_options_f *options)
 {
@@ -42,11 +62,8 @@ NOSLIP_SMALL int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_par
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of_f(&options->friction);
-    }
+    noslip_grip_init_f(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
+    self->r = params->r;
     self->L = config->L;
     self->kp_x_l = gains->kp_x_l;
     self->kd_x_l = gains->kd_x_l;
@@ -100,33 +117,34 @@ NOSLIP_SMALL int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_par
     self->k14 = self->k10 - self->k11;
     const float t13 = params->d * params->m_c; /* kg m: d m_c */
     self->k15 = t13 * params->r / t12;
-    self->k16 = self->k1 * t5;
-    self->k17 = -self->k15;
-    self->k18 = -self->k12;
-    self->k19 = t5 * t1;
-    self->k20 = t5 * self->k19;
-    self->k21 = self->k5 - self->k8;
+    self->k16 = params->I_w / t2;
+    self->k17 = self->k1 * t5;
+    self->k18 = -self->k15;
+    self->k19 = -self->k12;
+    self->k20 = t5 * t1;
+    self->k21 = t5 * self->k20;
+    self->k22 = self->k5 - self->k8;
     const float t14 = self->k5 * 2.0f; /* m^2: 2 b^2 */
     if (!(noslip_abs_f(t14) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t15 = t2 / t14; /* r^2/(2 b^2) */
-    const float t16 = self->k16 * self->k16 * 4.0f; /* m^2: r^4/(4 b^2) */
+    const float t16 = self->k17 * self->k17 * 4.0f; /* m^2: r^4/(4 b^2) */
     if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k22 = t15 * (t15 * 1e-10f) * (1.0f / t16);
+    self->k23 = t15 * (t15 * 1e-10f) * (1.0f / t16);
     const float t17 = t5 * t13 - self->k7; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k23 = t5 * (self->k1 * t17);
+    self->k24 = t5 * (self->k1 * t17);
     /* kg m^2: (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(2 r) */
     const float t18 = self->k1 * t13 - self->k6 * t1;
-    self->k24 = t5 * (t5 * t18);
-    const float t19 = noslip_abs_f(self->k21); /* m^2: abs(b^2 - (L + d)^2) */
-    self->regular_margin = self->k8 - noslip_abs_f(self->k22) * (t19 + noslip_abs_f(self->k8)) *
+    self->k25 = t5 * (t5 * t18);
+    const float t19 = noslip_abs_f(self->k22); /* m^2: abs(b^2 - (L + d)^2) */
+    self->regular_margin = self->k8 - noslip_abs_f(self->k23) * (t19 + noslip_abs_f(self->k8)) *
         (noslip_abs_f(self->k5) + t19) * 2.0f;
-    self->k25 = 1.0f / t4 * 2.0f;
-    self->k26 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0f * self->k16;
-    self->k27 = t5 * (t5 * (params->d * params->I_w * params->m_c / t3));
+    self->k26 = 1.0f / t4 * 2.0f;
+    self->k27 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0f * self->k17;
+    self->k28 = t5 * (t5 * (params->d * params->I_w * params->m_c / t3));
     const float t20 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t20) > 0)) {
         return NOSLIP_SINGULAR;
@@ -140,18 +158,27 @@ NOSLIP_SMALL int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_par
     /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float t23 = (t22 + t2 * (self->k5 * (params->m_w * params->m_w)) * 4.0f + t2 * (t8 * params->m_w) * 2.0f) /
         t20 * 2.0f;
-    self->k28 = t23 * self->k16;
-    self->k29 = self->k16 * t17;
+    self->k29 = t23 * self->k17;
+    self->k30 = self->k17 * t17;
     const float t24 = t5 * t5; /* r^2/(4 b^2) */
-    self->k30 = t24 * t18;
-    self->k31 = t24 * t1;
-    self->k32 = self->k4 * self->k16;
+    self->k31 = t24 * t18;
+    self->k32 = t24 * t1;
+    self->k33 = self->k4 * self->k17;
     if (!noslip_is_finite_f(self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 + self->k8 +
         self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 + self->k17 +
-        self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->regular_margin +
-        self->k25 + self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32)) {
+        self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
+        self->regular_margin + self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 +
+        self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const float none[2] = {0, 0};
+        float drive[6];
+        status = labmate_type_i_wheels_f_law(self, NULL, none, drive);
+        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -163,6 +190,7 @@ NOSLIP_SMALL int labmate_type_i_reset_f(labmate_type_i_f *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing_f(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -189,6 +217,8 @@ NOSLIP_SMALL int labmate_type_i_set_limits_f(labmate_type_i_f *self, const float
 NOSLIP_SMALL int labmate_type_i_update_f(labmate_type_i_f *self, const labmate_type_i_f *next)
 {
     float held[2];
+    noslip_wheel_f wheel[2];
+    float mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -197,7 +227,16 @@ NOSLIP_SMALL int labmate_type_i_update_f(labmate_type_i_f *self, const labmate_t
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe_f(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue_f(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue_f(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip_f(held[0], self->limit[0]);
     self->held[1] = noslip_clip_f(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -270,11 +309,11 @@ NOSLIP_SMALL int labmate_type_i_output_f(const labmate_type_i_f *self, const lab
 static int labmate_type_i_rate_f_law(const labmate_type_i_f *self, const labmate_state_f *state, float ydot[2])
 {
     /* k1 (m) = r/2 */
-    /* k19 (m) = r (L + d)/(2 b) */
+    /* k20 (m) = r (L + d)/(2 b) */
     const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = self->k19 * (state->thetadot_r - state->thetadot_l); /* yaw_rate (L + d) */
+    const float t1 = self->k20 * (state->thetadot_r - state->thetadot_l); /* yaw_rate (L + d) */
     ydot[0] = forward_speed * cos_phi - t1 * sin_phi;
     ydot[1] = forward_speed * sin_phi + t1 * cos_phi;
     return NOSLIP_OK;
@@ -307,15 +346,15 @@ NOSLIP_SMALL int labmate_type_i_rate_f(const labmate_type_i_f *self, const labma
 static int labmate_type_i_decoupling_f_law(const labmate_type_i_f *self, const labmate_state_f *state, float Phi[2][2])
 {
     /* k1 (m) = r/2 */
-    /* k19 (m) = r (L + d)/(2 b) */
+    /* k20 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->k1 * cos_phi; /* r cos(phi)/2 */
-    const float t2 = self->k19 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
+    const float t2 = self->k20 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     const float t3 = self->k1 * sin_phi; /* r sin(phi)/2 */
-    const float t4 = self->k19 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
+    const float t4 = self->k20 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
     Phi[1][0] = t3 + t4;
     Phi[1][1] = t3 - t4;
     return NOSLIP_OK;
@@ -351,19 +390,19 @@ NOSLIP_SMALL int labmate_type_i_decoupling_f(const labmate_type_i_f *self, const
 static int labmate_type_i_decoupling_rate_f_law(const labmate_type_i_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
-    /* k16 (m) = r^2/(4 b) */
-    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k17 (m) = r^2/(4 b) */
+    /* k21 (m) = r^2 (L + d)/(4 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = sin_phi * t1; /* 2 b yaw_rate sin(phi)/r */
-    const float t3 = self->k16 * t2; /* r yaw_rate sin(phi)/2 */
+    const float t3 = self->k17 * t2; /* r yaw_rate sin(phi)/2 */
     const float t4 = cos_phi * t1; /* 2 b yaw_rate cos(phi)/r */
-    const float t5 = self->k20 * t4; /* r yaw_rate cos(phi) (L + d)/(2 b) */
+    const float t5 = self->k21 * t4; /* r yaw_rate cos(phi) (L + d)/(2 b) */
     Phidot[0][0] = -(t3 + t5);
     Phidot[0][1] = t5 - t3;
-    const float t6 = self->k16 * t4; /* r yaw_rate cos(phi)/2 */
-    const float t7 = self->k20 * t2; /* r yaw_rate sin(phi) (L + d)/(2 b) */
+    const float t6 = self->k17 * t4; /* r yaw_rate cos(phi)/2 */
+    const float t7 = self->k21 * t2; /* r yaw_rate sin(phi) (L + d)/(2 b) */
     Phidot[1][0] = t6 - t7;
     Phidot[1][1] = t6 + t7;
     return NOSLIP_OK;
@@ -403,23 +442,23 @@ static int labmate_type_i_feedback_f_law(const labmate_type_i_f *self, const lab
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k8 (m^2) = (L + d)^2 */
-    /* k21 (m^2) = b^2 - (L + d)^2 */
-    /* k22 (1/m^2) = 1e-10/b^2 */
-    /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 (m^2) = b^2 - (L + d)^2 */
+    /* k23 (1/m^2) = 1e-10/b^2 */
+    /* k24 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k25 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     /* regular_margin (m^2) of L, b, d, r; positive if Phi is regular at all angles */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = cos_phi * self->k21 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
-    if (!(self->regular_margin > 0) && !(self->k8 > self->k22 * (self->k8 + t1) * (self->k5 - t1))) {
+    const float t1 = cos_phi * self->k22 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
+    if (!(self->regular_margin > 0) && !(self->k8 > self->k23 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     /* part of tau[0], tau[1] */
-    const float t3 = self->k23 * (state->thetadot_r + state->thetadot_l) * t2 + self->k7 * (v[1] * cos_phi - v[0] *
+    const float t3 = self->k24 * (state->thetadot_r + state->thetadot_l) * t2 + self->k7 * (v[1] * cos_phi - v[0] *
         sin_phi);
     const float u_forward_speed = v[0] * cos_phi + v[1] * sin_phi;
-    const float t4 = self->k6 * u_forward_speed - self->k24 * t2 * t2; /* part of tau[0], tau[1] */
+    const float t4 = self->k6 * u_forward_speed - self->k25 * t2 * t2; /* part of tau[0], tau[1] */
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -460,20 +499,20 @@ NOSLIP_HOT int labmate_type_i_ground_f_law(const labmate_type_i_f *self, const l
     /* k10 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k11 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k12 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k25 (1/m) = 1/b */
-    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k27 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k28 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k26 (1/m) = 1/b */
+    /* k27 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k28 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k11 * effort_1 + self->k26 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k11 * effort_1 + self->k27 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k10 * effort_0 - self->k27 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k10 * effort_0 - self->k28 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k12 * effort_1 + self->k28 * t2;
+    const float force_across_0 = self->k12 * effort_1 + self->k29 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k25 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k26 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k9;
     ground[4] = t4 - t3;
@@ -519,19 +558,19 @@ static int labmate_type_i_ground_by_inputs_f_law(const labmate_type_i_f *self, c
     /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k15 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k17 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k18 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k19 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k13;
     ground_by_inputs[0][1] = self->k14;
     ground_by_inputs[1][0] = self->k12;
-    ground_by_inputs[1][1] = self->k18;
+    ground_by_inputs[1][1] = self->k19;
     ground_by_inputs[2][0] = self->k15;
-    ground_by_inputs[2][1] = self->k17;
+    ground_by_inputs[2][1] = self->k18;
     ground_by_inputs[3][0] = self->k14;
     ground_by_inputs[3][1] = self->k13;
     ground_by_inputs[4][0] = self->k12;
-    ground_by_inputs[4][1] = self->k18;
-    ground_by_inputs[5][0] = self->k17;
+    ground_by_inputs[4][1] = self->k19;
+    ground_by_inputs[5][0] = self->k18;
     ground_by_inputs[5][1] = self->k15;
     return NOSLIP_OK;
 }
@@ -584,20 +623,20 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k8 (m^2) = (L + d)^2 */
-    /* k16 (m) = r^2/(4 b) */
-    /* k19 (m) = r (L + d)/(2 b) */
-    /* k20 (m) = r^2 (L + d)/(4 b^2) */
-    /* k21 (m^2) = b^2 - (L + d)^2 */
-    /* k22 (1/m^2) = 1e-10/b^2 */
+    /* k17 (m) = r^2/(4 b) */
+    /* k20 (m) = r (L + d)/(2 b) */
+    /* k21 (m) = r^2 (L + d)/(4 b^2) */
+    /* k22 (m^2) = b^2 - (L + d)^2 */
+    /* k23 (1/m^2) = 1e-10/b^2 */
     /* regular_margin (m^2) of L, b, d, r; positive if Phi is regular at all angles */
-    /* k29 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k30 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k31 (m) = r^2 (L + d)/(4 b^2) */
-    /* k32 = r^2/(4 b (L + d)) */
+    /* k30 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k31 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k32 (m) = r^2 (L + d)/(4 b^2) */
+    /* k33 = r^2/(4 b (L + d)) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = cos_phi * self->k21 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
-    if (!(self->regular_margin > 0) && !(self->k8 > self->k22 * (self->k8 + t1) * (self->k5 - t1))) {
+    const float t1 = cos_phi * self->k22 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
+    if (!(self->regular_margin > 0) && !(self->k8 > self->k23 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
@@ -609,24 +648,24 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     const float t4 = t2 * t3; /* forward_speed cos(phi) */
     const float t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t6 = sin_phi * t5; /* 2 b yaw_rate sin(phi)/r */
-    const float t7 = self->k19 * t6; /* yaw_rate sin(phi) (L + d) */
+    const float t7 = self->k20 * t6; /* yaw_rate sin(phi) (L + d) */
     all->ydot[0] = t4 - t7;
     const float t8 = self->k1 * sin_phi; /* r sin(phi)/2 */
     const float t9 = cos_phi * t5; /* 2 b yaw_rate cos(phi)/r */
-    const float y_l_rate = t8 * t3 + self->k19 * t9;
+    const float y_l_rate = t8 * t3 + self->k20 * t9;
     all->ydot[1] = y_l_rate;
-    const float t10 = self->k19 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
+    const float t10 = self->k20 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
     all->Phi[0][0] = t2 - t10;
     all->Phi[0][1] = t2 + t10;
-    const float t11 = self->k19 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
+    const float t11 = self->k20 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
     all->Phi[1][0] = t8 + t11;
     all->Phi[1][1] = t8 - t11;
-    const float t12 = self->k16 * t6; /* r yaw_rate sin(phi)/2 */
-    const float t13 = self->k20 * t9; /* r yaw_rate cos(phi) (L + d)/(2 b) */
+    const float t12 = self->k17 * t6; /* r yaw_rate sin(phi)/2 */
+    const float t13 = self->k21 * t9; /* r yaw_rate cos(phi) (L + d)/(2 b) */
     all->Phidot[0][0] = -(t12 + t13);
     all->Phidot[0][1] = t13 - t12;
-    const float t14 = self->k16 * t9; /* r yaw_rate cos(phi)/2 */
-    const float t15 = self->k20 * t6; /* r yaw_rate sin(phi) (L + d)/(2 b) */
+    const float t14 = self->k17 * t9; /* r yaw_rate cos(phi)/2 */
+    const float t15 = self->k21 * t6; /* r yaw_rate sin(phi) (L + d)/(2 b) */
     all->Phidot[1][0] = t14 - t15;
     all->Phidot[1][1] = t14 + t15;
     const float v_y_l = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
@@ -636,15 +675,15 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     const float u_forward_speed = sin_phi * v_y_l + cos_phi * v_x_l;
     const float t16 = t5 * t5; /* 4 b^2 yaw_rate^2/r^2 */
     /* (L yaw_rate^2 + d yaw_rate^2 + u_forward_speed)/r */
-    const float t17 = self->k2 * (u_forward_speed + self->k31 * t16);
+    const float t17 = self->k2 * (u_forward_speed + self->k32 * t16);
     const float t18 = t3 * t5; /* 4 b forward_speed yaw_rate/r^2 */
     const float t19 = sin_phi * v_x_l - cos_phi * v_y_l; /* -u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const float t20 = self->k3 * (t18 * self->k32 + self->k4 * t19);
+    const float t20 = self->k3 * (t18 * self->k33 + self->k4 * t19);
     all->u[0] = t17 - t20;
     all->u[1] = t17 + t20;
-    const float t21 = t18 * self->k29 - self->k7 * t19; /* part of all->tau[0], all->tau[1] */
-    const float t22 = self->k6 * u_forward_speed - self->k30 * t16; /* part of all->tau[0], all->tau[1] */
+    const float t21 = t18 * self->k30 - self->k7 * t19; /* part of all->tau[0], all->tau[1] */
+    const float t22 = self->k6 * u_forward_speed - self->k31 * t16; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t21 + t22;
     all->tau[1] = t22 - t21;
     return NOSLIP_OK;
@@ -691,29 +730,29 @@ static int labmate_type_i_step_f_law(const labmate_type_i_f *self, const labmate
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k8 (m^2) = (L + d)^2 */
-    /* k19 (m) = r (L + d)/(2 b) */
-    /* k21 (m^2) = b^2 - (L + d)^2 */
-    /* k22 (1/m^2) = 1e-10/b^2 */
-    /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k20 (m) = r (L + d)/(2 b) */
+    /* k22 (m^2) = b^2 - (L + d)^2 */
+    /* k23 (1/m^2) = 1e-10/b^2 */
+    /* k24 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k25 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     /* regular_margin (m^2) of L, b, d, r; positive if Phi is regular at all angles */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = cos_phi * self->k21 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
-    if (!(self->regular_margin > 0) && !(self->k8 > self->k22 * (self->k8 + t1) * (self->k5 - t1))) {
+    const float t1 = cos_phi * self->k22 * cos_phi; /* cos(phi)^2 (b^2 - (L + d)^2) */
+    if (!(self->regular_margin > 0) && !(self->k8 > self->k23 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float forward_speed = self->k1 * t2;
-    const float t4 = self->k19 * t3; /* yaw_rate (L + d) */
+    const float t4 = self->k20 * t3; /* yaw_rate (L + d) */
     const float v_y_l = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t4 * cos_phi);
     const float v_x_l = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
         self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
-    const float t5 = self->k23 * t2 * t3 + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l); /* part of tau[0], tau[1] */
+    const float t5 = self->k24 * t2 * t3 + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l); /* part of tau[0], tau[1] */
     const float u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const float t6 = self->k6 * u_forward_speed - self->k24 * t3 * t3; /* part of tau[0], tau[1] */
+    const float t6 = self->k6 * u_forward_speed - self->k25 * t3 * t3; /* part of tau[0], tau[1] */
     tau[0] = t5 + t6;
     tau[1] = t6 - t5;
     return NOSLIP_OK;
@@ -734,6 +773,7 @@ static NOSLIP_BESIDE int labmate_type_i_step_f_refused(labmate_type_i_f *self, c
         const int admitted = labmate_type_i_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing_f(&self->earned);
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -745,7 +785,7 @@ static NOSLIP_COLD int labmate_type_i_step_f_limited(labmate_type_i_f *self, con
     int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) && noslip_is_finite_f(state->theta_r) &&
         noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float work[6];
         status = labmate_type_i_ground_f_law(self, state, made, ground);
@@ -754,6 +794,12 @@ static NOSLIP_COLD int labmate_type_i_step_f_limited(labmate_type_i_f *self, con
             status = noslip_keep_grip_f(made, NULL, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_i_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_i_wheels_f_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect_f(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -764,10 +810,21 @@ static NOSLIP_BESIDE int labmate_type_i_step_f_with_grip(labmate_type_i_f *self,
     float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const float rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_i_ground_f_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            float drive[6];
+            if (labmate_type_i_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

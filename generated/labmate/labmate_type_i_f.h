@@ -57,7 +57,11 @@ typedef struct labmate_type_i_f {
     noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT or NOSLIP_GRIP */
     noslip_grip_f grip;       /* of the floor, with NOSLIP_GRIP */
+    noslip_earned_f earned;   /* what is believed of it */
+    noslip_wheel_f wheel[2];  /* what shows it */
+    float ground[8];          /* at the last step */
     int ready;                /* set by init */
+    float r;                  /* m */
     float L;                  /* m */
     float kp_x_l;             /* 1/s^2 */
     float kd_x_l;             /* 1/s */
@@ -79,24 +83,25 @@ typedef struct labmate_type_i_f {
     float k13;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k14;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k15;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k16;                /* m: r^2/(4 b) */
-    float k17;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k18;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k19;                /* m: r (L + d)/(2 b) */
-    float k20;                /* m: r^2 (L + d)/(4 b^2) */
-    float k21;                /* m^2: b^2 - (L + d)^2 */
-    float k22;                /* 1/m^2: 1e-10/b^2 */
-    float k23;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k24;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k16;                /* kg: I_w/r^2 */
+    float k17;                /* m: r^2/(4 b) */
+    float k18;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k19;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k20;                /* m: r (L + d)/(2 b) */
+    float k21;                /* m: r^2 (L + d)/(4 b^2) */
+    float k22;                /* m^2: b^2 - (L + d)^2 */
+    float k23;                /* 1/m^2: 1e-10/b^2 */
+    float k24;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k25;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float regular_margin;     /* m^2: of L, b, d, r; positive if Phi is regular at all angles */
-    float k25;                /* 1/m: 1/b */
-    float k26;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k27;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k28;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k29;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k30;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    float k31;                /* m: r^2 (L + d)/(4 b^2) */
-    float k32;                /* r^2/(4 b (L + d)) */
+    float k26;                /* 1/m: 1/b */
+    float k27;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k28;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k29;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k30;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k31;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k32;                /* m: r^2 (L + d)/(4 b^2) */
+    float k33;                /* r^2/(4 b (L + d)) */
 } labmate_type_i_f;
 
 /*
@@ -121,7 +126,7 @@ int labmate_type_i_set_limits_f(labmate_type_i_f *self, const float limit[2]);
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_i_update_f(labmate_type_i_f *self, const labmate_type_i_f *next);
 

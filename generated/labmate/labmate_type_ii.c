@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_ii.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_ii_wheels_law(const labmate_type_ii *self, const labmate_state *state, const double tau[2],
+    double wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k15 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k15;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k15;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params,
     const labmate_type_ii_config *config, const labmate_type_ii_gains *gains, const labmate_options *options)
 {
@@ -42,11 +62,8 @@ NOSLIP_SMALL int labmate_type_ii_init(labmate_type_ii *self, const labmate_param
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of(&options->friction);
-    }
+    noslip_grip_init(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
+    self->r = params->r;
     self->L = config->L;
     self->kp_x_l = gains->kp_x_l;
     self->kd_x_l = gains->kd_x_l;
@@ -96,28 +113,29 @@ NOSLIP_SMALL int labmate_type_ii_init(labmate_type_ii *self, const labmate_param
     self->k13 = self->k9 - self->k10;
     const double t12 = params->d * params->m_c; /* kg m: d m_c */
     self->k14 = t12 * params->r / t11;
+    self->k15 = params->I_w / t2;
     self->Phi_22 = -self->Phi_21;
-    self->k15 = self->k1 * self->Phi_21;
-    self->k16 = -self->k14;
-    self->k17 = -self->k11;
-    self->k18 = self->Phi_21 * self->k4;
-    self->k19 = self->Phi_21 * self->k18;
-    self->k20 = t4 - self->k7;
+    self->k16 = self->k1 * self->Phi_21;
+    self->k17 = -self->k14;
+    self->k18 = -self->k11;
+    self->k19 = self->Phi_21 * self->k4;
+    self->k20 = self->Phi_21 * self->k19;
+    self->k21 = t4 - self->k7;
     const double t13 = t4 * 2.0; /* m^2: 2 b^2 */
     if (!(noslip_abs(t13) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t14 = t2 / t13; /* r^2/(2 b^2) */
-    const double t15 = self->k15 * self->k15 * 4.0; /* m^2: r^4/(4 b^2) */
+    const double t15 = self->k16 * self->k16 * 4.0; /* m^2: r^4/(4 b^2) */
     if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k21 = t14 * (t14 * 1e-10) * (1.0 / t15);
-    self->k22 = self->Phi_21 * (self->k1 * (self->Phi_21 * t12));
-    self->k23 = self->Phi_21 * (self->Phi_21 * (self->k1 * t12));
-    self->k24 = 1.0 / t1 * 2.0;
-    self->k25 = params->b * params->I_w * params->d * params->m_c / t11 * 2.0 * self->k15;
-    self->k26 = self->Phi_21 * (self->Phi_21 * (params->d * params->I_w * params->m_c / t3));
+    self->k22 = t14 * (t14 * 1e-10) * (1.0 / t15);
+    self->k23 = self->Phi_21 * (self->k1 * (self->Phi_21 * t12));
+    self->k24 = self->Phi_21 * (self->Phi_21 * (self->k1 * t12));
+    self->k25 = 1.0 / t1 * 2.0;
+    self->k26 = params->b * params->I_w * params->d * params->m_c / t11 * 2.0 * self->k16;
+    self->k27 = self->Phi_21 * (self->Phi_21 * (params->d * params->I_w * params->m_c / t3));
     const double t16 = t8 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
@@ -128,16 +146,24 @@ NOSLIP_SMALL int labmate_type_ii_init(labmate_type_ii *self, const labmate_param
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
     const double t18 = t17 + t2 * (params->m_w * params->I_m) * 4.0 + t5 * params->m_c * 2.0 + t5 * params->m_w * 4.0 +
         t2 * (t4 * params->m_c * params->m_w) * 2.0;
-    self->k27 = (t18 + t2 * (t4 * (params->m_w * params->m_w)) * 4.0 + t2 * (t7 * params->m_w) * 2.0) / t16 * 2.0 *
-        self->k15;
-    self->k28 = self->k1 * gains->kd_x_l;
-    self->k29 = self->k1 * (self->k5 * gains->kd_x_l);
+    self->k28 = (t18 + t2 * (t4 * (params->m_w * params->m_w)) * 4.0 + t2 * (t7 * params->m_w) * 2.0) / t16 * 2.0 *
+        self->k16;
+    self->k29 = self->k1 * gains->kd_x_l;
+    self->k30 = self->k1 * (self->k5 * gains->kd_x_l);
     if (!noslip_is_finite(self->k1 + self->Phi_21 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
-        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->Phi_22 + self->k15 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->Phi_22 +
         self->k16 + self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 +
-        self->k25 + self->k26 + self->k27 + self->k28 + self->k29)) {
+        self->k25 + self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const double none[2] = {0, 0};
+        double drive[6];
+        status = labmate_type_ii_wheels_law(self, NULL, none, drive);
+        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -149,6 +175,7 @@ NOSLIP_SMALL int labmate_type_ii_reset(labmate_type_ii *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -175,6 +202,8 @@ NOSLIP_SMALL int labmate_type_ii_set_limits(labmate_type_ii *self, const double 
 NOSLIP_SMALL int labmate_type_ii_update(labmate_type_ii *self, const labmate_type_ii *next)
 {
     double held[2];
+    noslip_wheel wheel[2];
+    double mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -183,7 +212,16 @@ NOSLIP_SMALL int labmate_type_ii_update(labmate_type_ii *self, const labmate_typ
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -257,11 +295,11 @@ static int labmate_type_ii_rate_law(const labmate_type_ii *self, const labmate_s
 {
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
-    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    ydot[0] = self->k1 * cos_phi * (state->thetadot_r + state->thetadot_l) - self->k18 * sin_phi * t1;
+    ydot[0] = self->k1 * cos_phi * (state->thetadot_r + state->thetadot_l) - self->k19 * sin_phi * t1;
     ydot[1] = self->Phi_21 * t1;
     return NOSLIP_OK;
 }
@@ -295,11 +333,11 @@ static int labmate_type_ii_decoupling_law(const labmate_type_ii *self, const lab
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
     /* Phi_22 = -r/(2 b) */
-    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->k1 * cos_phi; /* r cos(phi)/2 */
-    const double t2 = self->k18 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
+    const double t2 = self->k19 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     Phi[1][0] = self->Phi_21;
@@ -336,13 +374,13 @@ NOSLIP_SMALL int labmate_type_ii_decoupling(const labmate_type_ii *self, const l
 static int labmate_type_ii_decoupling_rate_law(const labmate_type_ii *self, const labmate_state *state,
     double Phidot[2][2])
 {
-    /* k15 (m) = r^2/(4 b) */
-    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k16 (m) = r^2/(4 b) */
+    /* k20 (m) = r^2 (L + d)/(4 b^2) */
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t2 = self->k15 * sin_phi; /* r^2 sin(phi)/(4 b) */
-    const double t3 = self->k19 * cos_phi; /* r^2 cos(phi) (L + d)/(4 b^2) */
+    const double t2 = self->k16 * sin_phi; /* r^2 sin(phi)/(4 b) */
+    const double t3 = self->k20 * cos_phi; /* r^2 cos(phi) (L + d)/(4 b^2) */
     Phidot[0][0] = -(t1 * (t2 + t3));
     Phidot[0][1] = -(t1 * (t2 - t3));
     Phidot[1][0] = 0.0;
@@ -386,25 +424,25 @@ static int labmate_type_ii_feedback_law(const labmate_type_ii *self, const labma
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* k7 (m^2) = (L + d)^2 */
-    /* k18 (m) = r (L + d)/(2 b) */
-    /* k20 (m^2) = b^2 - (L + d)^2 */
-    /* k21 (1/m^2) = 1e-10/b^2 */
-    /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k19 (m) = r (L + d)/(2 b) */
+    /* k21 (m^2) = b^2 - (L + d)^2 */
+    /* k22 (1/m^2) = 1e-10/b^2 */
     /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k24 (kg m^2) = d m_c r^3/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi; /* cos(phi)^2 */
-    if (!(t1 > self->k21 * (self->k7 + t1 * self->k20))) {
+    if (!(t1 > self->k22 * (self->k7 + t1 * self->k21))) {
         return NOSLIP_SINGULAR;
     }
     const double t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t4 = self->k6 * v[1] + self->k22 * t2 * t3; /* part of tau[0], tau[1] */
+    const double t4 = self->k6 * v[1] + self->k23 * t2 * t3; /* part of tau[0], tau[1] */
     const double yaw_rate = self->Phi_21 * t3;
-    const double y_l_rate = self->k18 * cos_phi * t3 + self->k1 * sin_phi * t2;
+    const double y_l_rate = self->k19 * cos_phi * t3 + self->k1 * sin_phi * t2;
     const double v_less_drift_0 = v[0] + yaw_rate * y_l_rate;
     /* part of tau[0], tau[1] */
-    const double t5 = self->k5 * (v_less_drift_0 + v[1] * self->k4 * sin_phi) / cos_phi - self->k23 * t3 * t3;
+    const double t5 = self->k5 * (v_less_drift_0 + v[1] * self->k4 * sin_phi) / cos_phi - self->k24 * t3 * t3;
     tau[0] = t4 + t5;
     tau[1] = t5 - t4;
     return NOSLIP_OK;
@@ -445,20 +483,20 @@ NOSLIP_HOT int labmate_type_ii_ground_law(const labmate_type_ii *self, const lab
     /* k9 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k24 (1/m) = 1/b */
-    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k26 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k27 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k25 (1/m) = 1/b */
+    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k27 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k28 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k10 * effort_1 + self->k25 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k10 * effort_1 + self->k26 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k9 * effort_0 - self->k26 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k9 * effort_0 - self->k27 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k11 * effort_1 + self->k27 * t2;
+    const double force_across_0 = self->k11 * effort_1 + self->k28 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k24 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k25 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k8;
     ground[4] = t4 - t3;
@@ -504,19 +542,19 @@ static int labmate_type_ii_ground_by_inputs_law(const labmate_type_ii *self, con
     /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k14 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k16 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k17 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k12;
     ground_by_inputs[0][1] = self->k13;
     ground_by_inputs[1][0] = self->k11;
-    ground_by_inputs[1][1] = self->k17;
+    ground_by_inputs[1][1] = self->k18;
     ground_by_inputs[2][0] = self->k14;
-    ground_by_inputs[2][1] = self->k16;
+    ground_by_inputs[2][1] = self->k17;
     ground_by_inputs[3][0] = self->k13;
     ground_by_inputs[3][1] = self->k12;
     ground_by_inputs[4][0] = self->k11;
-    ground_by_inputs[4][1] = self->k17;
-    ground_by_inputs[5][0] = self->k16;
+    ground_by_inputs[4][1] = self->k18;
+    ground_by_inputs[5][0] = self->k17;
     ground_by_inputs[5][1] = self->k14;
     return NOSLIP_OK;
 }
@@ -570,19 +608,19 @@ static int labmate_type_ii_evaluate_law(const labmate_type_ii *self, const labma
     /* k6 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* k7 (m^2) = (L + d)^2 */
     /* Phi_22 = -r/(2 b) */
-    /* k15 (m) = r^2/(4 b) */
-    /* k18 (m) = r (L + d)/(2 b) */
-    /* k19 (m) = r^2 (L + d)/(4 b^2) */
-    /* k20 (m^2) = b^2 - (L + d)^2 */
-    /* k21 (1/m^2) = 1e-10/b^2 */
-    /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k16 (m) = r^2/(4 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
+    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k21 (m^2) = b^2 - (L + d)^2 */
+    /* k22 (1/m^2) = 1e-10/b^2 */
     /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k28 (m/s) = kd_x_l r/2 */
-    /* k29 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k24 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k29 (m/s) = kd_x_l r/2 */
+    /* k30 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi; /* cos(phi)^2 */
-    if (!(t1 > self->k21 * (self->k7 + t1 * self->k20))) {
+    if (!(t1 > self->k22 * (self->k7 + t1 * self->k21))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
@@ -592,18 +630,18 @@ static int labmate_type_ii_evaluate_law(const labmate_type_ii *self, const labma
     const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double t4 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t5 = sin_phi * t4; /* 2 b yaw_rate sin(phi)/r */
-    const double t6 = self->k18 * t5; /* yaw_rate sin(phi) (L + d) */
+    const double t6 = self->k19 * t5; /* yaw_rate sin(phi) (L + d) */
     all->ydot[0] = t2 * t3 - t6;
     const double yaw_rate = self->Phi_21 * t4;
     all->ydot[1] = yaw_rate;
-    const double t7 = self->k18 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
+    const double t7 = self->k19 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
     all->Phi[0][0] = t2 - t7;
     all->Phi[0][1] = t2 + t7;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_22;
-    const double t8 = self->k15 * t5; /* r yaw_rate sin(phi)/2 */
+    const double t8 = self->k16 * t5; /* r yaw_rate sin(phi)/2 */
     const double t9 = cos_phi * t4; /* 2 b yaw_rate cos(phi)/r */
-    const double t10 = self->k19 * t9; /* r yaw_rate cos(phi) (L + d)/(2 b) */
+    const double t10 = self->k20 * t9; /* r yaw_rate cos(phi) (L + d)/(2 b) */
     all->Phidot[0][0] = -(t8 + t10);
     all->Phidot[0][1] = t10 - t8;
     all->Phidot[1][0] = 0.0;
@@ -614,15 +652,15 @@ static int labmate_type_ii_evaluate_law(const labmate_type_ii *self, const labma
     /* v_x_l */
     const double t12 = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
         (reference->x_l_rate + t6);
-    const double y_l_rate = self->k1 * sin_phi * t3 + self->k18 * t9;
+    const double y_l_rate = self->k1 * sin_phi * t3 + self->k19 * t9;
     const double v_less_drift_0 = t12 + yaw_rate * y_l_rate;
     const double u_forward_speed = (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi;
-    const double t13 = self->k2 * (self->k28 * t3 - u_forward_speed); /* (forward_speed kd_x_l - u_forward_speed)/r */
+    const double t13 = self->k2 * (self->k29 * t3 - u_forward_speed); /* (forward_speed kd_x_l - u_forward_speed)/r */
     all->u[0] = t11 - t13;
     all->u[1] = -(t11 + t13);
-    const double t14 = self->k22 * t3 * t4 + self->k6 * v_heading; /* part of all->tau[0], all->tau[1] */
+    const double t14 = self->k23 * t3 * t4 + self->k6 * v_heading; /* part of all->tau[0], all->tau[1] */
     /* part of all->tau[0], all->tau[1] */
-    const double t15 = self->k23 * t4 * t4 - self->k5 * u_forward_speed + self->k29 * t3;
+    const double t15 = self->k24 * t4 * t4 - self->k5 * u_forward_speed + self->k30 * t3;
     all->tau[0] = t14 - t15;
     all->tau[1] = -(t14 + t15);
     return NOSLIP_OK;
@@ -670,16 +708,16 @@ static int labmate_type_ii_step_law(const labmate_type_ii *self, const labmate_s
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* k7 (m^2) = (L + d)^2 */
-    /* k18 (m) = r (L + d)/(2 b) */
-    /* k20 (m^2) = b^2 - (L + d)^2 */
-    /* k21 (1/m^2) = 1e-10/b^2 */
-    /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k19 (m) = r (L + d)/(2 b) */
+    /* k21 (m^2) = b^2 - (L + d)^2 */
+    /* k22 (1/m^2) = 1e-10/b^2 */
     /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k29 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k24 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k30 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi; /* cos(phi)^2 */
-    if (!(t1 > self->k21 * (self->k7 + t1 * self->k20))) {
+    if (!(t1 > self->k22 * (self->k7 + t1 * self->k21))) {
         return NOSLIP_SINGULAR;
     }
     const double t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -687,16 +725,16 @@ static int labmate_type_ii_step_law(const labmate_type_ii *self, const labmate_s
     const double yaw_rate = self->Phi_21 * t3;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t4 = self->k22 * t2 * t3 + self->k6 * v_heading; /* part of tau[0], tau[1] */
-    const double t5 = self->k18 * t3; /* yaw_rate (L + d) */
+    const double t4 = self->k23 * t2 * t3 + self->k6 * v_heading; /* part of tau[0], tau[1] */
+    const double t5 = self->k19 * t3; /* yaw_rate (L + d) */
     /* v_x_l */
     const double t6 = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
         self->kd_x_l * (reference->x_l_rate + t5 * sin_phi);
     const double y_l_rate = self->k1 * sin_phi * t2 + t5 * cos_phi;
     const double v_less_drift_0 = t6 + yaw_rate * y_l_rate;
     /* part of tau[0], tau[1] */
-    const double t7 = self->k5 * (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi - (self->k23 * t3 * t3 +
-        self->k29 * t2);
+    const double t7 = self->k5 * (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi - (self->k24 * t3 * t3 +
+        self->k30 * t2);
     tau[0] = t4 + t7;
     tau[1] = t7 - t4;
     return NOSLIP_OK;
@@ -717,6 +755,7 @@ static NOSLIP_BESIDE int labmate_type_ii_step_refused(labmate_type_ii *self, con
         const int admitted = labmate_type_ii_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing(&self->earned);
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -728,7 +767,7 @@ static NOSLIP_COLD int labmate_type_ii_step_limited(labmate_type_ii *self, const
     int status = noslip_is_finite(made_0) && noslip_is_finite(made_1) && noslip_is_finite(state->y_c) &&
         noslip_is_finite(state->theta_r) && noslip_is_finite(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double work[6];
         status = labmate_type_ii_ground_law(self, state, made, ground);
@@ -737,6 +776,12 @@ static NOSLIP_COLD int labmate_type_ii_step_limited(labmate_type_ii *self, const
             status = noslip_keep_grip(made, NULL, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_ii_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_ii_wheels_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -747,10 +792,21 @@ static NOSLIP_BESIDE int labmate_type_ii_step_with_grip(labmate_type_ii *self, c
     double tau[2], double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const double rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->y_c + state->theta_r + state->theta_l) && labmate_type_ii_ground_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds(ground, &self->grip) && noslip_holds(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            double drive[6];
+            if (labmate_type_ii_wheels_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

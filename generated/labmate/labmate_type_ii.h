@@ -57,7 +57,11 @@ typedef struct labmate_type_ii {
     noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT or NOSLIP_GRIP */
     noslip_grip grip;         /* of the floor, with NOSLIP_GRIP */
+    noslip_earned earned;     /* what is believed of it */
+    noslip_wheel wheel[2];    /* what shows it */
+    double ground[8];         /* at the last step */
     int ready;                /* set by init */
+    double r;                 /* m */
     double L;                 /* m */
     double kp_x_l;            /* 1/s^2 */
     double kd_x_l;            /* 1/s */
@@ -78,22 +82,23 @@ typedef struct labmate_type_ii {
     double k12;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k13;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k14;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k15;               /* kg: I_w/r^2 */
     double Phi_22;            /* -r/(2 b) */
-    double k15;               /* m: r^2/(4 b) */
-    double k16;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k17;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k18;               /* m: r (L + d)/(2 b) */
-    double k19;               /* m: r^2 (L + d)/(4 b^2) */
-    double k20;               /* m^2: b^2 - (L + d)^2 */
-    double k21;               /* 1/m^2: 1e-10/b^2 */
-    double k22;               /* kg m^2: d m_c r^3/(8 b^2) */
+    double k16;               /* m: r^2/(4 b) */
+    double k17;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k18;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k19;               /* m: r (L + d)/(2 b) */
+    double k20;               /* m: r^2 (L + d)/(4 b^2) */
+    double k21;               /* m^2: b^2 - (L + d)^2 */
+    double k22;               /* 1/m^2: 1e-10/b^2 */
     double k23;               /* kg m^2: d m_c r^3/(8 b^2) */
-    double k24;               /* 1/m: 1/b */
-    double k25;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k26;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k27;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k28;               /* m/s: kd_x_l r/2 */
-    double k29;               /* kg m^2/s: kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    double k24;               /* kg m^2: d m_c r^3/(8 b^2) */
+    double k25;               /* 1/m: 1/b */
+    double k26;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k27;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k28;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k29;               /* m/s: kd_x_l r/2 */
+    double k30;               /* kg m^2/s: kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
 } labmate_type_ii;
 
 /*
@@ -118,7 +123,7 @@ int labmate_type_ii_set_limits(labmate_type_ii *self, const double limit[2]);
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_ii_update(labmate_type_ii *self, const labmate_type_ii *next);
 

@@ -57,7 +57,11 @@ typedef struct labmate_type_ii_f {
     noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT or NOSLIP_GRIP */
     noslip_grip_f grip;       /* of the floor, with NOSLIP_GRIP */
+    noslip_earned_f earned;   /* what is believed of it */
+    noslip_wheel_f wheel[2];  /* what shows it */
+    float ground[8];          /* at the last step */
     int ready;                /* set by init */
+    float r;                  /* m */
     float L;                  /* m */
     float kp_x_l;             /* 1/s^2 */
     float kd_x_l;             /* 1/s */
@@ -78,22 +82,23 @@ typedef struct labmate_type_ii_f {
     float k12;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k13;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k14;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k15;                /* kg: I_w/r^2 */
     float Phi_22;             /* -r/(2 b) */
-    float k15;                /* m: r^2/(4 b) */
-    float k16;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k17;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k18;                /* m: r (L + d)/(2 b) */
-    float k19;                /* m: r^2 (L + d)/(4 b^2) */
-    float k20;                /* m^2: b^2 - (L + d)^2 */
-    float k21;                /* 1/m^2: 1e-10/b^2 */
-    float k22;                /* kg m^2: d m_c r^3/(8 b^2) */
+    float k16;                /* m: r^2/(4 b) */
+    float k17;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k18;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k19;                /* m: r (L + d)/(2 b) */
+    float k20;                /* m: r^2 (L + d)/(4 b^2) */
+    float k21;                /* m^2: b^2 - (L + d)^2 */
+    float k22;                /* 1/m^2: 1e-10/b^2 */
     float k23;                /* kg m^2: d m_c r^3/(8 b^2) */
-    float k24;                /* 1/m: 1/b */
-    float k25;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k26;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k27;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k28;                /* m/s: kd_x_l r/2 */
-    float k29;                /* kg m^2/s: kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    float k24;                /* kg m^2: d m_c r^3/(8 b^2) */
+    float k25;                /* 1/m: 1/b */
+    float k26;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k27;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k28;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k29;                /* m/s: kd_x_l r/2 */
+    float k30;                /* kg m^2/s: kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
 } labmate_type_ii_f;
 
 /*
@@ -118,7 +123,7 @@ int labmate_type_ii_set_limits_f(labmate_type_ii_f *self, const float limit[2]);
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_ii_update_f(labmate_type_ii_f *self, const labmate_type_ii_f *next);
 

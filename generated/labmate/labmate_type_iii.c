@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iii.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iii_wheels_law(const labmate_type_iii *self, const labmate_state *state,
+    const double tau[2], double wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k15 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k15;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k15;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params,
     const labmate_type_iii_config *config, const labmate_type_iii_gains *gains, const labmate_options *options)
 {
@@ -42,11 +62,8 @@ NOSLIP_SMALL int labmate_type_iii_init(labmate_type_iii *self, const labmate_par
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of(&options->friction);
-    }
+    noslip_grip_init(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
+    self->r = params->r;
     self->L = config->L;
     self->kp_y_l = gains->kp_y_l;
     self->kd_y_l = gains->kd_y_l;
@@ -95,28 +112,29 @@ NOSLIP_SMALL int labmate_type_iii_init(labmate_type_iii *self, const labmate_par
     self->k13 = self->k9 - self->k10;
     const double t11 = params->d * params->m_c; /* kg m: d m_c */
     self->k14 = t11 * params->r / t10;
+    self->k15 = params->I_w / t2;
     self->Phi_22 = -self->Phi_21;
-    self->k15 = self->k1 * self->Phi_21;
-    self->k16 = -self->k14;
-    self->k17 = -self->k11;
-    self->k18 = self->Phi_21 * self->k4;
-    self->k19 = self->Phi_21 * self->k18;
-    self->k20 = self->k5 - self->k4 * self->k4;
+    self->k16 = self->k1 * self->Phi_21;
+    self->k17 = -self->k14;
+    self->k18 = -self->k11;
+    self->k19 = self->Phi_21 * self->k4;
+    self->k20 = self->Phi_21 * self->k19;
+    self->k21 = self->k5 - self->k4 * self->k4;
     const double t12 = self->k5 * 2.0; /* m^2: 2 b^2 */
     if (!(noslip_abs(t12) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t13 = t2 / t12; /* r^2/(2 b^2) */
-    const double t14 = self->k15 * self->k15 * 4.0; /* m^2: r^4/(4 b^2) */
+    const double t14 = self->k16 * self->k16 * 4.0; /* m^2: r^4/(4 b^2) */
     if (!(noslip_abs(t14) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k21 = t13 * (t13 * 1e-10) * (1.0 / t14);
-    self->k22 = self->Phi_21 * (self->k1 * (self->Phi_21 * t11));
-    self->k23 = self->Phi_21 * (self->Phi_21 * (self->k1 * t11));
-    self->k24 = 1.0 / t1 * 2.0;
-    self->k25 = params->b * params->I_w * params->d * params->m_c / t10 * 2.0 * self->k15;
-    self->k26 = self->Phi_21 * (self->Phi_21 * (params->d * params->I_w * params->m_c / t3));
+    self->k22 = t13 * (t13 * 1e-10) * (1.0 / t14);
+    self->k23 = self->Phi_21 * (self->k1 * (self->Phi_21 * t11));
+    self->k24 = self->Phi_21 * (self->Phi_21 * (self->k1 * t11));
+    self->k25 = 1.0 / t1 * 2.0;
+    self->k26 = params->b * params->I_w * params->d * params->m_c / t10 * 2.0 * self->k16;
+    self->k27 = self->Phi_21 * (self->Phi_21 * (params->d * params->I_w * params->m_c / t3));
     const double t15 = t7 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
@@ -130,15 +148,23 @@ NOSLIP_SMALL int labmate_type_iii_init(labmate_type_iii *self, const labmate_par
     /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double t18 = (t17 + t2 * (self->k5 * (params->m_w * params->m_w)) * 4.0 + t2 * (t6 * params->m_w) * 2.0) /
         t15 * 2.0;
-    self->k27 = t18 * self->k15;
-    self->k28 = self->k1 * gains->kd_y_l;
-    self->k29 = self->k1 * (self->k6 * gains->kd_y_l);
+    self->k28 = t18 * self->k16;
+    self->k29 = self->k1 * gains->kd_y_l;
+    self->k30 = self->k1 * (self->k6 * gains->kd_y_l);
     if (!noslip_is_finite(self->k1 + self->Phi_21 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
-        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->Phi_22 + self->k15 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->Phi_22 +
         self->k16 + self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 +
-        self->k25 + self->k26 + self->k27 + self->k28 + self->k29)) {
+        self->k25 + self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const double none[2] = {0, 0};
+        double drive[6];
+        status = labmate_type_iii_wheels_law(self, NULL, none, drive);
+        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -150,6 +176,7 @@ NOSLIP_SMALL int labmate_type_iii_reset(labmate_type_iii *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -176,6 +203,8 @@ NOSLIP_SMALL int labmate_type_iii_set_limits(labmate_type_iii *self, const doubl
 NOSLIP_SMALL int labmate_type_iii_update(labmate_type_iii *self, const labmate_type_iii *next)
 {
     double held[2];
+    noslip_wheel wheel[2];
+    double mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -184,7 +213,16 @@ NOSLIP_SMALL int labmate_type_iii_update(labmate_type_iii *self, const labmate_t
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -258,11 +296,11 @@ static int labmate_type_iii_rate_law(const labmate_type_iii *self, const labmate
 {
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
-    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    ydot[0] = self->k1 * sin_phi * (state->thetadot_r + state->thetadot_l) + self->k18 * cos_phi * t1;
+    ydot[0] = self->k1 * sin_phi * (state->thetadot_r + state->thetadot_l) + self->k19 * cos_phi * t1;
     ydot[1] = self->Phi_21 * t1;
     return NOSLIP_OK;
 }
@@ -296,11 +334,11 @@ static int labmate_type_iii_decoupling_law(const labmate_type_iii *self, const l
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
     /* Phi_22 = -r/(2 b) */
-    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->k1 * sin_phi; /* r sin(phi)/2 */
-    const double t2 = self->k18 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
+    const double t2 = self->k19 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
     Phi[0][0] = t1 + t2;
     Phi[0][1] = t1 - t2;
     Phi[1][0] = self->Phi_21;
@@ -337,13 +375,13 @@ NOSLIP_SMALL int labmate_type_iii_decoupling(const labmate_type_iii *self, const
 static int labmate_type_iii_decoupling_rate_law(const labmate_type_iii *self, const labmate_state *state,
     double Phidot[2][2])
 {
-    /* k15 (m) = r^2/(4 b) */
-    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k16 (m) = r^2/(4 b) */
+    /* k20 (m) = r^2 (L + d)/(4 b^2) */
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t2 = self->k15 * cos_phi; /* r^2 cos(phi)/(4 b) */
-    const double t3 = self->k19 * sin_phi; /* r^2 sin(phi) (L + d)/(4 b^2) */
+    const double t2 = self->k16 * cos_phi; /* r^2 cos(phi)/(4 b) */
+    const double t3 = self->k20 * sin_phi; /* r^2 sin(phi) (L + d)/(4 b^2) */
     Phidot[0][0] = t1 * (t2 - t3);
     Phidot[0][1] = t1 * (t2 + t3);
     Phidot[1][0] = 0.0;
@@ -387,23 +425,23 @@ static int labmate_type_iii_feedback_law(const labmate_type_iii *self, const lab
     /* k5 (m^2) = b^2 */
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
-    /* k18 (m) = r (L + d)/(2 b) */
-    /* k20 (m^2) = b^2 - (L + d)^2 */
-    /* k21 (1/m^2) = 1e-10/b^2 */
-    /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k19 (m) = r (L + d)/(2 b) */
+    /* k21 (m^2) = b^2 - (L + d)^2 */
+    /* k22 (1/m^2) = 1e-10/b^2 */
     /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k24 (kg m^2) = d m_c r^3/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k21 * (self->k5 - cos_phi * self->k20 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k22 * (self->k5 - cos_phi * self->k21 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t3 = self->k7 * v[1] + self->k22 * t1 * t2; /* part of tau[0], tau[1] */
+    const double t3 = self->k7 * v[1] + self->k23 * t1 * t2; /* part of tau[0], tau[1] */
     const double yaw_rate = self->Phi_21 * t2;
-    const double v_less_drift_0 = v[0] + yaw_rate * (self->k18 * sin_phi * t2 - self->k1 * cos_phi * t1);
+    const double v_less_drift_0 = v[0] + yaw_rate * (self->k19 * sin_phi * t2 - self->k1 * cos_phi * t1);
     /* part of tau[0], tau[1] */
-    const double t4 = self->k6 * (v_less_drift_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k23 * t2 * t2;
+    const double t4 = self->k6 * (v_less_drift_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k24 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -444,20 +482,20 @@ NOSLIP_HOT int labmate_type_iii_ground_law(const labmate_type_iii *self, const l
     /* k9 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k24 (1/m) = 1/b */
-    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k26 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k27 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k25 (1/m) = 1/b */
+    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k27 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k28 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k10 * effort_1 + self->k25 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k10 * effort_1 + self->k26 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k9 * effort_0 - self->k26 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k9 * effort_0 - self->k27 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k11 * effort_1 + self->k27 * t2;
+    const double force_across_0 = self->k11 * effort_1 + self->k28 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k24 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k25 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k8;
     ground[4] = t4 - t3;
@@ -503,19 +541,19 @@ static int labmate_type_iii_ground_by_inputs_law(const labmate_type_iii *self, c
     /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k14 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k16 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k17 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k12;
     ground_by_inputs[0][1] = self->k13;
     ground_by_inputs[1][0] = self->k11;
-    ground_by_inputs[1][1] = self->k17;
+    ground_by_inputs[1][1] = self->k18;
     ground_by_inputs[2][0] = self->k14;
-    ground_by_inputs[2][1] = self->k16;
+    ground_by_inputs[2][1] = self->k17;
     ground_by_inputs[3][0] = self->k13;
     ground_by_inputs[3][1] = self->k12;
     ground_by_inputs[4][0] = self->k11;
-    ground_by_inputs[4][1] = self->k17;
-    ground_by_inputs[5][0] = self->k16;
+    ground_by_inputs[4][1] = self->k18;
+    ground_by_inputs[5][0] = self->k17;
     ground_by_inputs[5][1] = self->k14;
     return NOSLIP_OK;
 }
@@ -569,18 +607,18 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* Phi_22 = -r/(2 b) */
-    /* k15 (m) = r^2/(4 b) */
-    /* k18 (m) = r (L + d)/(2 b) */
-    /* k19 (m) = r^2 (L + d)/(4 b^2) */
-    /* k20 (m^2) = b^2 - (L + d)^2 */
-    /* k21 (1/m^2) = 1e-10/b^2 */
-    /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k16 (m) = r^2/(4 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
+    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k21 (m^2) = b^2 - (L + d)^2 */
+    /* k22 (1/m^2) = 1e-10/b^2 */
     /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k28 (m/s) = kd_y_l r/2 */
-    /* k29 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k24 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k29 (m/s) = kd_y_l r/2 */
+    /* k30 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k21 * (self->k5 - cos_phi * self->k20 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k22 * (self->k5 - cos_phi * self->k21 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double y_l = state->y_c + self->L * sin_phi;
@@ -590,18 +628,18 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
     const double t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t4 = cos_phi * t3; /* 2 b yaw_rate cos(phi)/r */
-    const double t5 = self->k18 * t4; /* yaw_rate cos(phi) (L + d) */
+    const double t5 = self->k19 * t4; /* yaw_rate cos(phi) (L + d) */
     all->ydot[0] = t1 * t2 + t5;
     const double yaw_rate = self->Phi_21 * t3;
     all->ydot[1] = yaw_rate;
-    const double t6 = self->k18 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
+    const double t6 = self->k19 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
     all->Phi[0][0] = t1 + t6;
     all->Phi[0][1] = t1 - t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_22;
-    const double t7 = self->k15 * t4; /* r yaw_rate cos(phi)/2 */
+    const double t7 = self->k16 * t4; /* r yaw_rate cos(phi)/2 */
     const double t8 = sin_phi * t3; /* 2 b yaw_rate sin(phi)/r */
-    const double t9 = self->k19 * t8; /* r yaw_rate sin(phi) (L + d)/(2 b) */
+    const double t9 = self->k20 * t8; /* r yaw_rate sin(phi) (L + d)/(2 b) */
     all->Phidot[0][0] = t7 - t9;
     all->Phidot[0][1] = t7 + t9;
     all->Phidot[1][0] = 0.0;
@@ -612,15 +650,15 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
     /* v_y_l */
     const double t11 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - t5);
-    const double x_l_rate = self->k1 * cos_phi * t2 - self->k18 * t8;
+    const double x_l_rate = self->k1 * cos_phi * t2 - self->k19 * t8;
     const double v_less_drift_0 = t11 - yaw_rate * x_l_rate;
     const double u_forward_speed = (v_less_drift_0 - cos_phi * self->k4 * v_heading) / sin_phi;
-    const double t12 = self->k2 * (self->k28 * t2 - u_forward_speed); /* (forward_speed kd_y_l - u_forward_speed)/r */
+    const double t12 = self->k2 * (self->k29 * t2 - u_forward_speed); /* (forward_speed kd_y_l - u_forward_speed)/r */
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
-    const double t13 = self->k22 * t2 * t3 + self->k7 * v_heading; /* part of all->tau[0], all->tau[1] */
+    const double t13 = self->k23 * t2 * t3 + self->k7 * v_heading; /* part of all->tau[0], all->tau[1] */
     /* part of all->tau[0], all->tau[1] */
-    const double t14 = self->k23 * t3 * t3 - self->k6 * u_forward_speed + self->k29 * t2;
+    const double t14 = self->k24 * t3 * t3 - self->k6 * u_forward_speed + self->k30 * t2;
     all->tau[0] = t13 - t14;
     all->tau[1] = -(t13 + t14);
     return NOSLIP_OK;
@@ -668,15 +706,15 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
     /* k5 (m^2) = b^2 */
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
-    /* k18 (m) = r (L + d)/(2 b) */
-    /* k20 (m^2) = b^2 - (L + d)^2 */
-    /* k21 (1/m^2) = 1e-10/b^2 */
-    /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k19 (m) = r (L + d)/(2 b) */
+    /* k21 (m^2) = b^2 - (L + d)^2 */
+    /* k22 (1/m^2) = 1e-10/b^2 */
     /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k29 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k24 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k30 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k21 * (self->k5 - cos_phi * self->k20 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k22 * (self->k5 - cos_phi * self->k21 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -684,14 +722,14 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
     const double yaw_rate = self->Phi_21 * t2;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t3 = self->k22 * t1 * t2 + self->k7 * v_heading; /* part of tau[0], tau[1] */
-    const double t4 = self->k18 * t2; /* yaw_rate (L + d) */
+    const double t3 = self->k23 * t1 * t2 + self->k7 * v_heading; /* part of tau[0], tau[1] */
+    const double t4 = self->k19 * t2; /* yaw_rate (L + d) */
     /* v_y_l */
     const double t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
     const double v_less_drift_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
     /* part of tau[0], tau[1] */
-    const double t6 = self->k23 * t2 * t2 + self->k29 * t1 + self->k6 * (cos_phi * self->k4 * v_heading -
+    const double t6 = self->k24 * t2 * t2 + self->k30 * t1 + self->k6 * (cos_phi * self->k4 * v_heading -
         v_less_drift_0) / sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);
@@ -713,6 +751,7 @@ static NOSLIP_BESIDE int labmate_type_iii_step_refused(labmate_type_iii *self, c
         const int admitted = labmate_type_iii_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing(&self->earned);
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -724,7 +763,7 @@ static NOSLIP_COLD int labmate_type_iii_step_limited(labmate_type_iii *self, con
     int status = noslip_is_finite(made_0) && noslip_is_finite(made_1) && noslip_is_finite(state->x_c) &&
         noslip_is_finite(state->theta_r) && noslip_is_finite(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double work[6];
         status = labmate_type_iii_ground_law(self, state, made, ground);
@@ -733,6 +772,12 @@ static NOSLIP_COLD int labmate_type_iii_step_limited(labmate_type_iii *self, con
             status = noslip_keep_grip(made, NULL, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iii_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iii_wheels_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -743,10 +788,21 @@ static NOSLIP_BESIDE int labmate_type_iii_step_with_grip(labmate_type_iii *self,
     double tau[2], double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const double rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->x_c + state->theta_r + state->theta_l) && labmate_type_iii_ground_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds(ground, &self->grip) && noslip_holds(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            double drive[6];
+            if (labmate_type_iii_wheels_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_circle.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_circle_wheels_law(const labmate_type_iv_circle *self, const labmate_state *state,
+    const double tau[2], double wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k14 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k14;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k14;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_params *params,
     const labmate_type_iv_circle_config *config, const labmate_type_iv_circle_gains *gains,
     const labmate_options *options)
@@ -45,11 +65,8 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of(&options->friction);
-    }
+    noslip_grip_init(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
+    self->r = params->r;
     self->L = config->L;
     self->x_f = config->x_f;
     self->y_f = config->y_f;
@@ -106,6 +123,7 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
     self->k12 = self->k8 - self->k9;
     const double t14 = params->d * params->m_c; /* kg m: d m_c */
     self->k13 = t14 * params->r / t13;
+    self->k14 = params->I_w / t3;
     const double t15 = t2 * t2; /* m^2: (L + d)^2 */
     const double t16 = t3 * t3; /* m^4: r^4 */
     const double t17 = t3 * 0.5; /* m^2: r^2/2 */
@@ -118,19 +136,19 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
     if (!(noslip_abs(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k14 = noslip_sqrt(t17 * (t19 * (t5 * t5)) * 4e-10 / t20);
-    self->k15 = -self->k13;
-    self->k16 = -self->k10;
-    self->k17 = self->k1 * t2;
+    self->k15 = noslip_sqrt(t17 * (t19 * (t5 * t5)) * 4e-10 / t20);
+    self->k16 = -self->k13;
+    self->k17 = -self->k10;
+    self->k18 = self->k1 * t2;
     const double t21 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k18 = t21 * t2;
+    self->k19 = t21 * t2;
     const double t22 = self->k1 * t14 - self->k6; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k19 = self->k1 * (self->Phi_21 * t22);
-    self->k20 = t21 * (self->Phi_21 * t14 - self->k5 * t2);
-    self->k21 = 1.0 / t1 * 2.0;
+    self->k20 = self->k1 * (self->Phi_21 * t22);
+    self->k21 = t21 * (self->Phi_21 * t14 - self->k5 * t2);
+    self->k22 = 1.0 / t1 * 2.0;
     const double t23 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k22 = params->b * params->I_w * params->d * params->m_c / t13 * 2.0 * t23;
-    self->k23 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
+    self->k23 = params->b * params->I_w * params->d * params->m_c / t13 * 2.0 * t23;
+    self->k24 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
     const double t24 = t9 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t24) > 0)) {
         return NOSLIP_SINGULAR;
@@ -141,12 +159,12 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
     const double t26 = t25 + t3 * (params->m_w * params->I_m) * 4.0 + t6 * params->m_c * 2.0 + t6 * params->m_w * 4.0 +
         t3 * (t5 * params->m_c * params->m_w) * 2.0;
-    self->k24 = (t26 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t24 * 2.0 * t23;
-    self->k25 = t23 * t22;
-    self->k26 = self->Phi_21 * gains->kd_distance;
-    self->k27 = self->k4 * t23;
-    self->k28 = self->k1 * gains->kd_distance;
-    self->k29 = self->k1 * (t10 * gains->kd_distance);
+    self->k25 = (t26 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t24 * 2.0 * t23;
+    self->k26 = t23 * t22;
+    self->k27 = self->Phi_21 * gains->kd_distance;
+    self->k28 = self->k4 * t23;
+    self->k29 = self->k1 * gains->kd_distance;
+    self->k30 = self->k1 * (t10 * gains->kd_distance);
     if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -156,9 +174,17 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const double none[2] = {0, 0};
+        double drive[6];
+        status = labmate_type_iv_circle_wheels_law(self, NULL, none, drive);
+        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -170,6 +196,7 @@ NOSLIP_SMALL int labmate_type_iv_circle_reset(labmate_type_iv_circle *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -196,6 +223,8 @@ NOSLIP_SMALL int labmate_type_iv_circle_set_limits(labmate_type_iv_circle *self,
 NOSLIP_SMALL int labmate_type_iv_circle_update(labmate_type_iv_circle *self, const labmate_type_iv_circle *next)
 {
     double held[2];
+    noslip_wheel wheel[2];
+    double mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -204,7 +233,16 @@ NOSLIP_SMALL int labmate_type_iv_circle_update(labmate_type_iv_circle *self, con
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -251,14 +289,14 @@ static int labmate_type_iv_circle_slope_law(const labmate_type_iv_circle *self, 
 {
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l_from_center = self->x_f - state->x_c;
     const double y_l_from_center = self->y_f - state->y_c;
     const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     /* part of slope[0], slope[1] */
@@ -312,7 +350,7 @@ static int labmate_type_iv_circle_rate_law(const labmate_type_iv_circle *self, c
     double ydot[1])
 {
     /* Phi_21 (m) = r/2 */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     const double x_l_from_center = self->x_f - state->x_c;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
@@ -327,7 +365,7 @@ static int labmate_type_iv_circle_rate_law(const labmate_type_iv_circle *self, c
     const double t5 = t4 * t1; /* -distance_by_x_l */
     const double t6 = t4 * t2; /* -distance_by_y_l */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    ydot[0] = self->k17 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
+    ydot[0] = self->k18 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
         (t5 * cos_phi + t6 * sin_phi);
     return NOSLIP_OK;
 }
@@ -361,7 +399,7 @@ static int labmate_type_iv_circle_decoupling_law(const labmate_type_iv_circle *s
     double Phi[2][2])
 {
     /* Phi_21 (m) = r/2 */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     const double x_l_from_center = self->x_f - state->x_c;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
@@ -375,7 +413,7 @@ static int labmate_type_iv_circle_decoupling_law(const labmate_type_iv_circle *s
     const double t4 = 1.0 / t3; /* 1/sqrt(distance_squared) */
     const double t5 = t4 * t1; /* -distance_by_x_l */
     const double t6 = t4 * t2; /* -distance_by_y_l */
-    const double t7 = self->k17 * (t5 * sin_phi - t6 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t7 = self->k18 * (t5 * sin_phi - t6 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
     const double t8 = self->Phi_21 * (t5 * cos_phi + t6 * sin_phi); /* -distance_by_forward_speed r/2 */
     Phi[0][0] = t7 - t8;
     Phi[0][1] = -(t7 + t8);
@@ -416,7 +454,7 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
 {
     /* Phi_21 (m) = r/2 */
     /* k1 = r/(2 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l_from_center = self->x_f - state->x_c;
@@ -430,7 +468,7 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
     const double t4 = 1.0 / t3; /* 1/sqrt(distance_squared) */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t6 = self->k17 * t5; /* yaw_rate (L + d) */
+    const double t6 = self->k18 * t5; /* yaw_rate (L + d) */
     const double t7 = t4 * t1; /* -distance_by_x_l */
     const double t8 = t4 * t2; /* -distance_by_y_l */
     /* -distance_rate */
@@ -441,7 +479,7 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
     const double distance_by_y_l_rate = t4 * (forward_speed * sin_phi + t6 * cos_phi - t8 * t9);
     const double t11 = distance_by_y_l_rate + t7 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     const double t12 = self->Phi_21 * (cos_phi * t10 + sin_phi * t11); /* part of Phidot[0][0], Phidot[0][1] */
-    const double t13 = self->k17 * (cos_phi * t11 - sin_phi * t10); /* part of Phidot[0][0], Phidot[0][1] */
+    const double t13 = self->k18 * (cos_phi * t11 - sin_phi * t10); /* part of Phidot[0][0], Phidot[0][1] */
     Phidot[0][0] = t12 + t13;
     Phidot[0][1] = t12 - t13;
     Phidot[1][0] = 0.0;
@@ -482,18 +520,18 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
     /* Phi_21 (m) = r/2 */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k19 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l_from_center = self->x_f - state->x_c;
     const double y_l_from_center = self->y_f - state->y_c;
     const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -505,16 +543,16 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
         return NOSLIP_SINGULAR;
     }
     const double forward_speed = self->Phi_21 * t1;
-    const double distance_across = forward_speed * scaled_distance_by_yaw_rate - self->k17 * t2 *
+    const double distance_across = forward_speed * scaled_distance_by_yaw_rate - self->k18 * t2 *
         scaled_distance_by_forward_speed;
     const double t4 = t2 * t2; /* 4 b^2 yaw_rate^2/r^2 */
-    const double v_less_drift_1 = v[1] - self->k18 * t4;
+    const double v_less_drift_1 = v[1] - self->k19 * t4;
     /* part of tau[0], tau[1] */
     const double t5 = distance_squared * (v[0] * noslip_sqrt(distance_squared) - scaled_distance_by_forward_speed *
         v_less_drift_1);
     /* part of tau[0], tau[1] */
-    const double t6 = self->k19 * t1 * t2 - self->k6 * (distance_across * distance_across - t5) / t3;
-    const double t7 = self->k5 * v_less_drift_1 - self->k20 * t4; /* part of tau[0], tau[1] */
+    const double t6 = self->k20 * t1 * t2 - self->k6 * (distance_across * distance_across - t5) / t3;
+    const double t7 = self->k5 * v_less_drift_1 - self->k21 * t4; /* part of tau[0], tau[1] */
     tau[0] = t6 + t7;
     tau[1] = t7 - t6;
     return NOSLIP_OK;
@@ -555,20 +593,20 @@ NOSLIP_HOT int labmate_type_iv_circle_ground_law(const labmate_type_iv_circle *s
     /* k8 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k9 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k10 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k21 (1/m) = 1/b */
-    /* k22 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k23 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k24 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k22 (1/m) = 1/b */
+    /* k23 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k24 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k9 * effort_1 + self->k22 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k9 * effort_1 + self->k23 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k8 * effort_0 - self->k23 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k8 * effort_0 - self->k24 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k10 * effort_1 + self->k24 * t2;
+    const double force_across_0 = self->k10 * effort_1 + self->k25 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k21 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k22 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k7;
     ground[4] = t4 - t3;
@@ -614,19 +652,19 @@ static int labmate_type_iv_circle_ground_by_inputs_law(const labmate_type_iv_cir
     /* k11 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k13 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k15 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k16 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k11;
     ground_by_inputs[0][1] = self->k12;
     ground_by_inputs[1][0] = self->k10;
-    ground_by_inputs[1][1] = self->k16;
+    ground_by_inputs[1][1] = self->k17;
     ground_by_inputs[2][0] = self->k13;
-    ground_by_inputs[2][1] = self->k15;
+    ground_by_inputs[2][1] = self->k16;
     ground_by_inputs[3][0] = self->k12;
     ground_by_inputs[3][1] = self->k11;
     ground_by_inputs[4][0] = self->k10;
-    ground_by_inputs[4][1] = self->k16;
-    ground_by_inputs[5][0] = self->k15;
+    ground_by_inputs[4][1] = self->k17;
+    ground_by_inputs[5][0] = self->k16;
     ground_by_inputs[5][1] = self->k13;
     return NOSLIP_OK;
 }
@@ -678,22 +716,22 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     /* k4 (1/m) = 1/(L + d) */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k25 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k26 (m/s) = kd_distance r/2 */
-    /* k27 = r^2/(4 b (L + d)) */
-    /* k28 (1/s) = kd_distance r/(2 b) */
-    /* k29 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (m/s) = kd_distance r/2 */
+    /* k28 = r^2/(4 b (L + d)) */
+    /* k29 (1/s) = kd_distance r/(2 b) */
+    /* k30 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l_from_center = self->x_f - state->x_c;
     const double y_l_from_center = self->y_f - state->y_c;
     const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = self->L * cos_phi - x_l_from_center; /* L cos(phi) - x_l_from_center */
@@ -711,12 +749,12 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t7 = t5 * t2; /* distance_by_y_l */
     const double t8 = t6 * cos_phi + t7 * sin_phi; /* distance_by_forward_speed */
     const double t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t10 = self->k17 * t9; /* yaw_rate (L + d) */
+    const double t10 = self->k18 * t9; /* yaw_rate (L + d) */
     const double t11 = t6 * sin_phi - t7 * cos_phi; /* distance_by_yaw_rate */
     const double t12 = forward_speed * t8 - t10 * t11; /* distance_rate */
     all->ydot[0] = t12;
     const double t13 = self->Phi_21 * t8; /* distance_by_forward_speed r/2 */
-    const double t14 = self->k17 * t11; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t14 = self->k18 * t11; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t13 - t14;
     all->Phi[0][1] = t13 + t14;
     all->Phi[1][0] = self->Phi_21;
@@ -728,13 +766,13 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t16 = distance_by_y_l_rate - yaw_rate * t6; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     /* part of all->Phidot[0][0], all->Phidot[0][1] */
     const double t17 = self->Phi_21 * (cos_phi * t15 + sin_phi * t16);
-    const double t18 = self->k17 * (cos_phi * t16 - sin_phi * t15); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const double t18 = self->k18 * (cos_phi * t16 - sin_phi * t15); /* part of all->Phidot[0][0], all->Phidot[0][1] */
     all->Phidot[0][0] = t17 + t18;
     all->Phidot[0][1] = t17 - t18;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
     const double t19 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t20 = self->k18 * t19; /* yaw_rate^2 (L + d) */
+    const double t20 = self->k19 * t19; /* yaw_rate^2 (L + d) */
     const double v_less_drift_1 = reference->speed_rate - t20 + self->kv_speed * (reference->speed - forward_speed);
     const double t21 = self->k2 * (v_less_drift_1 + t20); /* v_speed/r */
     const double t22 = t4 * t9; /* 4 b forward_speed yaw_rate/r^2 */
@@ -750,16 +788,16 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t25 = reference->distance_acceleration + self->kp_distance * (self->R + reference->distance - t24) +
         self->kd_distance * reference->distance_rate;
     /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
-    const double t26 = distance_squared * (t24 * t25 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k26 *
+    const double t26 = distance_squared * (t24 * t25 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k27 *
         t4));
     const double distance_across = forward_speed * scaled_distance_by_yaw_rate - t10 * scaled_distance_by_forward_speed;
     const double t27 = (t26 - distance_across * distance_across) / t23; /* u_yaw_rate (L + d) */
     /* part of u_thetadot_r, u_thetadot_l */
-    const double t28 = self->k3 * (t22 * self->k27 + self->k28 * t9 - self->k4 * t27);
+    const double t28 = self->k3 * (t22 * self->k28 + self->k29 * t9 - self->k4 * t27);
     all->u[0] = t21 - t28;
     all->u[1] = t21 + t28;
-    const double t29 = t22 * self->k25 - self->k29 * t9 + self->k6 * t27; /* part of all->tau[0], all->tau[1] */
-    const double t30 = self->k5 * v_less_drift_1 - self->k20 * t19; /* part of all->tau[0], all->tau[1] */
+    const double t29 = t22 * self->k26 - self->k30 * t9 + self->k6 * t27; /* part of all->tau[0], all->tau[1] */
+    const double t30 = self->k5 * v_less_drift_1 - self->k21 * t19; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t29 + t30;
     all->tau[1] = t30 - t29;
     return NOSLIP_OK;
@@ -804,29 +842,29 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     /* Phi_21 (m) = r/2 */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k19 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k26 (m/s) = kd_distance r/2 */
-    /* k29 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k27 (m/s) = kd_distance r/2 */
+    /* k30 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l_from_center = self->x_f - state->x_c;
     const double y_l_from_center = self->y_f - state->y_c;
     const double scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const double scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t3;
-    const double v_less_drift_1 = reference->speed_rate - self->k18 * t2 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k19 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t4 = self->k5 * v_less_drift_1 - self->k20 * t2; /* part of tau[0], tau[1] */
+    const double t4 = self->k5 * v_less_drift_1 - self->k21 * t2; /* part of tau[0], tau[1] */
     const double distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
         scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
     const double t5 = scaled_distance_by_yaw_rate * distance_squared; /* distance_squared scaled_distance_by_yaw_rate */
@@ -838,11 +876,11 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     const double t7 = reference->distance_acceleration + self->kp_distance * (self->R + reference->distance - t6) +
         self->kd_distance * reference->distance_rate;
     /* -distance_across */
-    const double t8 = self->k17 * t1 * scaled_distance_by_forward_speed - forward_speed * scaled_distance_by_yaw_rate;
+    const double t8 = self->k18 * t1 * scaled_distance_by_forward_speed - forward_speed * scaled_distance_by_yaw_rate;
     /* part of tau[0], tau[1] */
-    const double t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k26 *
+    const double t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k27 *
         t3)) - t8 * t8;
-    const double t10 = t1 * (self->k29 - self->k19 * t3) - self->k6 * t9 / t5; /* part of tau[0], tau[1] */
+    const double t10 = t1 * (self->k30 - self->k20 * t3) - self->k6 * t9 / t5; /* part of tau[0], tau[1] */
     tau[0] = t4 - t10;
     tau[1] = t4 + t10;
     return NOSLIP_OK;
@@ -863,6 +901,7 @@ static NOSLIP_BESIDE int labmate_type_iv_circle_step_refused(labmate_type_iv_cir
         const int admitted = labmate_type_iv_circle_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing(&self->earned);
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -881,7 +920,7 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_limited(labmate_type_iv_circl
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double slope[2];
         double work[6];
@@ -892,6 +931,12 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_limited(labmate_type_iv_circl
             status = noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_circle_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_circle_wheels_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -902,10 +947,21 @@ static NOSLIP_BESIDE int labmate_type_iv_circle_step_with_grip(labmate_type_iv_c
     double tau[2], double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const double rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->theta_r + state->theta_l) && labmate_type_iv_circle_ground_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds(ground, &self->grip) && noslip_holds(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            double drive[6];
+            if (labmate_type_iv_circle_wheels_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

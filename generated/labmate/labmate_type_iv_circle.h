@@ -58,7 +58,11 @@ typedef struct labmate_type_iv_circle {
     noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT, NOSLIP_SLOW or NOSLIP_GRIP */
     noslip_grip grip;         /* of the floor, with NOSLIP_GRIP */
+    noslip_earned earned;     /* what is believed of it */
+    noslip_wheel wheel[2];    /* what shows it */
+    double ground[8];         /* at the last step */
     int ready;                /* set by init */
+    double r;                 /* m */
     double L;                 /* m */
     double x_f;               /* m */
     double y_f;               /* m */
@@ -81,22 +85,23 @@ typedef struct labmate_type_iv_circle {
     double k11;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k12;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k13;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k14;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    double k15;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k16;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k17;               /* m: r (L + d)/(2 b) */
-    double k18;               /* m: r^2 (L + d)/(4 b^2) */
-    double k19;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k20;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    double k21;               /* 1/m: 1/b */
-    double k22;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k23;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k24;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k25;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k26;               /* m/s: kd_distance r/2 */
-    double k27;               /* r^2/(4 b (L + d)) */
-    double k28;               /* 1/s: kd_distance r/(2 b) */
-    double k29;               /* kg m^2/s: of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    double k14;               /* kg: I_w/r^2 */
+    double k15;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    double k16;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k17;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k18;               /* m: r (L + d)/(2 b) */
+    double k19;               /* m: r^2 (L + d)/(4 b^2) */
+    double k20;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k21;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double k22;               /* 1/m: 1/b */
+    double k23;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k24;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k25;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k26;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k27;               /* m/s: kd_distance r/2 */
+    double k28;               /* r^2/(4 b (L + d)) */
+    double k29;               /* 1/s: kd_distance r/(2 b) */
+    double k30;               /* kg m^2/s: of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
 } labmate_type_iv_circle;
 
 /*
@@ -122,7 +127,7 @@ int labmate_type_iv_circle_set_limits(labmate_type_iv_circle *self, const double
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_iv_circle_update(labmate_type_iv_circle *self, const labmate_type_iv_circle *next);
 

@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_circle_f.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_circle_wheels_f_law(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
+    const float tau[2], float wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k14 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k14;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k14;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_params_f *params,
     const labmate_type_iv_circle_config_f *config, const labmate_type_iv_circle_gains_f *gains,
     const labmate_options_f *options)
@@ -45,11 +65,8 @@ NOSLIP_SMALL int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, c
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of_f(&options->friction);
-    }
+    noslip_grip_init_f(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
+    self->r = params->r;
     self->L = config->L;
     self->x_f = config->x_f;
     self->y_f = config->y_f;
@@ -106,6 +123,7 @@ NOSLIP_SMALL int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, c
     self->k12 = self->k8 - self->k9;
     const float t14 = params->d * params->m_c; /* kg m: d m_c */
     self->k13 = t14 * params->r / t13;
+    self->k14 = params->I_w / t3;
     const float t15 = t2 * t2; /* m^2: (L + d)^2 */
     const float t16 = t3 * t3; /* m^4: r^4 */
     const float t17 = t3 * 0.5f; /* m^2: r^2/2 */
@@ -118,19 +136,19 @@ NOSLIP_SMALL int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, c
     if (!(noslip_abs_f(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k14 = noslip_sqrt_f(t17 * (t19 * (t5 * t5)) * 4e-10f / t20);
-    self->k15 = -self->k13;
-    self->k16 = -self->k10;
-    self->k17 = self->k1 * t2;
+    self->k15 = noslip_sqrt_f(t17 * (t19 * (t5 * t5)) * 4e-10f / t20);
+    self->k16 = -self->k13;
+    self->k17 = -self->k10;
+    self->k18 = self->k1 * t2;
     const float t21 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k18 = t21 * t2;
+    self->k19 = t21 * t2;
     const float t22 = self->k1 * t14 - self->k6; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k19 = self->k1 * (self->Phi_21 * t22);
-    self->k20 = t21 * (self->Phi_21 * t14 - self->k5 * t2);
-    self->k21 = 1.0f / t1 * 2.0f;
+    self->k20 = self->k1 * (self->Phi_21 * t22);
+    self->k21 = t21 * (self->Phi_21 * t14 - self->k5 * t2);
+    self->k22 = 1.0f / t1 * 2.0f;
     const float t23 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k22 = params->b * params->I_w * params->d * params->m_c / t13 * 2.0f * t23;
-    self->k23 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
+    self->k23 = params->b * params->I_w * params->d * params->m_c / t13 * 2.0f * t23;
+    self->k24 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
     const float t24 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t24) > 0)) {
         return NOSLIP_SINGULAR;
@@ -141,13 +159,13 @@ NOSLIP_SMALL int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, c
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
     const float t26 = t25 + t3 * (params->m_w * params->I_m) * 4.0f + t6 * params->m_c * 2.0f + t6 * params->m_w *
         4.0f + t3 * (t5 * params->m_c * params->m_w) * 2.0f;
-    self->k24 = (t26 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0f + t3 * (t8 * params->m_w) * 2.0f) / t24 * 2.0f *
+    self->k25 = (t26 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0f + t3 * (t8 * params->m_w) * 2.0f) / t24 * 2.0f *
         t23;
-    self->k25 = t23 * t22;
-    self->k26 = self->Phi_21 * gains->kd_distance;
-    self->k27 = self->k4 * t23;
-    self->k28 = self->k1 * gains->kd_distance;
-    self->k29 = self->k1 * (t10 * gains->kd_distance);
+    self->k26 = t23 * t22;
+    self->k27 = self->Phi_21 * gains->kd_distance;
+    self->k28 = self->k4 * t23;
+    self->k29 = self->k1 * gains->kd_distance;
+    self->k30 = self->k1 * (t10 * gains->kd_distance);
     if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -157,9 +175,17 @@ NOSLIP_SMALL int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, c
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const float none[2] = {0, 0};
+        float drive[6];
+        status = labmate_type_iv_circle_wheels_f_law(self, NULL, none, drive);
+        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -171,6 +197,7 @@ NOSLIP_SMALL int labmate_type_iv_circle_reset_f(labmate_type_iv_circle_f *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing_f(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -197,6 +224,8 @@ NOSLIP_SMALL int labmate_type_iv_circle_set_limits_f(labmate_type_iv_circle_f *s
 NOSLIP_SMALL int labmate_type_iv_circle_update_f(labmate_type_iv_circle_f *self, const labmate_type_iv_circle_f *next)
 {
     float held[2];
+    noslip_wheel_f wheel[2];
+    float mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -205,7 +234,16 @@ NOSLIP_SMALL int labmate_type_iv_circle_update_f(labmate_type_iv_circle_f *self,
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe_f(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue_f(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue_f(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip_f(held[0], self->limit[0]);
     self->held[1] = noslip_clip_f(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -252,14 +290,14 @@ static int labmate_type_iv_circle_slope_f_law(const labmate_type_iv_circle_f *se
 {
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l_from_center = self->x_f - state->x_c;
     const float y_l_from_center = self->y_f - state->y_c;
     const float scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const float scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     /* part of slope[0], slope[1] */
@@ -313,7 +351,7 @@ static int labmate_type_iv_circle_rate_f_law(const labmate_type_iv_circle_f *sel
     float ydot[1])
 {
     /* Phi_21 (m) = r/2 */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     const float x_l_from_center = self->x_f - state->x_c;
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
@@ -328,7 +366,7 @@ static int labmate_type_iv_circle_rate_f_law(const labmate_type_iv_circle_f *sel
     const float t5 = t4 * t1; /* -distance_by_x_l */
     const float t6 = t4 * t2; /* -distance_by_y_l */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    ydot[0] = self->k17 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
+    ydot[0] = self->k18 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
         (t5 * cos_phi + t6 * sin_phi);
     return NOSLIP_OK;
 }
@@ -362,7 +400,7 @@ static int labmate_type_iv_circle_decoupling_f_law(const labmate_type_iv_circle_
     float Phi[2][2])
 {
     /* Phi_21 (m) = r/2 */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     const float x_l_from_center = self->x_f - state->x_c;
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
@@ -376,7 +414,7 @@ static int labmate_type_iv_circle_decoupling_f_law(const labmate_type_iv_circle_
     const float t4 = 1.0f / t3; /* 1/sqrt(distance_squared) */
     const float t5 = t4 * t1; /* -distance_by_x_l */
     const float t6 = t4 * t2; /* -distance_by_y_l */
-    const float t7 = self->k17 * (t5 * sin_phi - t6 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t7 = self->k18 * (t5 * sin_phi - t6 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
     const float t8 = self->Phi_21 * (t5 * cos_phi + t6 * sin_phi); /* -distance_by_forward_speed r/2 */
     Phi[0][0] = t7 - t8;
     Phi[0][1] = -(t7 + t8);
@@ -417,7 +455,7 @@ static int labmate_type_iv_circle_decoupling_rate_f_law(const labmate_type_iv_ci
 {
     /* Phi_21 (m) = r/2 */
     /* k1 = r/(2 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l_from_center = self->x_f - state->x_c;
@@ -431,7 +469,7 @@ static int labmate_type_iv_circle_decoupling_rate_f_law(const labmate_type_iv_ci
     const float t4 = 1.0f / t3; /* 1/sqrt(distance_squared) */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t6 = self->k17 * t5; /* yaw_rate (L + d) */
+    const float t6 = self->k18 * t5; /* yaw_rate (L + d) */
     const float t7 = t4 * t1; /* -distance_by_x_l */
     const float t8 = t4 * t2; /* -distance_by_y_l */
     /* -distance_rate */
@@ -442,7 +480,7 @@ static int labmate_type_iv_circle_decoupling_rate_f_law(const labmate_type_iv_ci
     const float distance_by_y_l_rate = t4 * (forward_speed * sin_phi + t6 * cos_phi - t8 * t9);
     const float t11 = distance_by_y_l_rate + t7 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     const float t12 = self->Phi_21 * (cos_phi * t10 + sin_phi * t11); /* part of Phidot[0][0], Phidot[0][1] */
-    const float t13 = self->k17 * (cos_phi * t11 - sin_phi * t10); /* part of Phidot[0][0], Phidot[0][1] */
+    const float t13 = self->k18 * (cos_phi * t11 - sin_phi * t10); /* part of Phidot[0][0], Phidot[0][1] */
     Phidot[0][0] = t12 + t13;
     Phidot[0][1] = t12 - t13;
     Phidot[1][0] = 0.0f;
@@ -483,18 +521,18 @@ static int labmate_type_iv_circle_feedback_f_law(const labmate_type_iv_circle_f 
     /* Phi_21 (m) = r/2 */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k19 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l_from_center = self->x_f - state->x_c;
     const float y_l_from_center = self->y_f - state->y_c;
     const float scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const float scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -506,16 +544,16 @@ static int labmate_type_iv_circle_feedback_f_law(const labmate_type_iv_circle_f 
         return NOSLIP_SINGULAR;
     }
     const float forward_speed = self->Phi_21 * t1;
-    const float distance_across = forward_speed * scaled_distance_by_yaw_rate - self->k17 * t2 *
+    const float distance_across = forward_speed * scaled_distance_by_yaw_rate - self->k18 * t2 *
         scaled_distance_by_forward_speed;
     const float t4 = t2 * t2; /* 4 b^2 yaw_rate^2/r^2 */
-    const float v_less_drift_1 = v[1] - self->k18 * t4;
+    const float v_less_drift_1 = v[1] - self->k19 * t4;
     /* part of tau[0], tau[1] */
     const float t5 = distance_squared * (v[0] * noslip_sqrt_f(distance_squared) - scaled_distance_by_forward_speed *
         v_less_drift_1);
     /* part of tau[0], tau[1] */
-    const float t6 = self->k19 * t1 * t2 - self->k6 * (distance_across * distance_across - t5) / t3;
-    const float t7 = self->k5 * v_less_drift_1 - self->k20 * t4; /* part of tau[0], tau[1] */
+    const float t6 = self->k20 * t1 * t2 - self->k6 * (distance_across * distance_across - t5) / t3;
+    const float t7 = self->k5 * v_less_drift_1 - self->k21 * t4; /* part of tau[0], tau[1] */
     tau[0] = t6 + t7;
     tau[1] = t7 - t6;
     return NOSLIP_OK;
@@ -556,20 +594,20 @@ NOSLIP_HOT int labmate_type_iv_circle_ground_f_law(const labmate_type_iv_circle_
     /* k8 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k9 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k10 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k21 (1/m) = 1/b */
-    /* k22 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k23 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k24 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k22 (1/m) = 1/b */
+    /* k23 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k24 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k9 * effort_1 + self->k22 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k9 * effort_1 + self->k23 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k8 * effort_0 - self->k23 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k8 * effort_0 - self->k24 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k10 * effort_1 + self->k24 * t2;
+    const float force_across_0 = self->k10 * effort_1 + self->k25 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k21 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k22 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k7;
     ground[4] = t4 - t3;
@@ -615,19 +653,19 @@ static int labmate_type_iv_circle_ground_by_inputs_f_law(const labmate_type_iv_c
     /* k11 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k13 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k15 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k16 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k11;
     ground_by_inputs[0][1] = self->k12;
     ground_by_inputs[1][0] = self->k10;
-    ground_by_inputs[1][1] = self->k16;
+    ground_by_inputs[1][1] = self->k17;
     ground_by_inputs[2][0] = self->k13;
-    ground_by_inputs[2][1] = self->k15;
+    ground_by_inputs[2][1] = self->k16;
     ground_by_inputs[3][0] = self->k12;
     ground_by_inputs[3][1] = self->k11;
     ground_by_inputs[4][0] = self->k10;
-    ground_by_inputs[4][1] = self->k16;
-    ground_by_inputs[5][0] = self->k15;
+    ground_by_inputs[4][1] = self->k17;
+    ground_by_inputs[5][0] = self->k16;
     ground_by_inputs[5][1] = self->k13;
     return NOSLIP_OK;
 }
@@ -679,22 +717,22 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     /* k4 (1/m) = 1/(L + d) */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k25 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k26 (m/s) = kd_distance r/2 */
-    /* k27 = r^2/(4 b (L + d)) */
-    /* k28 (1/s) = kd_distance r/(2 b) */
-    /* k29 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (m/s) = kd_distance r/2 */
+    /* k28 = r^2/(4 b (L + d)) */
+    /* k29 (1/s) = kd_distance r/(2 b) */
+    /* k30 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l_from_center = self->x_f - state->x_c;
     const float y_l_from_center = self->y_f - state->y_c;
     const float scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const float scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = self->L * cos_phi - x_l_from_center; /* L cos(phi) - x_l_from_center */
@@ -712,12 +750,12 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float t7 = t5 * t2; /* distance_by_y_l */
     const float t8 = t6 * cos_phi + t7 * sin_phi; /* distance_by_forward_speed */
     const float t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t10 = self->k17 * t9; /* yaw_rate (L + d) */
+    const float t10 = self->k18 * t9; /* yaw_rate (L + d) */
     const float t11 = t6 * sin_phi - t7 * cos_phi; /* distance_by_yaw_rate */
     const float t12 = forward_speed * t8 - t10 * t11; /* distance_rate */
     all->ydot[0] = t12;
     const float t13 = self->Phi_21 * t8; /* distance_by_forward_speed r/2 */
-    const float t14 = self->k17 * t11; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t14 = self->k18 * t11; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t13 - t14;
     all->Phi[0][1] = t13 + t14;
     all->Phi[1][0] = self->Phi_21;
@@ -728,13 +766,13 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float distance_by_y_l_rate = t5 * (forward_speed * sin_phi + t10 * cos_phi - t7 * t12);
     const float t16 = distance_by_y_l_rate - yaw_rate * t6; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     const float t17 = self->Phi_21 * (cos_phi * t15 + sin_phi * t16); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const float t18 = self->k17 * (cos_phi * t16 - sin_phi * t15); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const float t18 = self->k18 * (cos_phi * t16 - sin_phi * t15); /* part of all->Phidot[0][0], all->Phidot[0][1] */
     all->Phidot[0][0] = t17 + t18;
     all->Phidot[0][1] = t17 - t18;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t19 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t20 = self->k18 * t19; /* yaw_rate^2 (L + d) */
+    const float t20 = self->k19 * t19; /* yaw_rate^2 (L + d) */
     const float v_less_drift_1 = reference->speed_rate - t20 + self->kv_speed * (reference->speed - forward_speed);
     const float t21 = self->k2 * (v_less_drift_1 + t20); /* v_speed/r */
     const float t22 = t4 * t9; /* 4 b forward_speed yaw_rate/r^2 */
@@ -749,16 +787,16 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float t25 = reference->distance_acceleration + self->kp_distance * (self->R + reference->distance - t24) +
         self->kd_distance * reference->distance_rate;
     /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
-    const float t26 = distance_squared * (t24 * t25 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k26 *
+    const float t26 = distance_squared * (t24 * t25 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k27 *
         t4));
     const float distance_across = forward_speed * scaled_distance_by_yaw_rate - t10 * scaled_distance_by_forward_speed;
     const float t27 = (t26 - distance_across * distance_across) / t23; /* u_yaw_rate (L + d) */
     /* part of u_thetadot_r, u_thetadot_l */
-    const float t28 = self->k3 * (t22 * self->k27 + self->k28 * t9 - self->k4 * t27);
+    const float t28 = self->k3 * (t22 * self->k28 + self->k29 * t9 - self->k4 * t27);
     all->u[0] = t21 - t28;
     all->u[1] = t21 + t28;
-    const float t29 = t22 * self->k25 - self->k29 * t9 + self->k6 * t27; /* part of all->tau[0], all->tau[1] */
-    const float t30 = self->k5 * v_less_drift_1 - self->k20 * t19; /* part of all->tau[0], all->tau[1] */
+    const float t29 = t22 * self->k26 - self->k30 * t9 + self->k6 * t27; /* part of all->tau[0], all->tau[1] */
+    const float t30 = self->k5 * v_less_drift_1 - self->k21 * t19; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t29 + t30;
     all->tau[1] = t30 - t29;
     return NOSLIP_OK;
@@ -803,29 +841,29 @@ static int labmate_type_iv_circle_step_f_law(const labmate_type_iv_circle_f *sel
     /* Phi_21 (m) = r/2 */
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k14 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k19 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k20 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k26 (m/s) = kd_distance r/2 */
-    /* k29 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k15 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k27 (m/s) = kd_distance r/2 */
+    /* k30 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l_from_center = self->x_f - state->x_c;
     const float y_l_from_center = self->y_f - state->y_c;
     const float scaled_distance_by_yaw_rate = sin_phi * x_l_from_center - cos_phi * y_l_from_center;
     const float scaled_distance_by_forward_speed = self->L - cos_phi * x_l_from_center - sin_phi * y_l_from_center;
-    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const float t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t3;
-    const float v_less_drift_1 = reference->speed_rate - self->k18 * t2 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k19 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t4 = self->k5 * v_less_drift_1 - self->k20 * t2; /* part of tau[0], tau[1] */
+    const float t4 = self->k5 * v_less_drift_1 - self->k21 * t2; /* part of tau[0], tau[1] */
     const float distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
         scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
     const float t5 = scaled_distance_by_yaw_rate * distance_squared; /* distance_squared scaled_distance_by_yaw_rate */
@@ -837,11 +875,11 @@ static int labmate_type_iv_circle_step_f_law(const labmate_type_iv_circle_f *sel
     const float t7 = reference->distance_acceleration + self->kp_distance * (self->R + reference->distance - t6) +
         self->kd_distance * reference->distance_rate;
     /* -distance_across */
-    const float t8 = self->k17 * t1 * scaled_distance_by_forward_speed - forward_speed * scaled_distance_by_yaw_rate;
+    const float t8 = self->k18 * t1 * scaled_distance_by_forward_speed - forward_speed * scaled_distance_by_yaw_rate;
     /* part of tau[0], tau[1] */
-    const float t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k26 *
+    const float t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 + self->k27 *
         t3)) - t8 * t8;
-    const float t10 = t1 * (self->k29 - self->k19 * t3) - self->k6 * t9 / t5; /* part of tau[0], tau[1] */
+    const float t10 = t1 * (self->k30 - self->k20 * t3) - self->k6 * t9 / t5; /* part of tau[0], tau[1] */
     tau[0] = t4 - t10;
     tau[1] = t4 + t10;
     return NOSLIP_OK;
@@ -862,6 +900,7 @@ static NOSLIP_BESIDE int labmate_type_iv_circle_step_f_refused(labmate_type_iv_c
         const int admitted = labmate_type_iv_circle_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing_f(&self->earned);
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -880,7 +919,7 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_f_limited(labmate_type_iv_cir
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float slope[2];
         float work[6];
@@ -891,6 +930,12 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_f_limited(labmate_type_iv_cir
             status = noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_circle_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_circle_wheels_f_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect_f(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -901,10 +946,21 @@ static NOSLIP_BESIDE int labmate_type_iv_circle_step_f_with_grip(labmate_type_iv
     const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const float rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_iv_circle_ground_f_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            float drive[6];
+            if (labmate_type_iv_circle_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

@@ -58,7 +58,11 @@ typedef struct labmate_type_iv_circle_f {
     noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT, NOSLIP_SLOW or NOSLIP_GRIP */
     noslip_grip_f grip;       /* of the floor, with NOSLIP_GRIP */
+    noslip_earned_f earned;   /* what is believed of it */
+    noslip_wheel_f wheel[2];  /* what shows it */
+    float ground[8];          /* at the last step */
     int ready;                /* set by init */
+    float r;                  /* m */
     float L;                  /* m */
     float x_f;                /* m */
     float y_f;                /* m */
@@ -81,22 +85,23 @@ typedef struct labmate_type_iv_circle_f {
     float k11;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k12;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k13;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k14;                /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    float k15;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k16;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k17;                /* m: r (L + d)/(2 b) */
-    float k18;                /* m: r^2 (L + d)/(4 b^2) */
-    float k19;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k20;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    float k21;                /* 1/m: 1/b */
-    float k22;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k23;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k24;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k25;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k26;                /* m/s: kd_distance r/2 */
-    float k27;                /* r^2/(4 b (L + d)) */
-    float k28;                /* 1/s: kd_distance r/(2 b) */
-    float k29;                /* kg m^2/s: of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    float k14;                /* kg: I_w/r^2 */
+    float k15;                /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    float k16;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k17;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k18;                /* m: r (L + d)/(2 b) */
+    float k19;                /* m: r^2 (L + d)/(4 b^2) */
+    float k20;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k21;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k22;                /* 1/m: 1/b */
+    float k23;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k24;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k25;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k26;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k27;                /* m/s: kd_distance r/2 */
+    float k28;                /* r^2/(4 b (L + d)) */
+    float k29;                /* 1/s: kd_distance r/(2 b) */
+    float k30;                /* kg m^2/s: of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
 } labmate_type_iv_circle_f;
 
 /*
@@ -122,7 +127,7 @@ int labmate_type_iv_circle_set_limits_f(labmate_type_iv_circle_f *self, const fl
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_iv_circle_update_f(labmate_type_iv_circle_f *self, const labmate_type_iv_circle_f *next);
 

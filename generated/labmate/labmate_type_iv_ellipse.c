@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_ellipse.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_ellipse_wheels_law(const labmate_type_iv_ellipse *self, const labmate_state *state,
+    const double tau[2], double wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k21 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k21;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k21;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_params *params,
     const labmate_type_iv_ellipse_config *config, const labmate_type_iv_ellipse_gains *gains,
     const labmate_options *options)
@@ -44,11 +64,8 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of(&options->friction);
-    }
+    noslip_grip_init(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
+    self->r = params->r;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -121,6 +138,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     self->k19 = self->k15 - self->k16;
     const double t18 = params->d * params->m_c; /* kg m: d m_c */
     self->k20 = t18 * params->r / t17;
+    self->k21 = params->I_w / t8;
     const double t19 = t7 * t7; /* m^2: (L + d)^2 */
     const double t20 = t8 * t8; /* m^4: r^4 */
     const double t21 = t8 * 0.5; /* m^2: r^2/2 */
@@ -133,19 +151,19 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     if (!(noslip_abs(t24) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k21 = noslip_sqrt(t21 * (t23 * (t10 * t10)) * 4e-10 / t24);
-    self->k22 = -self->k20;
-    self->k23 = -self->k17;
-    self->k24 = self->k1 * t7;
+    self->k22 = noslip_sqrt(t21 * (t23 * (t10 * t10)) * 4e-10 / t24);
+    self->k23 = -self->k20;
+    self->k24 = -self->k17;
+    self->k25 = self->k1 * t7;
     const double t25 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k25 = t25 * t7;
+    self->k26 = t25 * t7;
     const double t26 = self->k1 * t18 - self->k13; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k26 = self->k1 * (self->Phi_21 * t26);
-    self->k27 = t25 * (self->Phi_21 * t18 - self->k12 * t7);
-    self->k28 = 1.0 / t1 * 2.0;
+    self->k27 = self->k1 * (self->Phi_21 * t26);
+    self->k28 = t25 * (self->Phi_21 * t18 - self->k12 * t7);
+    self->k29 = 1.0 / t1 * 2.0;
     const double t27 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k29 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0 * t27;
-    self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
+    self->k30 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0 * t27;
+    self->k31 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
     const double t28 = t14 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t28) > 0)) {
         return NOSLIP_SINGULAR;
@@ -156,10 +174,10 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
     const double t30 = t29 + t8 * (params->m_w * params->I_m) * 4.0 + t11 * params->m_c * 2.0 + t11 * params->m_w *
         4.0 + t8 * (t10 * params->m_c * params->m_w) * 2.0;
-    self->k31 = (t30 + t8 * (t10 * (params->m_w * params->m_w)) * 4.0 + t8 * (t13 * params->m_w) * 2.0) / t28 * 2.0 *
+    self->k32 = (t30 + t8 * (t10 * (params->m_w * params->m_w)) * 4.0 + t8 * (t13 * params->m_w) * 2.0) / t28 * 2.0 *
         t27;
-    self->k32 = t27 * t26;
-    self->k33 = self->k11 * t27;
+    self->k33 = t27 * t26;
+    self->k34 = self->k11 * t27;
     if (!(noslip_abs(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -169,9 +187,17 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, con
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const double none[2] = {0, 0};
+        double drive[6];
+        status = labmate_type_iv_ellipse_wheels_law(self, NULL, none, drive);
+        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -183,6 +209,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_reset(labmate_type_iv_ellipse *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -209,6 +236,8 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_set_limits(labmate_type_iv_ellipse *sel
 NOSLIP_SMALL int labmate_type_iv_ellipse_update(labmate_type_iv_ellipse *self, const labmate_type_iv_ellipse *next)
 {
     double held[2];
+    noslip_wheel wheel[2];
+    double mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -217,7 +246,16 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_update(labmate_type_iv_ellipse *self, c
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -266,7 +304,7 @@ static int labmate_type_iv_ellipse_slope_law(const labmate_type_iv_ellipse *self
     /* k5 = a^2/b^2 */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -280,7 +318,7 @@ static int labmate_type_iv_ellipse_slope_law(const labmate_type_iv_ellipse *self
     /* scaled_distance_by_yaw_rate */
     const double t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t4) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t4) > self->k22 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t5 = self->k13 * scaled_distance_by_forward_speed / t4; /* part of slope[0], slope[1] */
@@ -344,7 +382,7 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r (L + d)/(2 b) */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
@@ -362,7 +400,7 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     const double distance_by_x_l = t4 * x_l * (1.0 + t5 * 0.5);
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     /* -distance_by_yaw_rate yaw_rate (L + d) */
-    const double t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+    const double t6 = self->k25 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
     ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
@@ -401,7 +439,7 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -419,7 +457,7 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const double t6 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const double t7 = self->k24 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    const double t7 = self->k25 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
     Phi[0][0] = t6 + t7;
     Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
@@ -466,7 +504,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     /* k8 = 2 a^4/b^4 */
     /* k9 = a^2/(2 b^2) */
     /* k10 = a^4/b^4 */
-    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -483,7 +521,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     const double t6 = 1.0 + t5 * 0.5;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t8 = self->k24 * t7; /* yaw_rate (L + d) */
+    const double t8 = self->k25 * t7; /* yaw_rate (L + d) */
     const double t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
     const double t10 = t4 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     const double y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
@@ -508,7 +546,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
         t13 * t16;
     const double t20 = distance_by_x_l * yaw_rate - t19; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
     const double t21 = self->Phi_21 * (cos_phi * t17 - sin_phi * t20); /* part of Phidot[0][0], Phidot[0][1] */
-    const double t22 = self->k24 * (cos_phi * t20 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
+    const double t22 = self->k25 * (cos_phi * t20 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
     Phidot[0][0] = t21 - t22;
     Phidot[0][1] = t21 + t22;
     Phidot[1][0] = 0.0;
@@ -551,11 +589,11 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     /* k5 = a^2/b^2 */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k24 (m) = r (L + d)/(2 b) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -569,7 +607,7 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     /* scaled_distance_by_yaw_rate */
     const double t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t4) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t4) > self->k22 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t5 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -579,7 +617,7 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
         return NOSLIP_SINGULAR;
     }
     const double forward_speed = self->Phi_21 * t5;
-    const double t8 = self->k24 * t6; /* yaw_rate (L + d) */
+    const double t8 = self->k25 * t6; /* yaw_rate (L + d) */
     const double t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
     const double y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
     const double distance_normal_rate_y_l = self->k5 * y_l_rate;
@@ -592,11 +630,11 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     const double t12 = t3 * (t11 + distance_normal_rate_y_l * distance_normal_rate_y_l) - t2 * (v[0] * noslip_sqrt(t2) -
         (t11 + distance_normal_rate_y_l * y_l_rate));
     const double t13 = t6 * t6; /* 4 b^2 yaw_rate^2/r^2 */
-    const double v_less_drift_1 = v[1] - self->k25 * t13;
+    const double v_less_drift_1 = v[1] - self->k26 * t13;
     /* part of tau[0], tau[1] */
-    const double t14 = self->k26 * t5 * t6 - self->k13 * (t10 - t2 * (t12 + v_less_drift_1 *
+    const double t14 = self->k27 * t5 * t6 - self->k13 * (t10 - t2 * (t12 + v_less_drift_1 *
         scaled_distance_by_forward_speed)) / t7;
-    const double t15 = self->k12 * v_less_drift_1 - self->k27 * t13; /* part of tau[0], tau[1] */
+    const double t15 = self->k12 * v_less_drift_1 - self->k28 * t13; /* part of tau[0], tau[1] */
     tau[0] = t14 + t15;
     tau[1] = t15 - t14;
     return NOSLIP_OK;
@@ -637,20 +675,20 @@ NOSLIP_HOT int labmate_type_iv_ellipse_ground_law(const labmate_type_iv_ellipse 
     /* k15 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k17 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k28 (1/m) = 1/b */
-    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k29 (1/m) = 1/b */
+    /* k30 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k31 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k32 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k16 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k16 * effort_1 + self->k30 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k15 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k15 * effort_0 - self->k31 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k17 * effort_1 + self->k31 * t2;
+    const double force_across_0 = self->k17 * effort_1 + self->k32 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k28 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k29 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k14;
     ground[4] = t4 - t3;
@@ -696,19 +734,19 @@ static int labmate_type_iv_ellipse_ground_by_inputs_law(const labmate_type_iv_el
     /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k20 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k22 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k23 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k23 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k24 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k18;
     ground_by_inputs[0][1] = self->k19;
     ground_by_inputs[1][0] = self->k17;
-    ground_by_inputs[1][1] = self->k23;
+    ground_by_inputs[1][1] = self->k24;
     ground_by_inputs[2][0] = self->k20;
-    ground_by_inputs[2][1] = self->k22;
+    ground_by_inputs[2][1] = self->k23;
     ground_by_inputs[3][0] = self->k19;
     ground_by_inputs[3][1] = self->k18;
     ground_by_inputs[4][0] = self->k17;
-    ground_by_inputs[4][1] = self->k23;
-    ground_by_inputs[5][0] = self->k22;
+    ground_by_inputs[4][1] = self->k24;
+    ground_by_inputs[5][0] = self->k23;
     ground_by_inputs[5][1] = self->k20;
     return NOSLIP_OK;
 }
@@ -767,12 +805,12 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     /* k11 (1/m) = 1/(L + d) */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k24 (m) = r (L + d)/(2 b) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k32 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k33 = r^2/(4 b (L + d)) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k33 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k34 = r^2/(4 b (L + d)) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -787,7 +825,7 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     /* scaled_distance_by_yaw_rate */
     const double t5 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t5) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t5) > self->k22 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t6 = y_l * y_l; /* y_l^2 */
@@ -811,12 +849,12 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
     const double t15 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
     const double t16 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t17 = self->k24 * t16; /* yaw_rate (L + d) */
+    const double t17 = self->k25 * t16; /* yaw_rate (L + d) */
     const double t18 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi; /* distance_by_yaw_rate */
     const double t19 = t17 * t18; /* distance_by_yaw_rate yaw_rate (L + d) */
     all->ydot[0] = t15 - t19;
     const double t20 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
-    const double t21 = self->k24 * t18; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t21 = self->k25 * t18; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t20 - t21;
     all->Phi[0][1] = t20 + t21;
     all->Phi[1][0] = self->Phi_21;
@@ -839,13 +877,13 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     const double t31 = yaw_rate * distance_by_x_l - t30; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
     /* part of all->Phidot[0][0], all->Phidot[0][1] */
     const double t32 = self->Phi_21 * (cos_phi * t28 - sin_phi * t31);
-    const double t33 = self->k24 * (cos_phi * t31 + sin_phi * t28); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const double t33 = self->k25 * (cos_phi * t31 + sin_phi * t28); /* part of all->Phidot[0][0], all->Phidot[0][1] */
     all->Phidot[0][0] = t32 - t33;
     all->Phidot[0][1] = t32 + t33;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
     const double t34 = t16 * t16; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t35 = self->k25 * t34; /* yaw_rate^2 (L + d) */
+    const double t35 = self->k26 * t34; /* yaw_rate^2 (L + d) */
     const double v_less_drift_1 = reference->speed_rate - t35 + self->kv_speed * (reference->speed - forward_speed);
     const double t36 = self->k2 * (v_less_drift_1 + t35); /* v_speed/r */
     const double t37 = t10 * t16; /* 4 b forward_speed yaw_rate/r^2 */
@@ -867,11 +905,11 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
         scaled_distance_by_forward_speed - self->kd_distance * t39);
     const double t44 = t43 / t38; /* u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const double t45 = self->k3 * (t37 * self->k33 - self->k11 * t44);
+    const double t45 = self->k3 * (t37 * self->k34 - self->k11 * t44);
     all->u[0] = t36 - t45;
     all->u[1] = t36 + t45;
-    const double t46 = t37 * self->k32 + self->k13 * t44; /* part of all->tau[0], all->tau[1] */
-    const double t47 = self->k12 * v_less_drift_1 - self->k27 * t34; /* part of all->tau[0], all->tau[1] */
+    const double t46 = t37 * self->k33 + self->k13 * t44; /* part of all->tau[0], all->tau[1] */
+    const double t47 = self->k12 * v_less_drift_1 - self->k28 * t34; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t46 + t47;
     all->tau[1] = t47 - t46;
     return NOSLIP_OK;
@@ -918,11 +956,11 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     /* k5 = a^2/b^2 */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k24 (m) = r (L + d)/(2 b) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -936,21 +974,21 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     /* scaled_distance_by_yaw_rate */
     const double t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const double scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs(t4) > self->k21 * noslip_abs(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs(t4) > self->k22 * noslip_abs(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t6 = t5 * t5; /* 4 b^2 yaw_rate^2/r^2 */
     const double t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t7;
-    const double v_less_drift_1 = reference->speed_rate - self->k25 * t6 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k26 * t6 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t8 = self->k12 * v_less_drift_1 - self->k27 * t6; /* part of tau[0], tau[1] */
+    const double t8 = self->k12 * v_less_drift_1 - self->k28 * t6; /* part of tau[0], tau[1] */
     const double t9 = t2 * t4; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
     if (!(noslip_abs(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t10 = self->k24 * t5; /* yaw_rate (L + d) */
+    const double t10 = self->k25 * t5; /* yaw_rate (L + d) */
     const double t11 = forward_speed * cos_phi - t10 * sin_phi; /* x_l_rate */
     const double y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
     const double distance_normal_rate_y_l = self->k5 * y_l_rate;
@@ -966,7 +1004,7 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     /* part of tau[0], tau[1] */
     const double t16 = distance_turning * (t3 * distance_turning - 2.0 * t12) - t2 * (t15 +
         scaled_distance_by_forward_speed * v_less_drift_1 - self->kd_distance * t12);
-    const double t17 = self->k26 * t7 * t5 - self->k13 * t16 / t9; /* part of tau[0], tau[1] */
+    const double t17 = self->k27 * t7 * t5 - self->k13 * t16 / t9; /* part of tau[0], tau[1] */
     tau[0] = t8 + t17;
     tau[1] = t8 - t17;
     return NOSLIP_OK;
@@ -987,6 +1025,7 @@ static NOSLIP_BESIDE int labmate_type_iv_ellipse_step_refused(labmate_type_iv_el
         const int admitted = labmate_type_iv_ellipse_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing(&self->earned);
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -1005,7 +1044,7 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_limited(labmate_type_iv_elli
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double slope[2];
         double work[6];
@@ -1016,6 +1055,12 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_limited(labmate_type_iv_elli
             status = noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_ellipse_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_ellipse_wheels_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -1026,10 +1071,21 @@ static NOSLIP_BESIDE int labmate_type_iv_ellipse_step_with_grip(labmate_type_iv_
     const labmate_state *state, double tau[2], double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const double rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->theta_r + state->theta_l) && labmate_type_iv_ellipse_ground_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds(ground, &self->grip) && noslip_holds(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            double drive[6];
+            if (labmate_type_iv_ellipse_wheels_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

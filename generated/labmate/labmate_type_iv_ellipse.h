@@ -57,7 +57,11 @@ typedef struct labmate_type_iv_ellipse {
     noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT, NOSLIP_SLOW or NOSLIP_GRIP */
     noslip_grip grip;         /* of the floor, with NOSLIP_GRIP */
+    noslip_earned earned;     /* what is believed of it */
+    noslip_wheel wheel[2];    /* what shows it */
+    double ground[8];         /* at the last step */
     int ready;                /* set by init */
+    double r;                 /* m */
     double L;                 /* m */
     double kp_distance;       /* 1/s^2 */
     double kd_distance;       /* 1/s */
@@ -84,19 +88,20 @@ typedef struct labmate_type_iv_ellipse {
     double k18;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k19;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k20;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k21;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    double k22;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k23;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k24;               /* m: r (L + d)/(2 b) */
-    double k25;               /* m: r^2 (L + d)/(4 b^2) */
-    double k26;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k27;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    double k28;               /* 1/m: 1/b */
-    double k29;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k30;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k31;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k32;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k33;               /* r^2/(4 b (L + d)) */
+    double k21;               /* kg: I_w/r^2 */
+    double k22;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    double k23;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k24;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k25;               /* m: r (L + d)/(2 b) */
+    double k26;               /* m: r^2 (L + d)/(4 b^2) */
+    double k27;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k28;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double k29;               /* 1/m: 1/b */
+    double k30;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k31;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k32;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k33;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k34;               /* r^2/(4 b (L + d)) */
 } labmate_type_iv_ellipse;
 
 /*
@@ -122,7 +127,7 @@ int labmate_type_iv_ellipse_set_limits(labmate_type_iv_ellipse *self, const doub
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_iv_ellipse_update(labmate_type_iv_ellipse *self, const labmate_type_iv_ellipse *next);
 

@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_ellipse_f.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_ellipse_wheels_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+    const float tau[2], float wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k21 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k21;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k21;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmate_params_f *params,
     const labmate_type_iv_ellipse_config_f *config, const labmate_type_iv_ellipse_gains_f *gains,
     const labmate_options_f *options)
@@ -44,11 +64,8 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of_f(&options->friction);
-    }
+    noslip_grip_init_f(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
+    self->r = params->r;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -121,6 +138,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     self->k19 = self->k15 - self->k16;
     const float t18 = params->d * params->m_c; /* kg m: d m_c */
     self->k20 = t18 * params->r / t17;
+    self->k21 = params->I_w / t8;
     const float t19 = t7 * t7; /* m^2: (L + d)^2 */
     const float t20 = t8 * t8; /* m^4: r^4 */
     const float t21 = t8 * 0.5f; /* m^2: r^2/2 */
@@ -133,19 +151,19 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     if (!(noslip_abs_f(t24) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k21 = noslip_sqrt_f(t21 * (t23 * (t10 * t10)) * 4e-10f / t24);
-    self->k22 = -self->k20;
-    self->k23 = -self->k17;
-    self->k24 = self->k1 * t7;
+    self->k22 = noslip_sqrt_f(t21 * (t23 * (t10 * t10)) * 4e-10f / t24);
+    self->k23 = -self->k20;
+    self->k24 = -self->k17;
+    self->k25 = self->k1 * t7;
     const float t25 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k25 = t25 * t7;
+    self->k26 = t25 * t7;
     const float t26 = self->k1 * t18 - self->k13; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k26 = self->k1 * (self->Phi_21 * t26);
-    self->k27 = t25 * (self->Phi_21 * t18 - self->k12 * t7);
-    self->k28 = 1.0f / t1 * 2.0f;
+    self->k27 = self->k1 * (self->Phi_21 * t26);
+    self->k28 = t25 * (self->Phi_21 * t18 - self->k12 * t7);
+    self->k29 = 1.0f / t1 * 2.0f;
     const float t27 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k29 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0f * t27;
-    self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
+    self->k30 = params->b * params->I_w * params->d * params->m_c / t17 * 2.0f * t27;
+    self->k31 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
     const float t28 = t14 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t28) > 0)) {
         return NOSLIP_SINGULAR;
@@ -159,9 +177,9 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float t31 = (t30 + t8 * (t10 * (params->m_w * params->m_w)) * 4.0f + t8 * (t13 * params->m_w) * 2.0f) / t28 *
         2.0f;
-    self->k31 = t31 * t27;
-    self->k32 = t27 * t26;
-    self->k33 = self->k11 * t27;
+    self->k32 = t31 * t27;
+    self->k33 = t27 * t26;
+    self->k34 = self->k11 * t27;
     if (!(noslip_abs_f(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -171,9 +189,17 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const float none[2] = {0, 0};
+        float drive[6];
+        status = labmate_type_iv_ellipse_wheels_f_law(self, NULL, none, drive);
+        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -185,6 +211,7 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_reset_f(labmate_type_iv_ellipse_f *self
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing_f(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -212,6 +239,8 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_update_f(labmate_type_iv_ellipse_f *sel
     const labmate_type_iv_ellipse_f *next)
 {
     float held[2];
+    noslip_wheel_f wheel[2];
+    float mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -220,7 +249,16 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_update_f(labmate_type_iv_ellipse_f *sel
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe_f(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue_f(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue_f(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip_f(held[0], self->limit[0]);
     self->held[1] = noslip_clip_f(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -269,7 +307,7 @@ static int labmate_type_iv_ellipse_slope_f_law(const labmate_type_iv_ellipse_f *
     /* k5 = a^2/b^2 */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -283,7 +321,7 @@ static int labmate_type_iv_ellipse_slope_f_law(const labmate_type_iv_ellipse_f *
     /* scaled_distance_by_yaw_rate */
     const float t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t4) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t4) > self->k22 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t5 = self->k13 * scaled_distance_by_forward_speed / t4; /* part of slope[0], slope[1] */
@@ -347,7 +385,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r (L + d)/(2 b) */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
@@ -365,7 +403,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_x_l = t4 * x_l * (1.0f + t5 * 0.5f);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     /* -distance_by_yaw_rate yaw_rate (L + d) */
-    const float t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+    const float t6 = self->k25 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
     ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
@@ -404,7 +442,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -422,7 +460,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const float t7 = self->k24 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    const float t7 = self->k25 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
     Phi[0][0] = t6 + t7;
     Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
@@ -469,7 +507,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     /* k8 = 2 a^4/b^4 */
     /* k9 = a^2/(2 b^2) */
     /* k10 = a^4/b^4 */
-    /* k24 (m) = r (L + d)/(2 b) */
+    /* k25 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -486,7 +524,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t6 = 1.0f + t5 * 0.5f;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t8 = self->k24 * t7; /* yaw_rate (L + d) */
+    const float t8 = self->k25 * t7; /* yaw_rate (L + d) */
     const float t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
     const float t10 = t4 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     const float y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
@@ -511,7 +549,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
         t13 * t16;
     const float t20 = distance_by_x_l * yaw_rate - t19; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
     const float t21 = self->Phi_21 * (cos_phi * t17 - sin_phi * t20); /* part of Phidot[0][0], Phidot[0][1] */
-    const float t22 = self->k24 * (cos_phi * t20 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
+    const float t22 = self->k25 * (cos_phi * t20 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
     Phidot[0][0] = t21 - t22;
     Phidot[0][1] = t21 + t22;
     Phidot[1][0] = 0.0f;
@@ -554,11 +592,11 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     /* k5 = a^2/b^2 */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k24 (m) = r (L + d)/(2 b) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -572,7 +610,7 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     /* scaled_distance_by_yaw_rate */
     const float t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t4) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t4) > self->k22 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t5 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -582,7 +620,7 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
         return NOSLIP_SINGULAR;
     }
     const float forward_speed = self->Phi_21 * t5;
-    const float t8 = self->k24 * t6; /* yaw_rate (L + d) */
+    const float t8 = self->k25 * t6; /* yaw_rate (L + d) */
     const float t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
     const float y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
     const float distance_normal_rate_y_l = self->k5 * y_l_rate;
@@ -595,11 +633,11 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float t12 = t3 * (t11 + distance_normal_rate_y_l * distance_normal_rate_y_l) - t2 * (v[0] *
         noslip_sqrt_f(t2) - (t11 + distance_normal_rate_y_l * y_l_rate));
     const float t13 = t6 * t6; /* 4 b^2 yaw_rate^2/r^2 */
-    const float v_less_drift_1 = v[1] - self->k25 * t13;
+    const float v_less_drift_1 = v[1] - self->k26 * t13;
     /* part of tau[0], tau[1] */
-    const float t14 = self->k26 * t5 * t6 - self->k13 * (t10 - t2 * (t12 + v_less_drift_1 *
+    const float t14 = self->k27 * t5 * t6 - self->k13 * (t10 - t2 * (t12 + v_less_drift_1 *
         scaled_distance_by_forward_speed)) / t7;
-    const float t15 = self->k12 * v_less_drift_1 - self->k27 * t13; /* part of tau[0], tau[1] */
+    const float t15 = self->k12 * v_less_drift_1 - self->k28 * t13; /* part of tau[0], tau[1] */
     tau[0] = t14 + t15;
     tau[1] = t15 - t14;
     return NOSLIP_OK;
@@ -640,20 +678,20 @@ NOSLIP_HOT int labmate_type_iv_ellipse_ground_f_law(const labmate_type_iv_ellips
     /* k15 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k17 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k28 (1/m) = 1/b */
-    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k29 (1/m) = 1/b */
+    /* k30 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k31 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k32 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k16 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k16 * effort_1 + self->k30 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k15 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k15 * effort_0 - self->k31 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k17 * effort_1 + self->k31 * t2;
+    const float force_across_0 = self->k17 * effort_1 + self->k32 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k28 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k29 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k14;
     ground[4] = t4 - t3;
@@ -699,19 +737,19 @@ static int labmate_type_iv_ellipse_ground_by_inputs_f_law(const labmate_type_iv_
     /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k20 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k22 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k23 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k23 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k24 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k18;
     ground_by_inputs[0][1] = self->k19;
     ground_by_inputs[1][0] = self->k17;
-    ground_by_inputs[1][1] = self->k23;
+    ground_by_inputs[1][1] = self->k24;
     ground_by_inputs[2][0] = self->k20;
-    ground_by_inputs[2][1] = self->k22;
+    ground_by_inputs[2][1] = self->k23;
     ground_by_inputs[3][0] = self->k19;
     ground_by_inputs[3][1] = self->k18;
     ground_by_inputs[4][0] = self->k17;
-    ground_by_inputs[4][1] = self->k23;
-    ground_by_inputs[5][0] = self->k22;
+    ground_by_inputs[4][1] = self->k24;
+    ground_by_inputs[5][0] = self->k23;
     ground_by_inputs[5][1] = self->k20;
     return NOSLIP_OK;
 }
@@ -770,12 +808,12 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     /* k11 (1/m) = 1/(L + d) */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k24 (m) = r (L + d)/(2 b) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k32 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k33 = r^2/(4 b (L + d)) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k33 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k34 = r^2/(4 b (L + d)) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -790,7 +828,7 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     /* scaled_distance_by_yaw_rate */
     const float t5 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t5) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t5) > self->k22 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t6 = y_l * y_l; /* y_l^2 */
@@ -814,12 +852,12 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
     const float t15 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
     const float t16 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t17 = self->k24 * t16; /* yaw_rate (L + d) */
+    const float t17 = self->k25 * t16; /* yaw_rate (L + d) */
     const float t18 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi; /* distance_by_yaw_rate */
     const float t19 = t17 * t18; /* distance_by_yaw_rate yaw_rate (L + d) */
     all->ydot[0] = t15 - t19;
     const float t20 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
-    const float t21 = self->k24 * t18; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t21 = self->k25 * t18; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t20 - t21;
     all->Phi[0][1] = t20 + t21;
     all->Phi[1][0] = self->Phi_21;
@@ -841,13 +879,13 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
         t14 * t27;
     const float t31 = yaw_rate * distance_by_x_l - t30; /* distance_by_x_l yaw_rate - distance_by_y_l_rate */
     const float t32 = self->Phi_21 * (cos_phi * t28 - sin_phi * t31); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const float t33 = self->k24 * (cos_phi * t31 + sin_phi * t28); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const float t33 = self->k25 * (cos_phi * t31 + sin_phi * t28); /* part of all->Phidot[0][0], all->Phidot[0][1] */
     all->Phidot[0][0] = t32 - t33;
     all->Phidot[0][1] = t32 + t33;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t34 = t16 * t16; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t35 = self->k25 * t34; /* yaw_rate^2 (L + d) */
+    const float t35 = self->k26 * t34; /* yaw_rate^2 (L + d) */
     const float v_less_drift_1 = reference->speed_rate - t35 + self->kv_speed * (reference->speed - forward_speed);
     const float t36 = self->k2 * (v_less_drift_1 + t35); /* v_speed/r */
     const float t37 = t10 * t16; /* 4 b forward_speed yaw_rate/r^2 */
@@ -869,11 +907,11 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
         scaled_distance_by_forward_speed - self->kd_distance * t39);
     const float t44 = t43 / t38; /* u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const float t45 = self->k3 * (t37 * self->k33 - self->k11 * t44);
+    const float t45 = self->k3 * (t37 * self->k34 - self->k11 * t44);
     all->u[0] = t36 - t45;
     all->u[1] = t36 + t45;
-    const float t46 = t37 * self->k32 + self->k13 * t44; /* part of all->tau[0], all->tau[1] */
-    const float t47 = self->k12 * v_less_drift_1 - self->k27 * t34; /* part of all->tau[0], all->tau[1] */
+    const float t46 = t37 * self->k33 + self->k13 * t44; /* part of all->tau[0], all->tau[1] */
+    const float t47 = self->k12 * v_less_drift_1 - self->k28 * t34; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t46 + t47;
     all->tau[1] = t47 - t46;
     return NOSLIP_OK;
@@ -920,11 +958,11 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* k5 = a^2/b^2 */
     /* k12 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k13 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k21 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k24 (m) = r (L + d)/(2 b) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -938,21 +976,21 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* scaled_distance_by_yaw_rate */
     const float t4 = scaled_distance_by_x_l * sin_phi - scaled_distance_by_y_l * cos_phi;
     const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_phi + scaled_distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(t4) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed))) {
+    if (!(noslip_abs_f(t4) > self->k22 * noslip_abs_f(scaled_distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t6 = t5 * t5; /* 4 b^2 yaw_rate^2/r^2 */
     const float t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t7;
-    const float v_less_drift_1 = reference->speed_rate - self->k25 * t6 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k26 * t6 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t8 = self->k12 * v_less_drift_1 - self->k27 * t6; /* part of tau[0], tau[1] */
+    const float t8 = self->k12 * v_less_drift_1 - self->k28 * t6; /* part of tau[0], tau[1] */
     const float t9 = t2 * t4; /* scaled_distance_by_yaw_rate (distance_normal_y_l^2 + x_l^2) */
     if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t10 = self->k24 * t5; /* yaw_rate (L + d) */
+    const float t10 = self->k25 * t5; /* yaw_rate (L + d) */
     const float t11 = forward_speed * cos_phi - t10 * sin_phi; /* x_l_rate */
     const float y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
     const float distance_normal_rate_y_l = self->k5 * y_l_rate;
@@ -968,7 +1006,7 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* part of tau[0], tau[1] */
     const float t16 = distance_turning * (t3 * distance_turning - 2.0f * t12) - t2 * (t15 +
         scaled_distance_by_forward_speed * v_less_drift_1 - self->kd_distance * t12);
-    const float t17 = self->k26 * t7 * t5 - self->k13 * t16 / t9; /* part of tau[0], tau[1] */
+    const float t17 = self->k27 * t7 * t5 - self->k13 * t16 / t9; /* part of tau[0], tau[1] */
     tau[0] = t8 + t17;
     tau[1] = t8 - t17;
     return NOSLIP_OK;
@@ -989,6 +1027,7 @@ static NOSLIP_BESIDE int labmate_type_iv_ellipse_step_f_refused(labmate_type_iv_
         const int admitted = labmate_type_iv_ellipse_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing_f(&self->earned);
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -1007,7 +1046,7 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_limited(labmate_type_iv_el
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float slope[2];
         float work[6];
@@ -1018,6 +1057,12 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_limited(labmate_type_iv_el
             status = noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_ellipse_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_ellipse_wheels_f_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect_f(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -1028,10 +1073,21 @@ static NOSLIP_BESIDE int labmate_type_iv_ellipse_step_f_with_grip(labmate_type_i
     const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const float rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_iv_ellipse_ground_f_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            float drive[6];
+            if (labmate_type_iv_ellipse_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

@@ -58,7 +58,11 @@ typedef struct labmate_type_iv_line {
     noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT, NOSLIP_SLOW or NOSLIP_GRIP */
     noslip_grip grip;         /* of the floor, with NOSLIP_GRIP */
+    noslip_earned earned;     /* what is believed of it */
+    noslip_wheel wheel[2];    /* what shows it */
+    double ground[8];         /* at the last step */
     int ready;                /* set by init */
+    double r;                 /* m */
     double L;                 /* m */
     double kp_distance;       /* 1/s^2 */
     double kd_distance;       /* 1/s */
@@ -80,23 +84,24 @@ typedef struct labmate_type_iv_line {
     double k13;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k14;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k15;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k16;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    double k17;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k18;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k19;               /* m: r (L + d)/(2 b) */
-    double k20;               /* m: r^2/(4 b) */
-    double k21;               /* m: r^2 (L + d)/(4 b^2) */
+    double k16;               /* kg: I_w/r^2 */
+    double k17;               /* sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    double k18;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k19;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k20;               /* m: r (L + d)/(2 b) */
+    double k21;               /* m: r^2/(4 b) */
     double k22;               /* m: r^2 (L + d)/(4 b^2) */
-    double k23;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k24;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    double k25;               /* 1/m: 1/b */
-    double k26;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k27;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k28;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k29;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k30;               /* r^2/(4 b (L + d)) */
-    double k31;               /* 1/s: kd_distance r/(2 b) */
-    double k32;               /* kg m^2/s: of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    double k23;               /* m: r^2 (L + d)/(4 b^2) */
+    double k24;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k25;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double k26;               /* 1/m: 1/b */
+    double k27;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k28;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k29;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k30;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k31;               /* r^2/(4 b (L + d)) */
+    double k32;               /* 1/s: kd_distance r/(2 b) */
+    double k33;               /* kg m^2/s: of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
 } labmate_type_iv_line;
 
 /*
@@ -121,7 +126,7 @@ int labmate_type_iv_line_set_limits(labmate_type_iv_line *self, const double lim
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_iv_line_update(labmate_type_iv_line *self, const labmate_type_iv_line *next);
 

@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_line_f.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_line_wheels_f_law(const labmate_type_iv_line_f *self, const labmate_state_f *state,
+    const float tau[2], float wheels[6])
+{
+    (void)state;
+    /* k1 (1/m) = 1/r */
+    /* k16 (kg) = I_w/r^2 */
+    wheels[0] = self->k1 * tau[0];
+    wheels[1] = self->k16;
+    wheels[2] = self->r;
+    wheels[3] = self->k1 * tau[1];
+    wheels[4] = self->k16;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_params_f *params,
     const labmate_type_iv_line_config_f *config, const labmate_type_iv_line_gains_f *gains,
     const labmate_options_f *options)
@@ -45,15 +65,12 @@ NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of_f(&options->friction);
-    }
+    noslip_grip_init_f(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
     const float t1 = config->A * config->A + config->B * config->B; /* A^2 + B^2 */
     if (!(t1 > 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    self->r = params->r;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -114,6 +131,7 @@ NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const
     self->k14 = self->k10 - self->k11;
     const float t17 = params->d * params->m_c; /* kg m: d m_c */
     self->k15 = t17 * params->r / t16;
+    self->k16 = params->I_w / t4;
     const float t18 = t3 * t3; /* m^2: (L + d)^2 */
     const float t19 = t4 * t4; /* m^4: r^4 */
     const float t20 = t4 * 0.5f; /* m^2: r^2/2 */
@@ -126,20 +144,20 @@ NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const
     if (!(noslip_abs_f(t23) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k16 = noslip_sqrt_f(t20 * (t22 * (t8 * t8)) * 4e-10f / t23);
-    self->k17 = -self->k15;
-    self->k18 = -self->k12;
-    self->k19 = t7 * t3;
-    self->k20 = self->Phi_21 * t7;
-    self->k21 = t7 * self->k19;
+    self->k17 = noslip_sqrt_f(t20 * (t22 * (t8 * t8)) * 4e-10f / t23);
+    self->k18 = -self->k15;
+    self->k19 = -self->k12;
+    self->k20 = t7 * t3;
+    self->k21 = self->Phi_21 * t7;
+    self->k22 = t7 * self->k20;
     const float t24 = t7 * t7; /* r^2/(4 b^2) */
-    self->k22 = t24 * t3;
+    self->k23 = t24 * t3;
     const float t25 = t7 * t17 - self->k8; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k23 = t7 * (self->Phi_21 * t25);
-    self->k24 = t24 * (self->Phi_21 * t17 - self->k7 * t3);
-    self->k25 = 1.0f / t6 * 2.0f;
-    self->k26 = params->b * params->I_w * params->d * params->m_c / t16 * 2.0f * self->k20;
-    self->k27 = t7 * (t7 * (params->d * params->I_w * params->m_c / t5));
+    self->k24 = t7 * (self->Phi_21 * t25);
+    self->k25 = t24 * (self->Phi_21 * t17 - self->k7 * t3);
+    self->k26 = 1.0f / t6 * 2.0f;
+    self->k27 = params->b * params->I_w * params->d * params->m_c / t16 * 2.0f * self->k21;
+    self->k28 = t7 * (t7 * (params->d * params->I_w * params->m_c / t5));
     const float t26 = t12 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t26) > 0)) {
         return NOSLIP_SINGULAR;
@@ -153,11 +171,11 @@ NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const
     /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float t29 = (t28 + t4 * (t8 * (params->m_w * params->m_w)) * 4.0f + t4 * (t11 * params->m_w) * 2.0f) / t26 *
         2.0f;
-    self->k28 = t29 * self->k20;
-    self->k29 = self->k20 * t25;
-    self->k30 = self->k6 * self->k20;
-    self->k31 = t7 * gains->kd_distance;
-    self->k32 = t7 * (t13 * gains->kd_distance);
+    self->k29 = t29 * self->k21;
+    self->k30 = self->k21 * t25;
+    self->k31 = self->k6 * self->k21;
+    self->k32 = t7 * gains->kd_distance;
+    self->k33 = t7 * (t13 * gains->kd_distance);
     if (!(noslip_abs_f(t19) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -167,9 +185,17 @@ NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const float none[2] = {0, 0};
+        float drive[6];
+        status = labmate_type_iv_line_wheels_f_law(self, NULL, none, drive);
+        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -181,6 +207,7 @@ NOSLIP_SMALL int labmate_type_iv_line_reset_f(labmate_type_iv_line_f *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing_f(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -207,6 +234,8 @@ NOSLIP_SMALL int labmate_type_iv_line_set_limits_f(labmate_type_iv_line_f *self,
 NOSLIP_SMALL int labmate_type_iv_line_update_f(labmate_type_iv_line_f *self, const labmate_type_iv_line_f *next)
 {
     float held[2];
+    noslip_wheel_f wheel[2];
+    float mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -215,7 +244,16 @@ NOSLIP_SMALL int labmate_type_iv_line_update_f(labmate_type_iv_line_f *self, con
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe_f(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue_f(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue_f(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip_f(held[0], self->limit[0]);
     self->held[1] = noslip_clip_f(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -264,12 +302,12 @@ static int labmate_type_iv_line_slope_f_law(const labmate_type_iv_line_f *self, 
     /* k4 = B/sqrt(A^2 + B^2) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k17 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k16 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k17 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = self->k8 * distance_by_forward_speed / distance_by_yaw_rate; /* part of slope[0], slope[1] */
@@ -325,13 +363,13 @@ static int labmate_type_iv_line_rate_f_law(const labmate_type_iv_line_f *self, c
     /* Phi_21 (m) = r/2 */
     /* k3 = A/sqrt(A^2 + B^2) */
     /* k4 = B/sqrt(A^2 + B^2) */
-    /* k19 (m) = r (L + d)/(2 b) */
+    /* k20 (m) = r (L + d)/(2 b) */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed - self->k19 * distance_by_yaw_rate * (state->thetadot_r -
+    ydot[0] = forward_speed * distance_by_forward_speed - self->k20 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -367,13 +405,13 @@ static int labmate_type_iv_line_decoupling_f_law(const labmate_type_iv_line_f *s
     /* Phi_21 (m) = r/2 */
     /* k3 = A/sqrt(A^2 + B^2) */
     /* k4 = B/sqrt(A^2 + B^2) */
-    /* k19 (m) = r (L + d)/(2 b) */
+    /* k20 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const float t1 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
-    const float t2 = self->k19 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t2 = self->k20 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     Phi[1][0] = self->Phi_21;
@@ -413,15 +451,15 @@ static int labmate_type_iv_line_decoupling_rate_f_law(const labmate_type_iv_line
 {
     /* k3 = A/sqrt(A^2 + B^2) */
     /* k4 = B/sqrt(A^2 + B^2) */
-    /* k20 (m) = r^2/(4 b) */
-    /* k21 (m) = r^2 (L + d)/(4 b^2) */
+    /* k21 (m) = r^2/(4 b) */
+    /* k22 (m) = r^2 (L + d)/(4 b^2) */
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
-    const float t2 = self->k20 * distance_by_yaw_rate; /* distance_by_yaw_rate r^2/(4 b) */
+    const float t2 = self->k21 * distance_by_yaw_rate; /* distance_by_yaw_rate r^2/(4 b) */
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    const float t3 = self->k21 * distance_by_forward_speed; /* distance_by_forward_speed r^2 (L + d)/(4 b^2) */
+    const float t3 = self->k22 * distance_by_forward_speed; /* distance_by_forward_speed r^2 (L + d)/(4 b^2) */
     Phidot[0][0] = -(t1 * (t2 + t3));
     Phidot[0][1] = -(t1 * (t2 - t3));
     Phidot[1][0] = 0.0f;
@@ -463,24 +501,24 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
     /* k4 = B/sqrt(A^2 + B^2) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r^2 (L + d)/(4 b^2) */
-    /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k17 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r^2 (L + d)/(4 b^2) */
+    /* k24 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k25 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k16 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k17 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
-    const float v_less_drift_1 = v[1] - self->k22 * t2;
+    const float v_less_drift_1 = v[1] - self->k23 * t2;
     /* part of tau[0], tau[1] */
-    const float t3 = self->k23 * (state->thetadot_r + state->thetadot_l) * t1 - self->k8 * (v[0] -
+    const float t3 = self->k24 * (state->thetadot_r + state->thetadot_l) * t1 - self->k8 * (v[0] -
         distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
-    const float t4 = self->k7 * v_less_drift_1 - self->k24 * t2; /* part of tau[0], tau[1] */
+    const float t4 = self->k7 * v_less_drift_1 - self->k25 * t2; /* part of tau[0], tau[1] */
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -521,20 +559,20 @@ NOSLIP_HOT int labmate_type_iv_line_ground_f_law(const labmate_type_iv_line_f *s
     /* k10 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k11 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k12 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k25 (1/m) = 1/b */
-    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k27 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k28 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k26 (1/m) = 1/b */
+    /* k27 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k28 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k11 * effort_1 + self->k26 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k11 * effort_1 + self->k27 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k10 * effort_0 - self->k27 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k10 * effort_0 - self->k28 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k12 * effort_1 + self->k28 * t2;
+    const float force_across_0 = self->k12 * effort_1 + self->k29 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k25 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k26 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k9;
     ground[4] = t4 - t3;
@@ -580,19 +618,19 @@ static int labmate_type_iv_line_ground_by_inputs_f_law(const labmate_type_iv_lin
     /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k15 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k17 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k18 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k19 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k13;
     ground_by_inputs[0][1] = self->k14;
     ground_by_inputs[1][0] = self->k12;
-    ground_by_inputs[1][1] = self->k18;
+    ground_by_inputs[1][1] = self->k19;
     ground_by_inputs[2][0] = self->k15;
-    ground_by_inputs[2][1] = self->k17;
+    ground_by_inputs[2][1] = self->k18;
     ground_by_inputs[3][0] = self->k14;
     ground_by_inputs[3][1] = self->k13;
     ground_by_inputs[4][0] = self->k12;
-    ground_by_inputs[4][1] = self->k18;
-    ground_by_inputs[5][0] = self->k17;
+    ground_by_inputs[4][1] = self->k19;
+    ground_by_inputs[5][0] = self->k18;
     ground_by_inputs[5][1] = self->k15;
     return NOSLIP_OK;
 }
@@ -646,21 +684,21 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     /* k6 (1/m) = 1/(L + d) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k19 (m) = r (L + d)/(2 b) */
-    /* k20 (m) = r^2/(4 b) */
-    /* k21 (m) = r^2 (L + d)/(4 b^2) */
+    /* k17 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k20 (m) = r (L + d)/(2 b) */
+    /* k21 (m) = r^2/(4 b) */
     /* k22 (m) = r^2 (L + d)/(4 b^2) */
-    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k29 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k30 = r^2/(4 b (L + d)) */
-    /* k31 (1/s) = kd_distance r/(2 b) */
-    /* k32 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k23 (m) = r^2 (L + d)/(4 b^2) */
+    /* k25 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k30 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k31 = r^2/(4 b (L + d)) */
+    /* k32 (1/s) = kd_distance r/(2 b) */
+    /* k33 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k16 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k17 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
@@ -673,22 +711,22 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     const float t2 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
     const float t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t4 = distance_by_yaw_rate * t3; /* 2 b distance_by_yaw_rate yaw_rate/r */
-    all->ydot[0] = t2 - self->k19 * t4;
+    all->ydot[0] = t2 - self->k20 * t4;
     const float t5 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
-    const float t6 = self->k19 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t6 = self->k20 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t5 - t6;
     all->Phi[0][1] = t5 + t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
     /* distance_by_forward_speed r yaw_rate (L + d)/(2 b) */
-    const float t7 = self->k21 * distance_by_forward_speed * t3;
-    const float t8 = self->k20 * t4; /* distance_by_yaw_rate r yaw_rate/2 */
+    const float t7 = self->k22 * distance_by_forward_speed * t3;
+    const float t8 = self->k21 * t4; /* distance_by_yaw_rate r yaw_rate/2 */
     all->Phidot[0][0] = -(t7 + t8);
     all->Phidot[0][1] = t7 - t8;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t9 = t3 * t3; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t10 = self->k22 * t9; /* yaw_rate^2 (L + d) */
+    const float t10 = self->k23 * t9; /* yaw_rate^2 (L + d) */
     const float v_less_drift_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
     const float t11 = self->k1 * (v_less_drift_1 + t10); /* v_speed/r */
     const float t12 = t1 * t3; /* 4 b forward_speed yaw_rate/r^2 */
@@ -697,11 +735,11 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     /* u_yaw_rate (L + d) */
     const float t13 = (distance_by_forward_speed * v_less_drift_1 - v_distance) / distance_by_yaw_rate;
     /* part of u_thetadot_r, u_thetadot_l */
-    const float t14 = self->k2 * (t12 * self->k30 + self->k31 * t3 - self->k6 * t13);
+    const float t14 = self->k2 * (t12 * self->k31 + self->k32 * t3 - self->k6 * t13);
     all->u[0] = t11 - t14;
     all->u[1] = t11 + t14;
-    const float t15 = self->k7 * v_less_drift_1 - self->k24 * t9; /* part of all->tau[1], all->tau[0] */
-    const float t16 = self->k32 * t3 - (t12 * self->k29 + self->k8 * t13); /* part of all->tau[1], all->tau[0] */
+    const float t15 = self->k7 * v_less_drift_1 - self->k25 * t9; /* part of all->tau[1], all->tau[0] */
+    const float t16 = self->k33 * t3 - (t12 * self->k30 + self->k8 * t13); /* part of all->tau[1], all->tau[0] */
     all->tau[0] = t15 - t16;
     all->tau[1] = t16 + t15;
     return NOSLIP_OK;
@@ -749,25 +787,25 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     /* k5 (m) = C/sqrt(A^2 + B^2) */
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k16 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r^2 (L + d)/(4 b^2) */
-    /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k32 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k17 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r^2 (L + d)/(4 b^2) */
+    /* k24 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k25 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k33 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k16 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k17 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const float t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t3;
-    const float v_less_drift_1 = reference->speed_rate - self->k22 * t2 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k23 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t4 = self->k7 * v_less_drift_1 - self->k24 * t2; /* part of tau[0], tau[1] */
+    const float t4 = self->k7 * v_less_drift_1 - self->k25 * t2; /* part of tau[0], tau[1] */
     /* part of v_distance */
     const float t5 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate - forward_speed *
         distance_by_forward_speed);
@@ -776,7 +814,7 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     const float v_distance = t5 + self->kp_distance * (reference->distance - self->k5 - self->k3 * x_l - self->k4 *
         y_l);
     /* part of tau[0], tau[1] */
-    const float t6 = t1 * (self->k32 - self->k23 * t3) - self->k8 * (distance_by_forward_speed * v_less_drift_1 -
+    const float t6 = t1 * (self->k33 - self->k24 * t3) - self->k8 * (distance_by_forward_speed * v_less_drift_1 -
         v_distance) / distance_by_yaw_rate;
     tau[0] = t4 - t6;
     tau[1] = t4 + t6;
@@ -798,6 +836,7 @@ static NOSLIP_BESIDE int labmate_type_iv_line_step_f_refused(labmate_type_iv_lin
         const int admitted = labmate_type_iv_line_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing_f(&self->earned);
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -816,7 +855,7 @@ static NOSLIP_COLD int labmate_type_iv_line_step_f_limited(labmate_type_iv_line_
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float slope[2];
         float work[6];
@@ -827,6 +866,12 @@ static NOSLIP_COLD int labmate_type_iv_line_step_f_limited(labmate_type_iv_line_
             status = noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_line_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_line_wheels_f_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect_f(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -837,10 +882,21 @@ static NOSLIP_BESIDE int labmate_type_iv_line_step_f_with_grip(labmate_type_iv_l
     const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const float rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_iv_line_ground_f_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            float drive[6];
+            if (labmate_type_iv_line_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

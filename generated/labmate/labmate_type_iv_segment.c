@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_segment.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_segment_wheels_law(const labmate_type_iv_segment *self, const labmate_state *state,
+    const double tau[2], double wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k19 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k19;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k19;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_params *params,
     const labmate_type_iv_segment_config *config, const labmate_type_iv_segment_gains *gains,
     const labmate_options *options)
@@ -46,14 +66,11 @@ NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, con
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of(&options->friction);
-    }
+    noslip_grip_init(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
     if (!noslip_angle_ok(config->direction)) {
         return NOSLIP_RANGE;
     }
+    self->r = params->r;
     self->L = config->L;
     self->x_s = config->x_s;
     self->y_s = config->y_s;
@@ -115,6 +132,7 @@ NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, con
     self->k17 = self->k13 - self->k14;
     const double t13 = params->d * params->m_c; /* kg m: d m_c */
     self->k18 = t13 * params->r / t12;
+    self->k19 = params->I_w / t3;
     const double t14 = t2 * t2; /* m^2: (L + d)^2 */
     const double t15 = t3 * t3; /* m^4: r^4 */
     const double t16 = t3 * 0.5; /* m^2: r^2/2 */
@@ -127,21 +145,21 @@ NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, con
     if (!(noslip_abs(t19) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k19 = noslip_sqrt(t16 * (t18 * (t5 * t5)) * 4e-10 / t19);
-    self->k20 = -self->k18;
-    self->k21 = -self->k15;
-    self->k22 = self->k1 * t2;
-    self->k23 = t3 * 0.25;
+    self->k20 = noslip_sqrt(t16 * (t18 * (t5 * t5)) * 4e-10 / t19);
+    self->k21 = -self->k18;
+    self->k22 = -self->k15;
+    self->k23 = self->k1 * t2;
+    self->k24 = t3 * 0.25;
     const double t20 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k24 = t14 * t20;
-    self->k25 = t20 * t2;
+    self->k25 = t14 * t20;
+    self->k26 = t20 * t2;
     const double t21 = self->k1 * t13 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k26 = self->k1 * (self->Phi_21 * t21);
-    self->k27 = t20 * (self->Phi_21 * t13 - self->k10 * t2);
-    self->k28 = 1.0 / t1 * 2.0;
+    self->k27 = self->k1 * (self->Phi_21 * t21);
+    self->k28 = t20 * (self->Phi_21 * t13 - self->k10 * t2);
+    self->k29 = 1.0 / t1 * 2.0;
     const double t22 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k29 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0 * t22;
-    self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
+    self->k30 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0 * t22;
+    self->k31 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
     const double t23 = t9 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t23) > 0)) {
         return NOSLIP_SINGULAR;
@@ -152,9 +170,9 @@ NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, con
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
     const double t25 = t24 + t3 * (params->m_w * params->I_m) * 4.0 + t6 * params->m_c * 2.0 + t6 * params->m_w * 4.0 +
         t3 * (t5 * params->m_c * params->m_w) * 2.0;
-    self->k31 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t23 * 2.0 * t22;
-    self->k32 = t22 * t21;
-    self->k33 = self->k9 * t22;
+    self->k32 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t23 * 2.0 * t22;
+    self->k33 = t22 * t21;
+    self->k34 = self->k9 * t22;
     if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -164,9 +182,17 @@ NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, con
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const double none[2] = {0, 0};
+        double drive[6];
+        status = labmate_type_iv_segment_wheels_law(self, NULL, none, drive);
+        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -178,6 +204,7 @@ NOSLIP_SMALL int labmate_type_iv_segment_reset(labmate_type_iv_segment *self)
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -204,6 +231,8 @@ NOSLIP_SMALL int labmate_type_iv_segment_set_limits(labmate_type_iv_segment *sel
 NOSLIP_SMALL int labmate_type_iv_segment_update(labmate_type_iv_segment *self, const labmate_type_iv_segment *next)
 {
     double held[2];
+    noslip_wheel wheel[2];
+    double mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -212,7 +241,16 @@ NOSLIP_SMALL int labmate_type_iv_segment_update(labmate_type_iv_segment *self, c
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip(held[0], self->limit[0]);
     self->held[1] = noslip_clip(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -283,7 +321,7 @@ static int labmate_type_iv_segment_slope_law(const labmate_type_iv_segment *self
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -300,7 +338,7 @@ static int labmate_type_iv_segment_slope_law(const labmate_type_iv_segment *self
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k20 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = self->k11 * distance_by_forward_speed / distance_by_yaw_rate; /* part of slope[0], slope[1] */
@@ -320,8 +358,8 @@ static int labmate_type_iv_segment_follow_slope_law(const labmate_type_iv_segmen
     (void)state;
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    if (!(noslip_abs(foot->cosine) > self->k19 * noslip_abs(foot->sine))) {
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    if (!(noslip_abs(foot->cosine) > self->k20 * noslip_abs(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = self->k11 * foot->sine / foot->cosine; /* part of slope[0], slope[1] */
@@ -388,7 +426,7 @@ static int labmate_type_iv_segment_rate_law(const labmate_type_iv_segment *self,
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -406,7 +444,7 @@ static int labmate_type_iv_segment_rate_law(const labmate_type_iv_segment *self,
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    ydot[0] = self->k22 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
+    ydot[0] = self->k23 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
         distance_by_forward_speed;
     return NOSLIP_OK;
 }
@@ -445,7 +483,7 @@ static int labmate_type_iv_segment_decoupling_law(const labmate_type_iv_segment 
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -461,7 +499,7 @@ static int labmate_type_iv_segment_decoupling_law(const labmate_type_iv_segment 
     const double distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
-    const double t7 = self->k22 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t7 = self->k23 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
     const double t8 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     Phi[0][0] = t7 - t8;
@@ -508,7 +546,7 @@ static int labmate_type_iv_segment_decoupling_rate_law(const labmate_type_iv_seg
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -526,7 +564,7 @@ static int labmate_type_iv_segment_decoupling_rate_law(const labmate_type_iv_seg
     const double t7 = t6 * self->curvature; /* part of Phidot[0][1], Phidot[0][0] */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t9 = self->k22 * t8; /* yaw_rate (L + d) */
+    const double t9 = self->k23 * t8; /* yaw_rate (L + d) */
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
@@ -539,7 +577,7 @@ static int labmate_type_iv_segment_decoupling_rate_law(const labmate_type_iv_seg
     /* curvature distance_by_x_l_rate - distance_by_y_l yaw_rate */
     const double t12 = t7 * (forward_speed * cos_phi - t9 * sin_phi - distance_by_x_l * t10) - distance_by_y_l *
         yaw_rate;
-    const double t13 = self->k22 * (cos_phi * t11 - sin_phi * t12); /* part of Phidot[0][1], Phidot[0][0] */
+    const double t13 = self->k23 * (cos_phi * t11 - sin_phi * t12); /* part of Phidot[0][1], Phidot[0][0] */
     const double t14 = self->Phi_21 * (cos_phi * t12 + sin_phi * t11); /* part of Phidot[0][1], Phidot[0][0] */
     Phidot[0][0] = -(t13 + t14);
     Phidot[0][1] = t13 - t14;
@@ -586,13 +624,13 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -610,21 +648,21 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k20 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t9 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
     const double forward_speed = self->Phi_21 * t7;
-    const double distance_rate = self->k22 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
-    const double v_less_drift_0 = v[0] + t6 * self->curvature * (self->k23 * t7 * t7 + self->k24 * t9 - distance_rate *
+    const double distance_rate = self->k23 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
+    const double v_less_drift_0 = v[0] + t6 * self->curvature * (self->k24 * t7 * t7 + self->k25 * t9 - distance_rate *
         distance_rate);
-    const double v_less_drift_1 = v[1] - self->k25 * t9;
+    const double v_less_drift_1 = v[1] - self->k26 * t9;
     /* part of tau[0], tau[1] */
-    const double t10 = self->k26 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
+    const double t10 = self->k27 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
-    const double t11 = self->k10 * v_less_drift_1 - self->k27 * t9; /* part of tau[0], tau[1] */
+    const double t11 = self->k10 * v_less_drift_1 - self->k28 * t9; /* part of tau[0], tau[1] */
     tau[0] = t10 + t11;
     tau[1] = t11 - t10;
     return NOSLIP_OK;
@@ -665,20 +703,20 @@ NOSLIP_HOT int labmate_type_iv_segment_ground_law(const labmate_type_iv_segment 
     /* k13 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k15 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k28 (1/m) = 1/b */
-    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k29 (1/m) = 1/b */
+    /* k30 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k31 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k32 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k14 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
+    const double t3 = self->k14 * effort_1 + self->k30 * t2; /* part of ground[0], ground[4] */
     const double effort_0 = tau[0] + tau[1];
-    const double t4 = self->k13 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
+    const double t4 = self->k13 * effort_0 - self->k31 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const double force_across_0 = self->k15 * effort_1 + self->k31 * t2;
+    const double force_across_0 = self->k15 * effort_1 + self->k32 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k28 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k29 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k12;
     ground[4] = t4 - t3;
@@ -724,19 +762,19 @@ static int labmate_type_iv_segment_ground_by_inputs_law(const labmate_type_iv_se
     /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k17 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k18 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k20 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k21 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k21 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k22 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k16;
     ground_by_inputs[0][1] = self->k17;
     ground_by_inputs[1][0] = self->k15;
-    ground_by_inputs[1][1] = self->k21;
+    ground_by_inputs[1][1] = self->k22;
     ground_by_inputs[2][0] = self->k18;
-    ground_by_inputs[2][1] = self->k20;
+    ground_by_inputs[2][1] = self->k21;
     ground_by_inputs[3][0] = self->k17;
     ground_by_inputs[3][1] = self->k16;
     ground_by_inputs[4][0] = self->k15;
-    ground_by_inputs[4][1] = self->k21;
-    ground_by_inputs[5][0] = self->k20;
+    ground_by_inputs[4][1] = self->k22;
+    ground_by_inputs[5][0] = self->k21;
     ground_by_inputs[5][1] = self->k18;
     return NOSLIP_OK;
 }
@@ -793,14 +831,14 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     /* k9 (1/m) = 1/(L + d) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k32 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k33 = r^2/(4 b (L + d)) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k33 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k34 = r^2/(4 b (L + d)) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
@@ -822,7 +860,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k20 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t9 = 1.0 + t7; /* part of all->h[0], v_less_drift_0 */
@@ -835,11 +873,11 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     const double forward_speed = self->Phi_21 * t11;
     all->h[1] = forward_speed;
     const double t12 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t13 = self->k22 * t12; /* yaw_rate (L + d) */
+    const double t13 = self->k23 * t12; /* yaw_rate (L + d) */
     const double t14 = t13 * distance_by_yaw_rate; /* distance_by_yaw_rate yaw_rate (L + d) */
     const double t15 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
     all->ydot[0] = t14 - t15;
-    const double t16 = self->k22 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t16 = self->k23 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     const double t17 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     all->Phi[0][0] = t16 - t17;
     all->Phi[0][1] = -(t16 + t17);
@@ -854,7 +892,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     /* curvature distance_by_x_l_rate - distance_by_y_l yaw_rate */
     const double t21 = t18 * (forward_speed * cos_phi - t13 * sin_phi - distance_by_x_l * t19) - yaw_rate *
         distance_by_y_l;
-    const double t22 = self->k22 * (cos_phi * t20 - sin_phi * t21); /* part of all->Phidot[0][1], all->Phidot[0][0] */
+    const double t22 = self->k23 * (cos_phi * t20 - sin_phi * t21); /* part of all->Phidot[0][1], all->Phidot[0][0] */
     /* part of all->Phidot[0][1], all->Phidot[0][0] */
     const double t23 = self->Phi_21 * (cos_phi * t21 + sin_phi * t20);
     all->Phidot[0][0] = -(t22 + t23);
@@ -862,23 +900,23 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
     const double t24 = t12 * t12; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t25 = self->k25 * t24; /* yaw_rate^2 (L + d) */
+    const double t25 = self->k26 * t24; /* yaw_rate^2 (L + d) */
     const double v_less_drift_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
     const double t26 = self->k2 * (v_less_drift_1 + t25); /* v_speed/r */
     const double t27 = t11 * t12; /* 4 b forward_speed yaw_rate/r^2 */
     /* v_distance */
     const double t28 = reference->distance_acceleration + self->kp_distance * (reference->distance + t10) +
         self->kd_distance * (t19 + reference->distance_rate);
-    const double v_less_drift_0 = t28 + t18 * (self->k23 * t11 * t11 + self->k24 * t24 - t19 * t19);
+    const double v_less_drift_0 = t28 + t18 * (self->k24 * t11 * t11 + self->k25 * t24 - t19 * t19);
     /* u_yaw_rate (L + d) */
     const double t29 = (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
     const double u_yaw_rate = self->k9 * t29;
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const double t30 = self->k3 * (t27 * self->k33 - u_yaw_rate);
+    const double t30 = self->k3 * (t27 * self->k34 - u_yaw_rate);
     all->u[0] = t26 - t30;
     all->u[1] = t26 + t30;
-    const double t31 = t27 * self->k32 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
-    const double t32 = self->k10 * v_less_drift_1 - self->k27 * t24; /* part of all->tau[0], all->tau[1] */
+    const double t31 = t27 * self->k33 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
+    const double t32 = self->k10 * v_less_drift_1 - self->k28 * t24; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
     return NOSLIP_OK;
@@ -928,13 +966,13 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
@@ -953,20 +991,20 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs(distance_by_yaw_rate) > self->k19 * noslip_abs(distance_by_forward_speed))) {
+    if (!(noslip_abs(distance_by_yaw_rate) > self->k20 * noslip_abs(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t10 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
     const double t11 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t11;
-    const double v_less_drift_1 = reference->speed_rate - self->k25 * t10 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k26 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t12 = self->k10 * v_less_drift_1 - self->k27 * t10; /* part of tau[0], tau[1] */
-    const double distance_rate = self->k22 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
+    const double t12 = self->k10 * v_less_drift_1 - self->k28 * t10; /* part of tau[0], tau[1] */
+    const double distance_rate = self->k23 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
     /* curvature distance_curvature + distance_acceleration */
     const double t13 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate -
-        distance_rate) + t8 * self->curvature * (self->k23 * t11 * t11 + self->k24 * t10 - distance_rate *
+        distance_rate) + t8 * self->curvature * (self->k24 * t11 * t11 + self->k25 * t10 - distance_rate *
         distance_rate);
     const double t14 = 1.0 + t7; /* part of v_less_drift_0 */
     if (!(noslip_abs(t14) > 0)) {
@@ -975,7 +1013,7 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     const double v_less_drift_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0) + t4 *
         self->curvature) / t14);
     /* part of tau[0], tau[1] */
-    const double t15 = self->k26 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed *
+    const double t15 = self->k27 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed *
         v_less_drift_1) / distance_by_yaw_rate;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
@@ -997,6 +1035,7 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_step_refused(labmate_type_iv_se
         const int admitted = labmate_type_iv_segment_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing(&self->earned);
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -1015,7 +1054,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_limited(labmate_type_iv_segm
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double slope[2];
         double work[6];
@@ -1026,6 +1065,12 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_limited(labmate_type_iv_segm
             status = noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_segment_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_segment_wheels_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -1036,10 +1081,21 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_step_with_grip(labmate_type_iv_
     const labmate_state *state, double tau[2], double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const double rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->theta_r + state->theta_l) && labmate_type_iv_segment_ground_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds(ground, &self->grip) && noslip_holds(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            double drive[6];
+            if (labmate_type_iv_segment_wheels_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];
@@ -1079,32 +1135,32 @@ static int labmate_type_iv_segment_follow_law(const labmate_type_iv_segment *sel
     /* Phi_21 (m) = r/2 */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    if (!(noslip_abs(foot->cosine) > self->k19 * noslip_abs(foot->sine))) {
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    if (!(noslip_abs(foot->cosine) > self->k20 * noslip_abs(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t3;
-    const double v_less_drift_1 = reference->speed_rate - self->k25 * t2 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k26 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t4 = self->k10 * v_less_drift_1 - self->k27 * t2; /* part of tau[0], tau[1] */
-    const double distance_rate = self->k22 * foot->cosine * t1 + forward_speed * foot->sine;
-    const double distance_curvature = foot->curvature * (self->k23 * t3 * t3 + self->k24 * t2 - distance_rate *
+    const double t4 = self->k10 * v_less_drift_1 - self->k28 * t2; /* part of tau[0], tau[1] */
+    const double distance_rate = self->k23 * foot->cosine * t1 + forward_speed * foot->sine;
+    const double distance_curvature = foot->curvature * (self->k24 * t3 * t3 + self->k25 * t2 - distance_rate *
         distance_rate);
     /* distance_acceleration + distance_curvature */
     const double t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - foot->distance) +
         distance_curvature;
     const double v_less_drift_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
     /* part of tau[0], tau[1] */
-    const double t6 = self->k26 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
+    const double t6 = self->k27 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
     tau[0] = t4 + t6;
     tau[1] = t4 - t6;
     return NOSLIP_OK;
@@ -1125,6 +1181,7 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_follow_refused(labmate_type_iv_
         const int admitted = labmate_type_iv_segment_admit_foot(self, foot, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing(&self->earned);
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -1142,7 +1199,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_limited(labmate_type_iv_se
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        double ground[8];
+        double *const ground = self->ground;
         double by_inputs[6][2];
         double slope[2];
         double work[6];
@@ -1153,6 +1210,12 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_limited(labmate_type_iv_se
             status = noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_segment_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_segment_wheels_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -1163,10 +1226,21 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_follow_with_grip(labmate_type_i
     const noslip_foot *foot, const labmate_state *state, double tau[2], double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
-    double ground[8];
+    double *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const double rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         labmate_type_iv_segment_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
         &self->grip) && noslip_holds(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            double drive[6];
+            if (labmate_type_iv_segment_wheels_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

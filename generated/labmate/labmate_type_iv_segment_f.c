@@ -7,6 +7,26 @@
 #define NOSLIP_QUICK
 #include "labmate_type_iv_segment_f.h"
 
+/*
+ * Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius.
+ * wheels[6]: force (N), mass (kg) and radius (m) of each
+ * Operations: 2 mul.
+ */
+NOSLIP_HOT int labmate_type_iv_segment_wheels_f_law(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
+    const float tau[2], float wheels[6])
+{
+    (void)state;
+    /* k2 (1/m) = 1/r */
+    /* k19 (kg) = I_w/r^2 */
+    wheels[0] = self->k2 * tau[0];
+    wheels[1] = self->k19;
+    wheels[2] = self->r;
+    wheels[3] = self->k2 * tau[1];
+    wheels[4] = self->k19;
+    wheels[5] = self->r;
+    return NOSLIP_OK;
+}
+
 NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmate_params_f *params,
     const labmate_type_iv_segment_config_f *config, const labmate_type_iv_segment_gains_f *gains,
     const labmate_options_f *options)
@@ -46,14 +66,11 @@ NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self,
     self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
     self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
-    self->grip.weight = 0;
-    self->grip.height = 0;
-    if (self->on_limit == NOSLIP_GRIP) {
-        self->grip = noslip_grip_of_f(&options->friction);
-    }
+    noslip_grip_init_f(&self->earned, &self->grip, self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, 2);
     if (!noslip_angle_ok_f(config->direction)) {
         return NOSLIP_RANGE;
     }
+    self->r = params->r;
     self->L = config->L;
     self->x_s = config->x_s;
     self->y_s = config->y_s;
@@ -115,6 +132,7 @@ NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self,
     self->k17 = self->k13 - self->k14;
     const float t13 = params->d * params->m_c; /* kg m: d m_c */
     self->k18 = t13 * params->r / t12;
+    self->k19 = params->I_w / t3;
     const float t14 = t2 * t2; /* m^2: (L + d)^2 */
     const float t15 = t3 * t3; /* m^4: r^4 */
     const float t16 = t3 * 0.5f; /* m^2: r^2/2 */
@@ -127,21 +145,21 @@ NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self,
     if (!(noslip_abs_f(t19) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k19 = noslip_sqrt_f(t16 * (t18 * (t5 * t5)) * 4e-10f / t19);
-    self->k20 = -self->k18;
-    self->k21 = -self->k15;
-    self->k22 = self->k1 * t2;
-    self->k23 = t3 * 0.25f;
+    self->k20 = noslip_sqrt_f(t16 * (t18 * (t5 * t5)) * 4e-10f / t19);
+    self->k21 = -self->k18;
+    self->k22 = -self->k15;
+    self->k23 = self->k1 * t2;
+    self->k24 = t3 * 0.25f;
     const float t20 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k24 = t14 * t20;
-    self->k25 = t20 * t2;
+    self->k25 = t14 * t20;
+    self->k26 = t20 * t2;
     const float t21 = self->k1 * t13 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k26 = self->k1 * (self->Phi_21 * t21);
-    self->k27 = t20 * (self->Phi_21 * t13 - self->k10 * t2);
-    self->k28 = 1.0f / t1 * 2.0f;
+    self->k27 = self->k1 * (self->Phi_21 * t21);
+    self->k28 = t20 * (self->Phi_21 * t13 - self->k10 * t2);
+    self->k29 = 1.0f / t1 * 2.0f;
     const float t22 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k29 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0f * t22;
-    self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
+    self->k30 = params->b * params->I_w * params->d * params->m_c / t12 * 2.0f * t22;
+    self->k31 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
     const float t23 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t23) > 0)) {
         return NOSLIP_SINGULAR;
@@ -152,10 +170,10 @@ NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self,
     /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
     const float t25 = t24 + t3 * (params->m_w * params->I_m) * 4.0f + t6 * params->m_c * 2.0f + t6 * params->m_w *
         4.0f + t3 * (t5 * params->m_c * params->m_w) * 2.0f;
-    self->k31 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0f + t3 * (t8 * params->m_w) * 2.0f) / t23 * 2.0f *
+    self->k32 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0f + t3 * (t8 * params->m_w) * 2.0f) / t23 * 2.0f *
         t22;
-    self->k32 = t22 * t21;
-    self->k33 = self->k9 * t22;
+    self->k33 = t22 * t21;
+    self->k34 = self->k9 * t22;
     if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -165,9 +183,17 @@ NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self,
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34)) {
         return NOSLIP_BAD_PARAMETER;
     }
+    {
+        const float none[2] = {0, 0};
+        float drive[6];
+        status = labmate_type_iv_segment_wheels_f_law(self, NULL, none, drive);
+        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+    }
+    noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
     return status;
 }
@@ -179,6 +205,7 @@ NOSLIP_SMALL int labmate_type_iv_segment_reset_f(labmate_type_iv_segment_f *self
     }
     self->held[0] = 0;
     self->held[1] = 0;
+    noslip_expect_nothing_f(&self->earned);
     return NOSLIP_OK;
 }
 
@@ -206,6 +233,8 @@ NOSLIP_SMALL int labmate_type_iv_segment_update_f(labmate_type_iv_segment_f *sel
     const labmate_type_iv_segment_f *next)
 {
     float held[2];
+    noslip_wheel_f wheel[2];
+    float mu, pause, ground[8];
     if (self == NULL || next == NULL) {
         return NOSLIP_NULL;
     }
@@ -214,7 +243,16 @@ NOSLIP_SMALL int labmate_type_iv_segment_update_f(labmate_type_iv_segment_f *sel
     }
     held[0] = self->held[0];
     held[1] = self->held[1];
+    mu = self->earned.mu;
+    pause = self->earned.pause;
+    noslip_copy(wheel, self->wheel, sizeof wheel);
+    noslip_copy(ground, self->ground, sizeof ground);
     noslip_copy(self, next, sizeof *self);
+    noslip_believe_f(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);
+    self->earned.pause = pause;
+    noslip_wheel_continue_f(&self->wheel[0], &wheel[0]);
+    noslip_wheel_continue_f(&self->wheel[1], &wheel[1]);
+    noslip_copy(self->ground, ground, sizeof ground);
     self->held[0] = noslip_clip_f(held[0], self->limit[0]);
     self->held[1] = noslip_clip_f(held[1], self->limit[1]);
     return NOSLIP_OK;
@@ -286,7 +324,7 @@ static int labmate_type_iv_segment_slope_f_law(const labmate_type_iv_segment_f *
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -303,7 +341,7 @@ static int labmate_type_iv_segment_slope_f_law(const labmate_type_iv_segment_f *
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k20 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = self->k11 * distance_by_forward_speed / distance_by_yaw_rate; /* part of slope[0], slope[1] */
@@ -323,8 +361,8 @@ static int labmate_type_iv_segment_follow_slope_f_law(const labmate_type_iv_segm
     (void)state;
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    if (!(noslip_abs_f(foot->cosine) > self->k19 * noslip_abs_f(foot->sine))) {
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    if (!(noslip_abs_f(foot->cosine) > self->k20 * noslip_abs_f(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = self->k11 * foot->sine / foot->cosine; /* part of slope[0], slope[1] */
@@ -391,7 +429,7 @@ static int labmate_type_iv_segment_rate_f_law(const labmate_type_iv_segment_f *s
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -409,7 +447,7 @@ static int labmate_type_iv_segment_rate_f_law(const labmate_type_iv_segment_f *s
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    ydot[0] = self->k22 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
+    ydot[0] = self->k23 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
         distance_by_forward_speed;
     return NOSLIP_OK;
 }
@@ -448,7 +486,7 @@ static int labmate_type_iv_segment_decoupling_f_law(const labmate_type_iv_segmen
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -464,7 +502,7 @@ static int labmate_type_iv_segment_decoupling_f_law(const labmate_type_iv_segmen
     const float distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
-    const float t7 = self->k22 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t7 = self->k23 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
     const float t8 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     Phi[0][0] = t7 - t8;
@@ -511,7 +549,7 @@ static int labmate_type_iv_segment_decoupling_rate_f_law(const labmate_type_iv_s
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -529,7 +567,7 @@ static int labmate_type_iv_segment_decoupling_rate_f_law(const labmate_type_iv_s
     const float t7 = t6 * self->curvature; /* part of Phidot[0][1], Phidot[0][0] */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t9 = self->k22 * t8; /* yaw_rate (L + d) */
+    const float t9 = self->k23 * t8; /* yaw_rate (L + d) */
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
@@ -542,7 +580,7 @@ static int labmate_type_iv_segment_decoupling_rate_f_law(const labmate_type_iv_s
     /* curvature distance_by_x_l_rate - distance_by_y_l yaw_rate */
     const float t12 = t7 * (forward_speed * cos_phi - t9 * sin_phi - distance_by_x_l * t10) - distance_by_y_l *
         yaw_rate;
-    const float t13 = self->k22 * (cos_phi * t11 - sin_phi * t12); /* part of Phidot[0][1], Phidot[0][0] */
+    const float t13 = self->k23 * (cos_phi * t11 - sin_phi * t12); /* part of Phidot[0][1], Phidot[0][0] */
     const float t14 = self->Phi_21 * (cos_phi * t12 + sin_phi * t11); /* part of Phidot[0][1], Phidot[0][0] */
     Phidot[0][0] = -(t13 + t14);
     Phidot[0][1] = t13 - t14;
@@ -589,13 +627,13 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -613,21 +651,21 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k20 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t9 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
     const float forward_speed = self->Phi_21 * t7;
-    const float distance_rate = self->k22 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
-    const float v_less_drift_0 = v[0] + t6 * self->curvature * (self->k23 * t7 * t7 + self->k24 * t9 - distance_rate *
+    const float distance_rate = self->k23 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
+    const float v_less_drift_0 = v[0] + t6 * self->curvature * (self->k24 * t7 * t7 + self->k25 * t9 - distance_rate *
         distance_rate);
-    const float v_less_drift_1 = v[1] - self->k25 * t9;
+    const float v_less_drift_1 = v[1] - self->k26 * t9;
     /* part of tau[0], tau[1] */
-    const float t10 = self->k26 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
+    const float t10 = self->k27 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
-    const float t11 = self->k10 * v_less_drift_1 - self->k27 * t9; /* part of tau[0], tau[1] */
+    const float t11 = self->k10 * v_less_drift_1 - self->k28 * t9; /* part of tau[0], tau[1] */
     tau[0] = t10 + t11;
     tau[1] = t11 - t10;
     return NOSLIP_OK;
@@ -668,20 +706,20 @@ NOSLIP_HOT int labmate_type_iv_segment_ground_f_law(const labmate_type_iv_segmen
     /* k13 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k15 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k28 (1/m) = 1/b */
-    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k29 (1/m) = 1/b */
+    /* k30 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k31 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k32 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k14 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
+    const float t3 = self->k14 * effort_1 + self->k30 * t2; /* part of ground[0], ground[4] */
     const float effort_0 = tau[0] + tau[1];
-    const float t4 = self->k13 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
+    const float t4 = self->k13 * effort_0 - self->k31 * t1 * t1; /* part of ground[0], ground[4] */
     ground[0] = t3 + t4;
-    const float force_across_0 = self->k15 * effort_1 + self->k31 * t2;
+    const float force_across_0 = self->k15 * effort_1 + self->k32 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k28 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k29 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k12;
     ground[4] = t4 - t3;
@@ -727,19 +765,19 @@ static int labmate_type_iv_segment_ground_by_inputs_f_law(const labmate_type_iv_
     /* k16 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k17 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k18 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k20 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k21 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k21 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k22 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     ground_by_inputs[0][0] = self->k16;
     ground_by_inputs[0][1] = self->k17;
     ground_by_inputs[1][0] = self->k15;
-    ground_by_inputs[1][1] = self->k21;
+    ground_by_inputs[1][1] = self->k22;
     ground_by_inputs[2][0] = self->k18;
-    ground_by_inputs[2][1] = self->k20;
+    ground_by_inputs[2][1] = self->k21;
     ground_by_inputs[3][0] = self->k17;
     ground_by_inputs[3][1] = self->k16;
     ground_by_inputs[4][0] = self->k15;
-    ground_by_inputs[4][1] = self->k21;
-    ground_by_inputs[5][0] = self->k20;
+    ground_by_inputs[4][1] = self->k22;
+    ground_by_inputs[5][0] = self->k21;
     ground_by_inputs[5][1] = self->k18;
     return NOSLIP_OK;
 }
@@ -796,14 +834,14 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     /* k9 (1/m) = 1/(L + d) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k32 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k33 = r^2/(4 b (L + d)) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k33 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k34 = r^2/(4 b (L + d)) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
@@ -825,7 +863,7 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     const float distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k20 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t9 = 1.0f + t7; /* part of all->h[0], v_less_drift_0 */
@@ -838,11 +876,11 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     const float forward_speed = self->Phi_21 * t11;
     all->h[1] = forward_speed;
     const float t12 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t13 = self->k22 * t12; /* yaw_rate (L + d) */
+    const float t13 = self->k23 * t12; /* yaw_rate (L + d) */
     const float t14 = t13 * distance_by_yaw_rate; /* distance_by_yaw_rate yaw_rate (L + d) */
     const float t15 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
     all->ydot[0] = t14 - t15;
-    const float t16 = self->k22 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t16 = self->k23 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     const float t17 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     all->Phi[0][0] = t16 - t17;
     all->Phi[0][1] = -(t16 + t17);
@@ -857,30 +895,30 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     /* curvature distance_by_x_l_rate - distance_by_y_l yaw_rate */
     const float t21 = t18 * (forward_speed * cos_phi - t13 * sin_phi - distance_by_x_l * t19) - yaw_rate *
         distance_by_y_l;
-    const float t22 = self->k22 * (cos_phi * t20 - sin_phi * t21); /* part of all->Phidot[0][1], all->Phidot[0][0] */
+    const float t22 = self->k23 * (cos_phi * t20 - sin_phi * t21); /* part of all->Phidot[0][1], all->Phidot[0][0] */
     const float t23 = self->Phi_21 * (cos_phi * t21 + sin_phi * t20); /* part of all->Phidot[0][1], all->Phidot[0][0] */
     all->Phidot[0][0] = -(t22 + t23);
     all->Phidot[0][1] = t22 - t23;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t24 = t12 * t12; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t25 = self->k25 * t24; /* yaw_rate^2 (L + d) */
+    const float t25 = self->k26 * t24; /* yaw_rate^2 (L + d) */
     const float v_less_drift_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
     const float t26 = self->k2 * (v_less_drift_1 + t25); /* v_speed/r */
     const float t27 = t11 * t12; /* 4 b forward_speed yaw_rate/r^2 */
     /* v_distance */
     const float t28 = reference->distance_acceleration + self->kp_distance * (reference->distance + t10) +
         self->kd_distance * (t19 + reference->distance_rate);
-    const float v_less_drift_0 = t28 + t18 * (self->k23 * t11 * t11 + self->k24 * t24 - t19 * t19);
+    const float v_less_drift_0 = t28 + t18 * (self->k24 * t11 * t11 + self->k25 * t24 - t19 * t19);
     /* u_yaw_rate (L + d) */
     const float t29 = (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
     const float u_yaw_rate = self->k9 * t29;
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const float t30 = self->k3 * (t27 * self->k33 - u_yaw_rate);
+    const float t30 = self->k3 * (t27 * self->k34 - u_yaw_rate);
     all->u[0] = t26 - t30;
     all->u[1] = t26 + t30;
-    const float t31 = t27 * self->k32 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
-    const float t32 = self->k10 * v_less_drift_1 - self->k27 * t24; /* part of all->tau[0], all->tau[1] */
+    const float t31 = t27 * self->k33 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
+    const float t32 = self->k10 * v_less_drift_1 - self->k28 * t24; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
     return NOSLIP_OK;
@@ -930,13 +968,13 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     /* k8 (1/m) = curvature sin(direction) */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
@@ -955,20 +993,20 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     const float distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed))) {
+    if (!(noslip_abs_f(distance_by_yaw_rate) > self->k20 * noslip_abs_f(distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t10 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
     const float t11 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t11;
-    const float v_less_drift_1 = reference->speed_rate - self->k25 * t10 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k26 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t12 = self->k10 * v_less_drift_1 - self->k27 * t10; /* part of tau[0], tau[1] */
-    const float distance_rate = self->k22 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
+    const float t12 = self->k10 * v_less_drift_1 - self->k28 * t10; /* part of tau[0], tau[1] */
+    const float distance_rate = self->k23 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
     /* curvature distance_curvature + distance_acceleration */
     const float t13 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate -
-        distance_rate) + t8 * self->curvature * (self->k23 * t11 * t11 + self->k24 * t10 - distance_rate *
+        distance_rate) + t8 * self->curvature * (self->k24 * t11 * t11 + self->k25 * t10 - distance_rate *
         distance_rate);
     const float t14 = 1.0f + t7; /* part of v_less_drift_0 */
     if (!(noslip_abs_f(t14) > 0)) {
@@ -977,7 +1015,7 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     const float v_less_drift_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0f) + t4 *
         self->curvature) / t14);
     /* part of tau[0], tau[1] */
-    const float t15 = self->k26 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
+    const float t15 = self->k27 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
@@ -999,6 +1037,7 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_step_f_refused(labmate_type_iv_
         const int admitted = labmate_type_iv_segment_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing_f(&self->earned);
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -1017,7 +1056,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_f_limited(labmate_type_iv_se
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float slope[2];
         float work[6];
@@ -1028,6 +1067,12 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_f_limited(labmate_type_iv_se
             status = noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_segment_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_segment_wheels_f_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect_f(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -1038,10 +1083,21 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_step_f_with_grip(labmate_type_i
     const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const float rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_iv_segment_ground_f_law(self, state, made,
         ground) == NOSLIP_OK && noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            float drive[6];
+            if (labmate_type_iv_segment_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];
@@ -1081,32 +1137,32 @@ static int labmate_type_iv_segment_follow_f_law(const labmate_type_iv_segment_f 
     /* Phi_21 (m) = r/2 */
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
-    /* k19 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
-    /* k22 (m) = r (L + d)/(2 b) */
-    /* k23 (m^2) = r^2/4 */
-    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k25 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    if (!(noslip_abs_f(foot->cosine) > self->k19 * noslip_abs_f(foot->sine))) {
+    /* k20 = sqrt(1.0000000001e-10 b^2/(L + d)^2) */
+    /* k23 (m) = r (L + d)/(2 b) */
+    /* k24 (m^2) = r^2/4 */
+    /* k25 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k26 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    if (!(noslip_abs_f(foot->cosine) > self->k20 * noslip_abs_f(foot->sine))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const float t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t3;
-    const float v_less_drift_1 = reference->speed_rate - self->k25 * t2 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k26 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t4 = self->k10 * v_less_drift_1 - self->k27 * t2; /* part of tau[0], tau[1] */
-    const float distance_rate = self->k22 * foot->cosine * t1 + forward_speed * foot->sine;
-    const float distance_curvature = foot->curvature * (self->k23 * t3 * t3 + self->k24 * t2 - distance_rate *
+    const float t4 = self->k10 * v_less_drift_1 - self->k28 * t2; /* part of tau[0], tau[1] */
+    const float distance_rate = self->k23 * foot->cosine * t1 + forward_speed * foot->sine;
+    const float distance_curvature = foot->curvature * (self->k24 * t3 * t3 + self->k25 * t2 - distance_rate *
         distance_rate);
     /* distance_acceleration + distance_curvature */
     const float t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - foot->distance) +
         distance_curvature;
     const float v_less_drift_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
     /* part of tau[0], tau[1] */
-    const float t6 = self->k26 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
+    const float t6 = self->k27 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
     tau[0] = t4 + t6;
     tau[1] = t4 - t6;
     return NOSLIP_OK;
@@ -1128,6 +1184,7 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_follow_f_refused(labmate_type_i
         const int admitted = labmate_type_iv_segment_admit_foot_f(self, foot, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    noslip_expect_nothing_f(&self->earned);
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, self->held, tau, 2);
 }
 
@@ -1145,7 +1202,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_f_limited(labmate_type_iv_
         }
     }
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
-        float ground[8];
+        float *const ground = self->ground;
         float by_inputs[6][2];
         float slope[2];
         float work[6];
@@ -1156,6 +1213,12 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_f_limited(labmate_type_iv_
             status = noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
                 labmate_type_iv_segment_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
+            if (self->earned.period > 0) {
+                if (labmate_type_iv_segment_wheels_f_law(self, state, made, work) == NOSLIP_OK) {
+                    noslip_expect_f(&self->wheel[0], &ground[0], &work[0]);
+                    noslip_expect_f(&self->wheel[1], &ground[4], &work[3]);
+                }
+            }
         }
     }
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
@@ -1166,10 +1229,21 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_follow_f_with_grip(labmate_type
     const noslip_foot_f *foot, const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
-    float ground[8];
+    float *const ground = self->ground;
+    if (self->earned.period > 0) {
+        const float rates[2] = {state->thetadot_r, state->thetadot_l};
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+    }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         labmate_type_iv_segment_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
         &self->grip) && noslip_holds_f(&ground[4], &self->grip)) {
+        if (self->earned.period > 0) {
+            float drive[6];
+            if (labmate_type_iv_segment_wheels_f_law(self, state, made, drive) == NOSLIP_OK) {
+                noslip_expect_f(&self->wheel[0], &ground[0], &drive[0]);
+                noslip_expect_f(&self->wheel[1], &ground[4], &drive[3]);
+            }
+        }
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];

@@ -1,6 +1,7 @@
 """Controllers and dynamics computed by the generated C, in double or float."""
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property, lru_cache
 from itertools import islice
@@ -21,7 +22,7 @@ from ...codegen.program import Entry
 from ...model.law import ControlLaw
 from ...model.reduction import ReducedSystem
 from ...readers.errors import check_status
-from .controller import ON_LIMIT, RUNNING, Evaluation, Friction, Limits, check_point
+from .controller import ON_LIMIT, RUNNING, Evaluation, Limits, check_point
 from .runtime import InC, load, runtime
 
 Text = TypeVar("Text", LawC, DynamicsC)
@@ -82,11 +83,19 @@ class Library(_Compiled[LawC]):
         """`written`: files that are there already, by name, these among them; they make one library."""
         self._load(law.system, law_text(law_program(law), SCALARS[scalar]), written)
 
-    def set_friction(self, instance, friction: Friction) -> None:
-        """Set the friction of a law, as noslip_slip_grip does."""
-        c, scalar = runtime("noslip_grip.h"), self.text.scalar.real
-        grip = c.function("noslip_grip_of", scalar)(c.new("noslip_friction", scalar, dataclasses.asdict(friction)))
-        self.ffi.memmove(self.ffi.addressof(instance, "grip"), c.ffi.addressof(grip), c.ffi.sizeof(grip))
+    @staticmethod
+    def believed(instance) -> float:
+        """Return the friction that a law believes."""
+        return float(instance.earned.mu)
+
+    def set_friction(self, instance, mu: float) -> None:
+        """Let a law believe `mu` at most, as noslip_slip_grip does."""
+        c, scalar, name = runtime("noslip_grip.h"), self.text.scalar.real, self.text.scalar.name
+        places = (
+            c.ffi.cast(f"{name(f'noslip_{part}')} *", int(self.ffi.cast("uintptr_t", self.ffi.addressof(instance, part))))
+            for part in ("earned", "grip")
+        )
+        c.function("noslip_believe_at_most", scalar)(*places, mu)
 
 
 class BatchLibrary(Library):
@@ -205,12 +214,16 @@ class CompiledController:
         library.function("steps")(self._self, count, *given, library.ffi.from_buffer("int[]", status))
         return [self._status(number) for number in status.tolist()], tau
 
+    @property
+    def believed(self) -> float:
+        """See Controller."""
+        return self._library.believed(self._self) if self._friction else math.nan
+
     def believe(self, mu: float) -> None:
         """See Controller."""
         assert self._friction is not None, "there is friction in mode grip only"
-        believed = dataclasses.replace(self._friction, mu=min(mu, self._friction.mu))
         with self._lock:
-            self._library.set_friction(self._self, believed)
+            self._library.set_friction(self._self, mu)
 
     def adapt(self, params: Iterable[float]) -> None:
         """See Controller: by the init and update of the law."""

@@ -37,12 +37,19 @@ class ParameterRefused(BadInput):
 class Friction:
     """The floor as the controller believes it, as in the C struct noslip_friction: the coefficient `mu`; the `margin`, part of mu
     kept in reserve, 0 to below 1; the `share` of the weight on the contacts, above 0 to 1; the `height` of the centre of mass, m.
+    With a `period` (s) between two steps mu is earned, from what is `known` on, with a relative `error` of accelerations, rates
+    that are `coarse` (rad/s), and a `lag` (s) of their answer to inputs.
     """
 
     mu: float
     margin: float = 0.0
     share: float = 1.0
     height: float = 0.0
+    period: float = 0.0
+    known: float = 0.0
+    error: float = 0.0
+    coarse: float = 0.0
+    lag: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -112,6 +119,10 @@ class Controller(Protocol):
     @property
     def extension_rate(self) -> np.ndarray:
         """Rates of the states of a dynamic extension at the last step, zero unless it returned "ok"; empty without one."""
+
+    @property
+    def believed(self) -> float:
+        """The friction that is believed since the last step; NaN without mode "grip"."""
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """All quantities at a state."""

@@ -9,6 +9,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from ...codegen.derivation.grip import wheels_of
 from ...model.algebra.linear_numbers import least_norm, least_squares
 from ...model.algebra.portable import portable
 from ...model.contacts import GRAVITY, ground
@@ -19,6 +20,7 @@ from .direct import Direct
 FLAT = 1e-5  # entries of a direction below this part of the largest count as zero for the limits, as in the C runtime
 SLACK = 1024 * np.finfo(float).eps  # of friction, as in the C runtime
 ROUNDING = 1e-10  # of friction use
+FIRST, RISE, AFTER, ERROR, ASKED = 0.6, 0.5, 0.9, 0.5, 4  # see noslip_grip.h
 CHANGE = 1e-4  # weight of the inputs' changes beside the mean of their effects, for more than two inputs, as in the C runtime
 
 
@@ -34,12 +36,12 @@ class Cones:
 
     def use(self, tau: np.ndarray) -> np.ndarray:
         """Return |F| / (mu load) at each contact, (c,); infinite without load."""
-        size, most = _lengths(self.at(tau)), self._most(tau)
+        size, most = _lengths(self.at(tau)), self.most_at(tau)
         return np.where(most > 0, size / np.where(most > 0, most, 1.0), np.inf)
 
     def excess(self, tau: np.ndarray) -> np.ndarray:
         """Return |F| - mu load at each contact, N, (c,): convex in the inputs."""
-        return _lengths(self.at(tau)) - self._most(tau)
+        return _lengths(self.at(tau)) - self.most_at(tau)
 
     def to_coasting(self, tau: np.ndarray) -> np.ndarray:
         """Return the change of the inputs to the smallest sum of (F / mass)^2; as `to_least` for more than two inputs."""
@@ -70,7 +72,7 @@ class Cones:
         at which |F|^2 - (mu load)^2 is smallest, twice.
         """
         force, by = self.at(tau)[k], (way[:, None] * self.force_by[:, k]).sum(axis=0)
-        most, most_by = self._most(tau)[k], (way * self.most_by[:, k]).sum()
+        most, most_by = self.most_at(tau)[k], (way * self.most_by[:, k]).sum()
         square = (by * by).sum() - most_by * most_by
         slope, constant = 2 * ((force * by).sum() - most * most_by), (force * force).sum() - most * most
         inside = [s for s in _roots(square, slope, constant) if most + s * most_by >= 0]
@@ -85,7 +87,8 @@ class Cones:
         """Return the forces with the inputs tau, (c, 2)."""
         return self.force + self.forces_by(tau)
 
-    def _most(self, tau: np.ndarray) -> np.ndarray:
+    def most_at(self, tau: np.ndarray) -> np.ndarray:
+        """Return the mu loads with the inputs tau, (c,)."""
         return self.most + (tau[:, None] * self.most_by).sum(axis=0)
 
 
@@ -104,28 +107,94 @@ def _roots(square: float, slope: float, constant: float) -> list[float]:
     return [half / square, constant / half if half else 0.0]
 
 
+class Earned:
+    """The friction `mu` that is believed, at most `most`: what noslip_earn computes, from whole arrays of wheels."""
+
+    def __init__(self, law: ControlLaw, params: np.ndarray, friction: Friction):
+        wheels, self._friction, self.params = wheels_of(law.system), friction, params
+        self._contacts = [wheel.contact for wheel in wheels]
+        self._velocities = [len(law.system.mechanism.coordinates) + wheel.velocity for wheel in wheels]
+        self._wheels = Direct(_wheels_function(law))
+        self._earns, self.most = bool(wheels) and friction.period > 0, friction.mu
+        self.mu = (friction.known or FIRST * friction.mu) if self._earns else friction.mu
+        self._rates: np.ndarray | None = None
+        self._expected: tuple[np.ndarray, ...] | None = None
+        self._away, self._steps, self._sign = np.zeros((3, len(wheels)))
+        self._pause = 0.0
+
+    def believe_at_most(self, most: float) -> None:
+        """Believe no more than this, nor than what is given."""
+        self.most = min(most, self._friction.mu)
+        self.mu = min(self.mu, self.most) if self._earns else self.most
+
+    def forget(self) -> None:
+        """Compare no rates in the next step."""
+        self._expected = None
+
+    def expect(self, force: np.ndarray, most: np.ndarray, tau: np.ndarray) -> None:
+        """Keep what the wheels do at forces (c, 2) and mu loads (c,) of the contacts, with the inputs tau."""
+        drive, mass, radius = self._wheels(tau, self.params)
+        force, most = force[self._contacts], most[self._contacts]
+        expected = np.where(mass > 0, (drive - force[:, 0]) / np.where(mass > 0, mass, 1.0), 0.0)
+        self._expected = force[:, 0], force[:, 1], most, mass, radius, expected
+
+    def compare(self, state: np.ndarray) -> None:
+        """Compare the rates of the wheels with what is expected: mu falls to what one shows, or rises."""
+        if not self._earns:
+            return
+        friction, before, rates = self._friction, self._rates, state[self._velocities]
+        self._rates, weight = rates, self.mu * (1 - friction.margin) * friction.share * GRAVITY
+        if self._expected is None or before is None:
+            self._away[:] = self._steps[:] = 0
+            self.mu = min(self.mu + RISE * friction.mu * friction.period, self.most)
+            return
+        along, across, most, mass, radius, expected = self._expected
+        bound = (friction.error or ERROR) * (np.abs(expected).max() + weight / 4)
+        runs = radius * (rates - before) / friction.period - expected
+        sign = np.where(along > 0, 1, -1)
+        same = sign == self._sign
+        away = np.where(same, self._away, 0.0) + sign * runs - bound
+        suspected = (away > 0) & (self._pause <= 0) & (np.abs(along) * ASKED > most)
+        self._steps = np.where(suspected, np.where(same, self._steps, 0.0) + 1, 0.0)
+        self._away, self._sign = np.where(suspected, away, 0.0), sign
+        slips = suspected & (self._away * friction.period > 2 * radius * friction.coarse + friction.lag * weight)
+        if slips.any():
+            rest = np.maximum(np.abs(along) - mass * (bound + self._away / np.maximum(self._steps, 1)), 0.0)
+            shown = AFTER * (1 - friction.margin) * np.hypot(rest, across) / np.where(most > 0, most, 1.0)
+            if (least := shown[slips].min()) < 1:
+                self.mu, self._pause = self.mu * least, friction.lag
+                self._away[:] = self._steps[:] = 0
+                return
+        self.mu = min(self.mu + (0 if self._away.any() else RISE * friction.mu * friction.period), self.most)
+        self._pause -= friction.period if self._pause > 0 else 0.0
+
+
 class GripReference:
     """The floor of a law with numerical parameters: limits inputs as the generated C does."""
 
     def __init__(self, law: ControlLaw, params: np.ndarray, friction: Friction, limits: np.ndarray):
-        self._function, self._params = Direct(_ground_function(law)), params
+        self._function, self.params = Direct(_ground_function(law)), params
         self._effort = Direct(_effort_function(law)) if law.system.redundant else None
-        self._given = self._friction = friction
+        self._given, self.earned = friction, Earned(law, params, friction)
         self._limits = limits
-
-    def believe(self, mu: float) -> None:
-        """Keep the contacts within a friction `mu`, at most that of the start."""
-        self._friction = replace(self._given, mu=min(mu, self._given.mu))
 
     def cones(self, state: np.ndarray) -> Cones:
         """Return the friction cones at a state."""
-        floor = self._friction
-        force, mass, shift, force_by, shift_by = self._function(state, self._params)
+        floor = replace(self._given, mu=self.earned.mu)
+        force, mass, shift, force_by, shift_by = self._function(state, self.params)
         count = len(mass)
         mu = floor.mu * (1 - floor.margin)
         most = mu * (floor.share * GRAVITY * mass + floor.height * shift)
         by = force_by.reshape(-1, count, 2), mu * floor.height * shift_by.reshape(-1, count)
         return Cones(force.reshape(count, 2), most, *by, mass)
+
+    def step(self, state: np.ndarray, tau: np.ndarray, slope: np.ndarray) -> tuple[str, np.ndarray]:
+        """Return the same as a call, with the friction that is earned."""
+        self.earned.compare(state)
+        status, tau = self(state, tau, slope)
+        cones = self.cones(state)
+        self.earned.expect(cones.at(tau), cones.most_at(tau), tau)
+        return status, tau
 
     def __call__(self, state: np.ndarray, tau: np.ndarray, slope: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and inputs; `slope` is the derivative of tau by the virtual input of the speed, empty without one."""
@@ -135,7 +204,7 @@ class GripReference:
         below = Cones(cones.force, cones.most * (1 - SLACK), cones.force_by, cones.most_by * (1 - SLACK), cones.mass)
         found = False
         if self._effort:
-            free = self._null_inputs(*self._effort(state, self._params))
+            free = self._null_inputs(*self._effort(state, self.params))
             tau, found = self._towards(below, tau, below.to_least(below.at(tau), free))
             slope = slope + below.to_least(below.forces_by(slope), free) if len(slope) else slope
         if len(slope) and not found:
@@ -187,6 +256,14 @@ def _ground_function(law: ControlLaw) -> ca.Function:
     return portable(
         ca.Function("ground", [symbols(system.state), system.mechanism.p], [ca.densify(part) for part in (*at_rest, *by)])
     )
+
+
+@cache
+def _wheels_function(law: ControlLaw) -> ca.Function:
+    """Return the function (inputs, params) to drive, mass and radius of the wheels that show friction."""
+    mechanism, wheels = law.system.mechanism, wheels_of(law.system)
+    columns = [ca.vertcat(ca.SX(0, 1), *[getattr(wheel, name) for wheel in wheels]) for name in ("drive", "mass", "radius")]
+    return portable(ca.Function("wheels", [symbols(mechanism.inputs), mechanism.p], columns))
 
 
 @cache

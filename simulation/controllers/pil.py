@@ -16,7 +16,7 @@ import subprocess
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from threading import Lock
@@ -32,7 +32,7 @@ from ...readers.errors import BadInput
 from ...readers.files import children
 from .build import built, compiler
 from .compiled import DynamicsLibrary, Library, dynamics_library, library
-from .controller import ON_TARGET, Friction
+from .controller import ON_TARGET
 from .runtime import Runtime, runtime
 from .targets import HOST, SEMIHOSTING, TARGETS, Target, require
 
@@ -251,10 +251,11 @@ def replay_session(law: ControlLaw, backend: str) -> Session:
 
 class Handle:
     """An object on the target. `z`: for an integrator, the last integral returned; `extension` and `extension_rate`: for a law,
-    the states of its dynamic extension, which are sent with each call, and their rates at the last step.
+    the states of its dynamic extension, which are sent with each call, and their rates at the last step; `believed`: the
+    friction that it believes since then, if it keeps grip.
     """
 
-    extension = extension_rate = np.zeros(0, np.float32)
+    extension = extension_rate = believed = np.zeros(0, np.float32)
 
     def __init__(self, session: Session, kind: str):
         self.session, self.number, self.z = session, session.take(kind), 0.0
@@ -276,13 +277,14 @@ def remote(ffi: cffi.FFI, operation: str, kinds: Sequence, inputs: int) -> Funct
         status, answer = handle.session.call(operation, handle.number, given)
         places = [ffi.buffer(pointer) for pointer in arguments[inputs:]]
         at = sum(map(len, places))
-        more = {"integral_step": 4, "law_step": handle.extension_rate.nbytes}.get(operation, 0)
+        more = {"integral_step": 4, "law_step": handle.extension_rate.nbytes + handle.believed.nbytes}.get(operation, 0)
         if at + more != len(answer):
             raise handle.session._fault(f"answers {operation} with {len(answer)} bytes")
         if operation == "integral_step":
             (handle.z,) = struct.unpack_from("<f", answer, at)
         elif more:
-            handle.extension_rate[:] = np.frombuffer(answer, np.float32, offset=at)
+            found, count = np.frombuffer(answer, np.float32, offset=at), len(handle.extension_rate)
+            handle.extension_rate[:], handle.believed[:] = found[:count], found[count:]
         for place in places:
             place[:], answer = answer[: len(place)], answer[len(place) :]
         return status
@@ -310,13 +312,17 @@ class TargetLibrary(Library):
         """As Library.instance, on the target."""
         handle = Handle(session(self._law, self._backend), "law")
         handle.extension, handle.extension_rate = (np.zeros(len(self._law.extension), np.float32) for _ in range(2))
+        handle.believed = np.zeros(int(self._here.text.grips), np.float32)
         return handle
 
-    def set_friction(self, instance: Handle, friction: Friction) -> None:
+    @staticmethod
+    def believed(instance: Handle) -> float:
+        """As Library.believed: 0 before the first step."""
+        return float(instance.believed[0])
+
+    def set_friction(self, instance: Handle, mu: float) -> None:
         """As Library.set_friction, on the target."""
-        c = runtime("noslip_grip.h")
-        made = c.new("noslip_friction", "float", asdict(friction))
-        instance.session.call("law_friction", instance.number, bytes(c.ffi.buffer(made)))
+        instance.session.call("law_friction", instance.number, np.float32(mu).tobytes())
 
     def function(self, name: str) -> Function:
         """As Library.function, on the target."""

@@ -1,5 +1,6 @@
 """The reference backend: the model's expressions, evaluated by CasADi in double."""
 
+import math
 from functools import cache, cached_property
 
 import casadi as ca
@@ -36,7 +37,6 @@ class CasadiController:
         self._slows = limits is not None and limits.mode == "slow"
         self._limits = np.array([limit or np.inf for limit in limits.torque] if limits else np.inf)
         friction = limits.friction if limits and limits.mode == "grip" else None
-        self._friction = friction
         self._grip = GripReference(law, self._fixed[0], friction, self._limits) if friction else None
 
     @cached_property
@@ -71,24 +71,31 @@ class CasadiController:
         check_point(self.law, state, reference)
         status, tau, rate = self._unlimited(state, reference)
         self.extension_rate = rate if status == "ok" and (np.abs(tau) <= self._limits).all() else np.zeros_like(rate)
+        if self._grip and status != "ok":
+            self._grip.earned.forget()
         if self._grip and status == "ok":
-            return self._grip(state, tau, self._slope(state, reference))
+            return self._grip.step(state, tau, self._slope(state, reference))
         if (np.abs(tau) <= self._limits).all():
             return status, tau
         if self._slows:
             tau = slowed(tau, self._slope(state, reference), self._limits)
         return "saturated", np.clip(tau, -self._limits, self._limits)
 
+    @property
+    def believed(self) -> float:
+        """See Controller."""
+        return self._grip.earned.mu if self._grip else math.nan
+
     def believe(self, mu: float) -> None:
         """See Controller."""
         assert self._grip is not None, "there is friction in mode grip only"
-        self._grip.believe(mu)
+        self._grip.earned.believe_at_most(mu)
 
     def adapt(self, params: Numbers) -> None:
         """See Controller."""
         self._fixed = (np.array(params, dtype=float), *self._fixed[1:])
-        if self._friction:
-            self._grip = GripReference(self.law, self._fixed[0], self._friction, self._limits)
+        if self._grip:
+            self._grip.params = self._grip.earned.params = self._fixed[0]
 
     def place(self, config: Numbers) -> None:
         """See Controller."""

@@ -88,6 +88,16 @@ class Standing:
     loads: dict[str, float]
     castors: dict[str, tuple[float, float]]
 
+    @property
+    def left_out(self) -> str:
+        """What the engine does not have of a robot, because nothing says it; empty if it has all."""
+        height = "the height of the centre of mass, so that no load shifts and nothing topples ([contact] height)"
+        castors = "castors, on which a part of the weight may rest (support() of the robot, [contact] share)"
+        absent = [height] if self.height is None else []
+        absent += [] if self.castors else [castors]
+        absent += [] if self.castors or len(self.loads) > 2 else ["a second pair of wheels, as of skid steer"]
+        return "; ".join(absent)
+
     def summary(self) -> str:
         """Return a line."""
         height = "as low as the ground (no height is given)" if self.height is None else f"{self.height:.3g} m high"

@@ -571,7 +571,8 @@ class AdaptationSection:
 class LimitsSection(Section):
     """Largest input of each motor (N m; 0: none), one or one each; above it each is limited ("cut"), or the vehicle slows down
     ("slow"). Mode "grip" also keeps the wheels rolling on the floor of [contact], with `margin`, a part of mu, in reserve; torque
-    may then be left out. With `notice_slip` the controller lowers mu where it notices that wheels slip.
+    may then be left out. mu is "earned": 0.6 of it, or what is `known`, is believed at first, and 0.5 of it more each second
+    while the wheels accelerate as expected; where one runs away, 0.9 of what it shows. With `notice_slip` a gyro lowers mu too.
 
     `integral`: maximum that integral action may add to a desired derivative (0: no limit), one or one for each output with ki.
     `disturbance`: likewise what a disturbance observer may estimate, for outputs with ko. With either, torque may be left out.
@@ -582,6 +583,11 @@ class LimitsSection(Section):
         one_of("cut", "slow", "grip"), "slow", "above it, each input is limited, or the vehicle slows down, or grip is kept too"
     )
     margin: float = entry(number("nonnegative", "1", below=1.0), 0.05, "with grip: the part of mu kept in reserve")
+    friction: str = entry(
+        one_of("earned", "given"), "earned", "with grip: mu is believed as far as the wheels show it, or from the start"
+    )
+    known: float | None = entry(number("positive", "1"), None, "the mu that is believed at first, at most that of [contact]")
+    error: float = entry(number("positive", "1"), 0.5, "largest relative error of accelerations, by masses and torques")
     integral: tuple[float, ...] = entry(
         one_or_more, (0.0,), "the most that integral action adds to each desired derivative; 0: no limit"
     )

@@ -330,7 +330,17 @@ static void advance(loop *self)
 #endif
 }
 
-/* Initializes the law of a path, for the controller and in double. The present state determines the side of the singular set. */
+/* Lets the law believe at first what the sample knows of friction. */
+static void know(loop *self)
+{
+#if BATCH_CONTACTS
+    self->law.earned.mu = (BATCH_REAL)self->sample->known;
+#else
+    (void)self;
+#endif
+}
+
+/* Initializes the law of a path, for the controller and in double, with what it believes of friction. The present state determines the side of the singular set. */
 static int make_law(loop *self, const double *where)
 {
     const batch_sample *sample = self->sample;
@@ -349,6 +359,11 @@ static int make_law(loop *self, const double *where)
     options.friction.margin = (BATCH_REAL)sample->margin;
     options.friction.share = (BATCH_REAL)sample->share;
     options.friction.height = (BATCH_REAL)sample->height;
+    options.friction.period = (BATCH_REAL)sample->earned;
+    options.friction.known = self->law.earned.mu;
+    options.friction.error = (BATCH_REAL)sample->error;
+    options.friction.coarse = (BATCH_REAL)sample->coarse;
+    options.friction.lag = (BATCH_REAL)sample->lag;
 #endif
     for (i = 0; i < BATCH_INPUTS; i++) {
         options.limit[i] = (BATCH_REAL)sample->limit[i];
@@ -503,6 +518,7 @@ static int begin(loop *self)
     if (status < 0) {
         return status;
     }
+    know(self);
     place_seen(self, place);
     status = BATCH_RUNTIME(noslip_path_look)(&self->path, place[0], place[1], place[2], place[3], &self->guide);
     return status < 0 ? status : update(self);
@@ -520,6 +536,7 @@ static void desire(loop *self, double t)
 #else
 static int begin(loop *self)
 {
+    know(self);
     return make_law(self, self->sample->config);
 }
 
@@ -866,16 +883,9 @@ static int command(loop *self, double t, double given[BATCH_GIVEN])
     }
 #endif
 #if BATCH_NOTICES
-    {
-        BATCH_RUNTIME(noslip_friction) friction;
-        friction.mu = (BATCH_REAL)self->sample->mu;
-        friction.margin = (BATCH_REAL)self->sample->margin;
-        friction.share = (BATCH_REAL)self->sample->share;
-        friction.height = (BATCH_REAL)self->sample->height;
-        status = BATCH_RUNTIME(noslip_slip_grip)(&self->sensors.slip, &friction, &self->law.grip);
-        if (status < 0) {
-            return self->status = status;
-        }
+    status = BATCH_RUNTIME(noslip_slip_grip)(&self->sensors.slip, &self->law.earned, &self->law.grip);
+    if (status < 0) {
+        return self->status = status;
     }
 #endif
     status = call(self, &state.named, &reference.named, answer);

@@ -38,6 +38,7 @@ typedef struct batch_sample {
     double gains[BATCH_GAINS + 1];
     double limit[BATCH_INPUTS];     /* 0: none */
     double mu, margin, share, height; /* of the floor, see noslip_friction; mu 0: not known */
+    double earned, known, error, coarse, lag; /* likewise; earned is the period */
     double ki[BATCH_INTEGRALS + 1];
     double integral_limit[BATCH_INTEGRALS + 1];
     double ko[BATCH_OBSERVERS + 1]; /* 1/s: rates of disturbance observers */

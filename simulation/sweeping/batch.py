@@ -16,7 +16,7 @@ from ..controllers.integral import hurwitz
 from ..controllers.odometry import MODES, arm_function, has_arm, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..guidance import accelerations
-from ..loop import ALONG, LATERAL, make_loop
+from ..loop import ALONG, LATERAL, earning, make_loop, roughness
 from ..planning.profile import top_speed
 from ..plant import standing
 from ..sensing import gyro_bias, wheel_noise
@@ -72,6 +72,7 @@ class Batch:
         check(spec, "noslip sweep")
         check(spec, "the C of a sweep")
         self.loop = make_loop(spec)
+        self._earns = spec.limits is not None and spec.limits.mode == "grip" and earning(spec).period > 0
         self._notices = spec.limits is not None and spec.limits.notice_slip is not None
         self.law = law = self.loop.law
         drive = spec.drive.kind if spec.drive else "torque"
@@ -101,6 +102,7 @@ class Batch:
             notices=self._notices,
             accelerates=spec.sensors is not None and spec.sensors.accelerometer is not None,
             drive=drive,
+            earns=self._earns,
         )
         self._program = program(law, scalar, parts)
         self._sample, self._row = (self._program.type(name) for name in ("batch_sample", "batch_row"))
@@ -220,6 +222,10 @@ class Batch:
         height, part = standing(mechanism)(made["believed"].T).full()
         made["height"] = np.where(made["height"] == 0, height, made["height"])
         made["margin"] = given.get("limits.margin", 0.0)
+        if self._earns:
+            made["earned"], made["error"] = made["period"], given["limits.error"]
+            made["known"] = given.get("limits.known", 0.0)
+            made["coarse"], made["lag"] = roughness(made["period"], made["delay"], made["counts"], made["sd"].max(axis=1))
         if self.spec.correction:
             made["correction_rate"] = given["correction.rate"]
             with np.errstate(divide="ignore", invalid="ignore"):

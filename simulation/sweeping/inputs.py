@@ -101,7 +101,8 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
             nominal |= _numbers(command, f"reference.commands[{k}]")
     if full.limits:
         limits = _numbers(full.limits, "limits")
-        nominal |= limits if full.limits.mode == "grip" else {name: limits[name] for name in limits if name != "limits.margin"}
+        of_grip = {"limits.margin", "limits.known", "limits.error"} if full.limits.mode != "grip" else set()
+        nominal |= {name: limits[name] for name in limits if name not in of_grip}
         nominal |= _numbers(full.limits.notice_slip, "limits.notice_slip") if full.limits.notice_slip else {}
     if full.drive and full.drive.takes_velocity:
         nominal |= _numbers(full.drive, "drive")

@@ -33,7 +33,7 @@ VECTORS: tuple[tuple[str, int, str], ...] = (
 class LoopParts:
     """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the number of its segments
     if its speed has a profile; an approach; outputs with integral action, and with a disturbance observer, by name; a gyro that
-    notices slip, and an accelerometer; and its drives, one of DRIVES.
+    notices slip, and an accelerometer; its drives, one of DRIVES; and whether friction is earned.
     """
 
     sensed: bool = False
@@ -46,6 +46,7 @@ class LoopParts:
     notices: bool = False
     accelerates: bool = False
     drive: str = "torque"
+    earns: bool = False
 
 
 class Simulator:

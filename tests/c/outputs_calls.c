@@ -155,7 +155,7 @@ int main(void)
         COUNT(PROFILE, fast, noslip_profile_speed_f(&profile, &guide, number(), &fast.speed, &fast.rate));
         fill(&reading, sizeof reading);
         COUNT(SLIP, noticed, noslip_slip_step_f(&slip, &reading, k % 9 ? 0.01f : number(), &noticed));
-        COUNT(SLIP_GRIP, grip, noslip_slip_grip_f(&slip, &rolling.friction, &grip));
+        COUNT(SLIP_GRIP, grip, noslip_slip_grip_f(&slip, &gripping.earned, &grip));
         status = k % 20 == 0 ? noslip_path_init_f(&path, segments, 2, &along, NULL) : 0; /* for the next calls */
     }
     for (k = 0; k < NAMES; k++) {

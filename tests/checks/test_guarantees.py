@@ -273,6 +273,7 @@ EVA_FINDS_IN_GRIP = {
     "a force across that does not count": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " >= 0"),
     "friction that is not checked": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " - ground[1] * ground[1] >= 0 || 1"),
     "an input beyond its limit": ("noslip_grip.inc", "inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];", "finite = 1;"),
+    "more believed than there may be": ("noslip_grip.inc", "mu = mu < earned->most ? mu : earned->most;", ""),
     "a contact that is not checked": ("law", " && noslip_holds_f(&ground[4], &self->grip) ? ", " ? "),
 }
 

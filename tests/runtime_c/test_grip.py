@@ -23,6 +23,7 @@ from noslip.simulation.controllers.runtime import runtime
 from noslip.simulation.controllers.symbolic import slope_function
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.spec import ContactSection, spec_of
+from noslip.simulation.specification.vary import varied
 from noslip.simulation.sweeping.batch import Batch
 from scipy.optimize import minimize, minimize_scalar
 
@@ -360,7 +361,7 @@ class Floor(GripReference):
     """The reference at given cones and combinations of inputs that do not change the motion; notes how many lines it cut."""
 
     def __init__(self, cones: Cones, limits: np.ndarray, free: np.ndarray | None):
-        self._cones, self._limits, self._params, self.lines = cones, limits, np.zeros(0), 0
+        self._cones, self._limits, self.params, self.lines = cones, limits, np.zeros(0), 0
         self._effort = None if free is None else lambda *_: (free,)
 
     def cones(self, state: np.ndarray) -> Cones:
@@ -568,3 +569,120 @@ def test_init_checks_the_friction(scalar):
     for name, values in REFUSED.items():
         assert {status("labmate", **{name: value}) for value in values} == {"bad_parameter"}, name
     assert (status("car"), status("car", height=0.3)) == (None, "bad_parameter")
+
+
+def straight_on(backend: str, friction: Friction, floor: float, counts: int = 0, mass: float = 1.0, torque: float = 1.0):
+    """mu believed and slip (m/s) in each of 150 steps of a platform that drives straight on, as fast as it may, on a `floor` that
+    its wheels slip on: the body moves by the forces of the ground, the rims by the torques less these. `counts` of the encoders;
+    `mass` and `torque` are factors of what the law assumes.
+    """
+    made, numbers = law("labmate", "type_iv_line"), find_robot("labmate").parameter_values({})
+    b, d, r, m_c, m_w, I_c, I_w, I_m = numbers
+    controller = make_controller(backend, made, numbers, [0, 0, 1, 0], [1.0, 2.5, 2.0], Limits((0.0, 0.0), "grip", friction))
+    body, rims, most = mass * (m_c + 2 * m_w), 2 * mass * I_w / r**2, floor * mass * (m_c + 2 * m_w) * 9.81
+    fine, unit, before, found = friction.period / 50, 2 * math.pi / (counts or math.inf), 0.0, []
+    x = speed = rim = angle = 0.0
+    for _ in range(150):
+        counted = math.floor(angle / unit) * unit if counts else angle
+        rate = (counted - before) / friction.period if counts else rim / r
+        before = counted
+        status, tau = controller.step(np.array([x + d, 0, 0, angle, angle, rate, rate]), np.array([0, 0, 0, 20.0, 0]))
+        assert status == "grip" and abs(tau[0] - tau[1]) < 1e-4
+        pull = torque * 2 * tau[0] / r
+        for _ in range(50):
+            if rim == speed and abs(pull) * body / (body + rims) <= most:
+                rim = speed = speed + fine * pull / (body + rims)
+            else:
+                force, gap = math.copysign(most, rim - speed if rim != speed else pull), rim - speed
+                speed, rim = speed + fine * force / body, rim + fine * (pull - force) / rims
+                rim = speed if gap * (rim - speed) < 0 else rim
+            x, angle = x + fine * speed, angle + fine * rim / r
+        found.append((controller.believed, rim - speed))
+    return np.array(found).T
+
+
+earning = partial(Friction, 0.5, period=0.01)
+
+
+@pytest.mark.parametrize("backend", ["c", "cf", "casadi"])
+def test_friction_is_earned_where_the_wheels_roll(backend):
+    """From 0.6 of what is given, or from what was known, 0.5 of it more each second; never more than that."""
+    t = 0.01 * np.arange(1, 151)
+    for friction, first in ((earning(), 0.3), (earning(known=0.45), 0.45), (earning(margin=0.1), 0.3)):
+        mu, slip = straight_on(backend, friction, 0.5)
+        assert np.abs(mu - np.minimum(first + 0.25 * t, 0.5)).max() < 1e-5 and slip.max() == 0
+    mu, _ = straight_on(backend, Friction(0.5, period=0.01), 0.5)
+    given = make_controller(
+        backend, law("labmate", "type_iv_line"), find_robot("labmate").parameter_values({}), [0, 0, 1, 0], [1, 2, 2],
+        Limits((0.0, 0.0), "grip", Friction(0.5)),
+    )  # fmt: skip
+    assert given.believed == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("part, most", [(0.8, 0.1), (0.7, 0.1), (0.5, 0.4)])
+def test_a_wheel_that_runs_away_shows_the_friction(part, most):
+    """It slips for some steps, after which 0.9 of the friction that there is is believed, as by the reference; and again."""
+    runs = [straight_on(backend, earning(), part * 0.5) for backend in ("c", "casadi", "cf")]
+    assert np.abs(runs[0] - runs[1]).max() < 1e-9 and np.abs(runs[0] - runs[2]).max() < 1e-2
+    mu, slip = runs[0]
+    falls = np.flatnonzero(np.diff(mu) < 0) + 1
+    assert np.abs(mu[falls] / (0.9 * part * 0.5) - 1).max() < 0.03 and len(falls) > 1
+    assert slip.max() < most and np.mean(slip > 0.05) < 0.1
+
+
+def test_wrong_masses_and_coarse_rates():
+    """No false alarm where the floor is as given, and where it is not, what is believed stays near it."""
+    for mass, torque, counts in ((0.8, 1.2, 4096), (1.2, 0.8, 4096), (0.8, 1.2, 0), (0.8, 0.8, 1024), (1.2, 1.2, 1024)):
+        friction = earning(coarse=2 * math.pi / counts / 0.01 if counts else 0.0, lag=0.005 if counts else 0.0)
+        mu, slip = straight_on("c", friction, 2.0, counts, mass, torque)
+        assert (np.diff(mu) >= 0).all() and mu[-1] > 0.4 and slip.max() == 0
+        mu, slip = straight_on("c", friction, 0.4, counts, mass, torque)
+        assert slip.max() < 0.5 and np.mean(slip > 0.05) < 0.2
+
+
+def test_what_is_believed_stays_within_what_is_given():
+    """At any states in any order, in which wheels seem to jump; also across errors, and other parameters."""
+    random, made = np.random.default_rng(43), law("labmate", "type_iv_line")
+    numbers = find_robot("labmate").parameter_values({})
+    for backend in ("c", "cf", "casadi"):
+        controller = make_controller(backend, made, numbers, [0, 0, 1, 0], [1, 2, 2], Limits((9.0, 9.0), "grip", earning()))
+        found = []
+        for k in range(300):
+            state = random.normal(0, 1, 7) * [1, 1, 0.3, 1, 1, *[10.0 ** random.integers(-3, 4)] * 2]
+            state[2] = math.nan if k % 50 == 49 else state[2]
+            controller.step(state, np.array([0, 0, 0, random.normal(), 0]))
+            found.append(controller.believed)
+            if k % 70 == 69:
+                controller.adapt(np.array(numbers) * random.uniform(0.9, 1.1))
+                assert controller.believed == found[-1]
+        assert 0 <= min(found) < 0.3 < max(found) <= 0.5 * (1 + 1e-6)
+
+
+@pytest.mark.nightly
+def test_no_false_alarm_in_random_runs():
+    """Wheels that roll, of robots whose masses are off by 20 %, with encoders and delays, from starts beside a line."""
+    random = np.random.default_rng(43)
+    text = """
+robot = "labmate"
+gains = { kp = 1.0, kd = 2.5, kv = 2.0 }
+output = { type = "IV", path = { kind = "line", A = 1.0, B = -1.0, C = 0.0 } }
+limits = { mode = "grip" }
+contact = { mu = 0.5 }
+reference = { speed = 1.0 }
+initial = { point = [0.0, 0.0], heading = 0.0, speed = 0.0 }
+simulation = { duration = 4.0, period = 0.01 }
+"""
+    sizes = dict(zip(("m_c", "m_w", "I_c", "I_w", "I_m"), (30.0, 1.0, 15.625, 0.005, 0.0025), strict=True))
+    for _ in range(300):
+        start = {"point": [0.0, random.uniform(-2, 2)], "heading": random.uniform(-1.2, 2.8), "speed": random.uniform(0, 1.5)}
+        changes = {
+            "plant": {name: size * random.uniform(0.8, 1.2) for name, size in sizes.items()},
+            "simulation.delay": float(random.choice([0.0, 0.01])),
+            "initial": start,
+            "contact.mu": random.uniform(0.15, 0.9),
+            "reference.speed": random.uniform(0.3, 1.5),
+        }
+        if counts := int(random.choice([0, 2048, 4096, 16384])):
+            changes["sensors"] = {"counts": counts, "pose": "true"}
+        run = simulate(varied(text, "test", changes))
+        assert (np.diff(run.noticed[:, 0]) >= 0).all(), changes

@@ -187,28 +187,30 @@ def test_refused_options(scalar):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_the_grip_of_a_law(scalar):
-    """It is that of the friction with the mu that is believed, which no friction exceeds."""
+    """It is that of the friction with the mu that is noticed, which no friction exceeds; earned friction falls to it at once."""
     c = runtime("noslip_slip.h")
     vehicle = c.new("noslip_odometry_options", scalar, {"forward": list(FORWARD), "turn": list(TURN)})
-    self, grip, given = (c.new(name, scalar) for name in ("noslip_slip", "noslip_grip", "noslip_friction"))
+    self, earned, grip = (c.new(name, scalar) for name in ("noslip_slip", "noslip_earned", "noslip_grip"))
     write = c.function("noslip_slip_grip", scalar)
-    given.mu, given.margin, given.share, given.height = 0.6, 0.1, 0.5, 0.2
+    given = {"mu": 0.6, "margin": 0.1, "share": 0.5, "height": 0.2}
+    c.function("noslip_grip_init", scalar)(earned, grip, c.new("noslip_friction", scalar, given), 1)
     grip.weight = 7.0
     for k in range(3):
-        arguments = [self, given, grip]
+        arguments = [self, earned, grip]
         arguments[k] = c.ffi.NULL
         assert c.status(write(*arguments)) == "null" and grip.weight == 7.0
-    assert c.status(write(self, given, grip)) == "not_ready" and grip.weight == 7.0
+    assert c.status(write(self, earned, grip)) == "not_ready" and grip.weight == 7.0
     options = c.new("noslip_slip_options", scalar, vars(OPTIONS))
     assert c.function("noslip_slip_init", scalar)(self, options, vehicle) == 0
-    given.margin = 1.0
-    assert c.status(write(self, given, grip)) == "bad_parameter" and grip.weight == 7.0
-    given.margin = 0.1
     for mu in (0.6, 0.3, 0.9):
         self.noticed.mu = mu
-        assert write(self, given, grip) == 0
+        assert write(self, earned, grip) == 0
         assert grip.weight == pytest.approx(min(mu, 0.6) * 0.9 * 0.5 * 9.81, rel=1e-6)
         assert grip.height == pytest.approx(min(mu, 0.6) * 0.9 * 0.2, rel=1e-6)
+    c.function("noslip_grip_init", scalar)(earned, grip, c.new("noslip_friction", scalar, given | {"period": 0.01}), 1)
+    for mu, believed in ((0.5, 0.36), (0.3, 0.3), (0.5, 0.3)):
+        self.noticed.mu = mu
+        assert write(self, earned, grip) == 0 and earned.mu == pytest.approx(believed, rel=1e-6)
 
 
 SENSED = """
@@ -248,7 +250,8 @@ def test_noticing_slip_keeps_the_path_where_mu_is_overestimated():
 def test_slip_is_noticed_on_a_floor():
     """Both wheels spin alike on a line of which mu promises too much: an accelerometer tells it, a gyro alone cannot."""
     pytest.importorskip("mujoco")
-    text = FASTEST.replace("mu = 0.5", "mu = 0.65").replace('mode = "grip"', 'mode = "grip", notice_slip = {}')
+    grip = 'mode = "grip", friction = "given", notice_slip = {}'
+    text = FASTEST.replace("mu = 0.5", "mu = 0.65").replace('mode = "grip"', grip)
     text = text.replace("11.0", "0.5") + SENSED
     gyro, both = (
         simulate(spec_of(text + more + "[floor]\nmu = 0.3\n", "test"), engine="mujoco")

@@ -14,7 +14,7 @@ from noslip.cli.main import main
 from noslip.model.mechanism import Mechanism
 from noslip.readers.errors import BadInput, installing
 from noslip.readers.robots import find_robot, system_of
-from noslip.simulation.closed_loop import simulate
+from noslip.simulation.closed_loop import simulate, summary
 from noslip.simulation.contact import contact_forces
 from noslip.simulation.engine.engine import FloorEngine
 from noslip.simulation.engine.friction import coulomb
@@ -637,3 +637,12 @@ def test_figures_and_files_are_of_robots_that_stay_level(bad_input, tmp_path):
 def test_what_a_body_that_leans_does_not_have(changed, bad_input, tmp_path):
     argv = ["simulate", "balancer", "-o", str(tmp_path / "run.csv"), "--engine", "mujoco", "--set", changed]
     assert LEANING[changed] in bad_input(argv)
+
+
+def test_the_engine_says_first_what_it_leaves_out():
+    """Of the LABMATE what nothing says; nothing of a robot that names castors and the height of its mass."""
+    short = {"simulation.period": 0.01, "simulation.duration": 0.02, **FAST}
+    said = summary(simulate(read_varied(LINE, short), engine="mujoco")).splitlines()[1]
+    assert "leaves out" in said and "height of the centre of mass" in said and "castors" in said and "skid steer" in said
+    high = summary(simulate(read_varied(LINE, {**short, "contact": {"mu": 0.7, "height": 0.2}}), engine="mujoco"))
+    assert "height of the centre of mass" not in high.splitlines()[1] and "castors" in high.splitlines()[1]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from noslip.cli.main import main
 from noslip.model.segments import Segment
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_laws, find_robot, law_of, system_of
-from noslip.simulation.closed_loop import simulate
+from noslip.simulation.closed_loop import simulate, why_singular
 from noslip.simulation.controllers.backends import make_controller
 from noslip.simulation.guidance import ShortWay
 from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import Correction, LimitsSection, NoiseSection, PathSection, Reference, Sensors, Spec
+from noslip.simulation.specification.vary import read_varied
 from noslip.tests.simulation.test_simulate import CIRCLE, LINE, SPECS, beside_line, changed
 
 AHEAD = 0.30  # m, of the axle lies the centre of mass
@@ -345,3 +347,62 @@ def test_headings_are_taken_the_short_way_round():
     assert abs(run.q[-1, 2] - (2 * math.pi - 3.0)) < 0.02 and run.q[:, 2].min() > 2.99
     turned = simulate(changed(spec, reference={"position": (0.0, -3.0 + 20 * math.pi)}))
     assert np.abs(run.x - turned.x).max() < 1e-9
+
+
+BEND = """
+robot = "labmate"
+parameters = { b = 0.25, d = 0.1, r = 0.1, m_c = 60.0, I_c = 12.0 }
+gains = { kp = 4.0, kd = 5.0, kv = 2.0 }
+output = { type = "IV", L = 0.1, path = { kind = "composite", stop = "axle", segments = [
+    { kind = "line", from = [0, 0], to = [3, 0] },
+    { kind = "arc", radius = 1.5, angle = 1.5 },
+    { kind = "line", length = 2 } ] } }
+contact = { mu = 0.5, height = 0.3 }
+limits = { torque = 1000.0, mode = "cut" }
+initial = { point = [0.3, 0.0], heading = 0.0, speed = 1.8 }
+reference = { speed = 1.8 }
+simulation = { duration = 3.5, period = 0.01 }
+"""
+
+
+def test_a_speed_that_does_not_fit_is_said_with_one_that_does(tmp_path, capsys):
+    """By the forces that rolling needs in a run: within friction at the speed that is said, beyond it at 1.15 times that."""
+    file, out = tmp_path / "bend.toml", str(tmp_path / "out.csv")
+    file.write_text(BEND)
+    assert main(["simulate", str(file), "-o", out]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    found = re.search(r"at most (\S+) m/s fits the join at \(\S+, \S+\) m", line)
+    assert found and "speed = 1.8 m/s does not fit" in line
+    for part, fits in ((1.0, True), (1.15, False)):
+        speed = part * float(found[1])
+        run = simulate(read_varied(file, {"reference.speed": speed, "initial.speed": speed, "simulation.duration": 6 / speed}))
+        assert (max(use[run.t > 1 / speed].max() for use in run.use.values()) <= 1) == fits == (run.warnings == ())
+    pose = ["--from", "0", "0", "0", "--to", "4", "3", "90", "--degrees"]
+    assert main(["plan", "dubins", *pose, "--radius", "1", "--spec", str(file), "-o", str(tmp_path / "path.toml")]) == 0
+    assert "does not fit" in capsys.readouterr().err
+    assert main(["plan", "dubins", *pose, "--radius", "1", "--spec", str(tmp_path / "none.toml")]) == 2
+
+
+SINGULAR = {
+    "output.L": 0.0,
+    "gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0},
+    "contact": {"mu": 0.5},
+    "limits": {"mode": "grip"},
+    "reference": {"speed": "fastest", "approach": {"acceleration": 0.5}},
+    "initial": {"point": [0.3, 0.25], "heading": 0.37, "speed": 0.0},
+    "simulation.duration": 2.0,
+}
+
+
+def test_a_singular_run_says_where_and_what_helps(tmp_path):
+    """What it says was tried is tried here again."""
+    file = tmp_path / "bend.toml"
+    file.write_text(BEND)
+    run = simulate(read_varied(file, SINGULAR))
+    assert run.stopped == "singular"
+    said = why_singular(run)
+    heading = float(re.search(r"heading (\S+) deg", said)[1])
+    assert abs(abs(heading) - 90) < 0.1 and "inputs were limited in" in said and "det Phi of distance, speed is zero at (" in said
+    assert said.endswith('with near_singular = "damped" in [output] this run does not stop (tried)')
+    damped = simulate(read_varied(file, {**SINGULAR, "output.near_singular": "damped"}))
+    assert damped.stopped is None and abs(damped.y[-1, 0]) < abs(damped.y[0, 0])

@@ -150,7 +150,7 @@ def test_protocol_errors_have_a_number(host):
         assert (magic, version, pil.FAULTS[found], more) == (pil.MAGIC, pil.VERSION, fault, 0) and status < 0
         assert done.returncode == 1
     law_not_made = subprocess.run([program], input=struct.pack("<5I", *right) + bytes(size), capture_output=True, timeout=20)
-    assert law_not_made.returncode == 0 and struct.unpack("<3IiI", law_not_made.stdout[:20])[2:] == (0, -6, 8)
+    assert law_not_made.returncode == 0 and struct.unpack("<3IiI", law_not_made.stdout[:20])[2:] == (0, -6, 12)
     halved = subprocess.run([program], input=struct.pack("<5I", *right)[:13], capture_output=True, timeout=20)
     assert halved.returncode == 1 and halved.stdout == b""
 
@@ -304,7 +304,7 @@ def test_replay_finds_the_first_difference(record, tmp_path, capsys):
     words = lines[k].split()
     other = " ".join([*words[:2], format(int(words[2], 16) ^ 0x8000, "08x"), *words[3:]])
     for line, said in (
-        (lines[k][:-8] + last, f"line {k + 1}: law_step 0: number 2 of the result was {last} ("),
+        (lines[k][:-8] + last, f"line {k + 1}: law_step 0: number 3 of the result was {last} ("),
         (lines[k].replace("-> 0", "-> 1"), f"line {k + 1}: law_step 0 returned status 1, on cf 0"),
         (other, f"line {k + 1}: law_step 0: number 1 of the result"),
     ):
@@ -337,7 +337,7 @@ def test_replay_refuses_what_is_damaged(record, tmp_path, capsys):
         (but(k, lines[k].replace("law_step 0", "law_step -1")), f"{k + 1}: not a call"),
         (but(k, lines[k].replace("law_step 0", "law_step 4000")), f"line {k + 1}: "),
         (but(k, lines[k].replace("law_step 0", "law_step 0 00000000")), f"line {k + 1}: "),
-        (but(k, lines[k] + " 00000000"), f"line {k + 1}: law_step 0 has 3 numbers as result; it must have 2"),
+        (but(k, lines[k] + " 00000000"), f"line {k + 1}: law_step 0 has 4 numbers as result; it must have 3"),
     ):
         code, found = replayed(text, tmp_path, capsys)
         assert code == 2 and said in found and found.count("\n") == 1, found

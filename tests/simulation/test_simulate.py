@@ -418,6 +418,8 @@ def test_a_tolerance_that_cannot_be_met_is_said():
     leg = loop.guidance.leg
 
     class Rough:
+        believed = math.nan
+
         def __init__(self):
             self.random = np.random.default_rng(1992)
 

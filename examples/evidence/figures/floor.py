@@ -292,18 +292,20 @@ def claims_robots(runs: Runs) -> list[Claim]:
 
 # -- noticing slip -------------------------------------------------------------------------------------------------------
 
-CUT, NOTICING = "torque cut", "limiter, slip noticed"
+CUT, EARNED, NOTICING = "torque cut", "limiter, friction earned", "limiter, slip noticed"
 SEEN = {"counts": 4000, "pose": "true", "gyro": {"noise": 0.003, "bias": 0.002}}
+GIVEN = {"limits.friction": "given"}  # noticing slip alone
 BELIEVED = {"contact.mu": 0.65, "floor": {"mu": 0.5}, "sensors": SEEN, "simulation.duration": 11.0}
 OVER, WET = "mu 1.3 times too large", "wet patch"
 SLIP_CASES = {
-    f"{OVER}, {LIMITED}": Case("fastest.toml", BELIEVED, engine="mujoco"),
-    f"{OVER}, {NOTICING}": Case("fastest.toml", {**BELIEVED, "limits.notice_slip": {}}, engine="mujoco"),
+    f"{OVER}, {LIMITED}": Case("fastest.toml", {**BELIEVED, **GIVEN}, engine="mujoco"),
+    f"{OVER}, {EARNED}": Case("fastest.toml", BELIEVED, engine="mujoco"),
+    f"{OVER}, {NOTICING}": Case("fastest.toml", {**BELIEVED, **GIVEN, "limits.notice_slip": {}}, engine="mujoco"),
     f"{WET}, {CUT}": Case("wet.toml", {"limits": {"mode": "cut", "torque": 20.0}}, engine="mujoco"),
-    f"{WET}, {LIMITED}": Case("wet.toml", engine="mujoco"),
-    f"{WET}, {NOTICING}": Case("wet.toml", {"limits.notice_slip": {}}, engine="mujoco"),
+    f"{WET}, {LIMITED}": Case("wet.toml", GIVEN, engine="mujoco"),
+    f"{WET}, {NOTICING}": Case("wet.toml", {**GIVEN, "limits.notice_slip": {}}, engine="mujoco"),
 }
-COLOUR_OF = {CUT: FAINT, LIMITED: STOP, NOTICING: COLOURS[2]}
+COLOUR_OF = {CUT: FAINT, LIMITED: STOP, EARNED: COLOURS[1], NOTICING: COLOURS[2]}
 
 
 def draw_slip(runs: Runs) -> matplotlib.figure.Figure:
@@ -315,8 +317,9 @@ def draw_slip(runs: Runs) -> matplotlib.figure.Figure:
         distance, friction = axes[:2] if scene == OVER else axes[2:]
         colour = COLOUR_OF[how]
         distance.plot(run.t, 100 * run.y[:, 0], color=colour, label=f"{how}: slip ≤ {run.slipping:.2f} m/s")
+        if how in (EARNED, NOTICING):
+            friction.plot(run.t, run.noticed[:, 0], color=colour, label=f"believed, {how.partition(', ')[2]}")
         if how == NOTICING:
-            friction.plot(run.t, run.noticed[:, 0], color=colour, label="believed, slip noticed")
             friction.axhline(run.noticed[0, 0], color=STOP, label="believed, limiter alone")
             assert run.floor
             friction.axhline(

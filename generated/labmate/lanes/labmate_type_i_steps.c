@@ -75,21 +75,21 @@ int labmate_type_i_steps(const labmate_type_i *self, size_t n, const double *sta
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok(state_phi);
             const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
-            const double t1 = cos_state_phi * self->k21 * cos_state_phi;
-            fine &= self->k8 > self->k22 * (self->k8 + t1) * (self->k5 - t1);
+            const double t1 = cos_state_phi * self->k22 * cos_state_phi;
+            fine &= self->k8 > self->k23 * (self->k8 + t1) * (self->k5 - t1);
             const double t2 = state_thetadot_r + state_thetadot_l;
             const double t3 = state_thetadot_r - state_thetadot_l;
             const double forward_speed = self->k1 * t2;
-            const double t4 = self->k19 * t3;
+            const double t4 = self->k20 * t3;
             const double v_y_l = reference_y_l_acceleration - self->kp_y_l * (state_y_c - reference_y_l + self->L *
                 sin_state_phi) + self->kd_y_l * (reference_y_l_rate - forward_speed * sin_state_phi - t4 *
                     cos_state_phi);
             const double v_x_l = reference_x_l_acceleration - self->kp_x_l * (state_x_c - reference_x_l + self->L *
                 cos_state_phi) + self->kd_x_l * (reference_x_l_rate - forward_speed * cos_state_phi + t4 *
                     sin_state_phi);
-            const double t5 = self->k23 * t2 * t3 + self->k7 * (cos_state_phi * v_y_l - sin_state_phi * v_x_l);
+            const double t5 = self->k24 * t2 * t3 + self->k7 * (cos_state_phi * v_y_l - sin_state_phi * v_x_l);
             const double u_forward_speed = cos_state_phi * v_x_l + sin_state_phi * v_y_l;
-            const double t6 = self->k6 * u_forward_speed - self->k24 * t3 * t3;
+            const double t6 = self->k6 * u_forward_speed - self->k25 * t3 * t3;
             made[0] = t5 + t6;
             made[1] = t6 - t5;
             fine &= noslip_within(made[0], self->clear[0]);

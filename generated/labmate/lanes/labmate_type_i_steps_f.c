@@ -75,21 +75,21 @@ int labmate_type_i_steps_f(const labmate_type_i_f *self, size_t n, const float *
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok_f(state_phi);
             const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
-            const float t1 = cos_state_phi * self->k21 * cos_state_phi;
-            fine &= self->k8 > self->k22 * (self->k8 + t1) * (self->k5 - t1);
+            const float t1 = cos_state_phi * self->k22 * cos_state_phi;
+            fine &= self->k8 > self->k23 * (self->k8 + t1) * (self->k5 - t1);
             const float t2 = state_thetadot_r + state_thetadot_l;
             const float t3 = state_thetadot_r - state_thetadot_l;
             const float forward_speed = self->k1 * t2;
-            const float t4 = self->k19 * t3;
+            const float t4 = self->k20 * t3;
             const float v_y_l = reference_y_l_acceleration - self->kp_y_l * (state_y_c - reference_y_l + self->L *
                 sin_state_phi) + self->kd_y_l * (reference_y_l_rate - forward_speed * sin_state_phi - t4 *
                     cos_state_phi);
             const float v_x_l = reference_x_l_acceleration - self->kp_x_l * (state_x_c - reference_x_l + self->L *
                 cos_state_phi) + self->kd_x_l * (reference_x_l_rate - forward_speed * cos_state_phi + t4 *
                     sin_state_phi);
-            const float t5 = self->k23 * t2 * t3 + self->k7 * (cos_state_phi * v_y_l - sin_state_phi * v_x_l);
+            const float t5 = self->k24 * t2 * t3 + self->k7 * (cos_state_phi * v_y_l - sin_state_phi * v_x_l);
             const float u_forward_speed = cos_state_phi * v_x_l + sin_state_phi * v_y_l;
-            const float t6 = self->k6 * u_forward_speed - self->k24 * t3 * t3;
+            const float t6 = self->k6 * u_forward_speed - self->k25 * t3 * t3;
             made[0] = t5 + t6;
             made[1] = t6 - t5;
             fine &= noslip_within_f(made[0], self->clear[0]);

@@ -76,22 +76,22 @@ int labmate_type_ii_steps(const labmate_type_ii *self, size_t n, const double *s
             fine &= noslip_angle_ok(state_phi);
             const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const double t1 = cos_state_phi * cos_state_phi;
-            fine &= t1 > self->k21 * (self->k7 + t1 * self->k20);
+            fine &= t1 > self->k22 * (self->k7 + t1 * self->k21);
             const double t2 = state_thetadot_r + state_thetadot_l;
             const double t3 = state_thetadot_r - state_thetadot_l;
             const double yaw_rate = self->Phi_21 * t3;
             const double v_heading = reference_heading_acceleration - self->kp_heading * (state_phi -
                 reference_heading) +
                 self->kd_heading * (reference_heading_rate - yaw_rate);
-            const double t4 = self->k22 * t2 * t3 + self->k6 * v_heading;
-            const double t5 = self->k18 * t3;
+            const double t4 = self->k23 * t2 * t3 + self->k6 * v_heading;
+            const double t5 = self->k19 * t3;
             const double t6 = reference_x_l_acceleration - self->kp_x_l * (state_x_c - reference_x_l + self->L *
                 cos_state_phi) + self->kd_x_l * (reference_x_l_rate + t5 * sin_state_phi);
             const double y_l_rate = self->k1 * sin_state_phi * t2 + t5 * cos_state_phi;
             const double v_less_drift_0 = t6 + yaw_rate * y_l_rate;
             const double t7 = self->k5 * (v_less_drift_0 + sin_state_phi * self->k4 * v_heading) / cos_state_phi -
-                (self->k23 *
-                t3 * t3 + self->k29 * t2);
+                (self->k24 *
+                t3 * t3 + self->k30 * t2);
             made[0] = t4 + t7;
             made[1] = t7 - t4;
             fine &= noslip_within(made[0], self->clear[0]);

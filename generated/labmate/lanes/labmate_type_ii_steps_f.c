@@ -76,23 +76,23 @@ int labmate_type_ii_steps_f(const labmate_type_ii_f *self, size_t n, const float
             fine &= noslip_angle_ok_f(state_phi);
             const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const float t1 = cos_state_phi * cos_state_phi;
-            fine &= t1 > self->k21 * (self->k7 + t1 * self->k20);
+            fine &= t1 > self->k22 * (self->k7 + t1 * self->k21);
             const float t2 = state_thetadot_r + state_thetadot_l;
             const float t3 = state_thetadot_r - state_thetadot_l;
             const float yaw_rate = self->Phi_21 * t3;
             const float v_heading = reference_heading_acceleration - self->kp_heading * (state_phi -
                 reference_heading) +
                 self->kd_heading * (reference_heading_rate - yaw_rate);
-            const float t4 = self->k22 * t2 * t3 + self->k6 * v_heading;
-            const float t5 = self->k18 * t3;
+            const float t4 = self->k23 * t2 * t3 + self->k6 * v_heading;
+            const float t5 = self->k19 * t3;
             const float t6 = reference_x_l_acceleration - self->kp_x_l * (state_x_c - reference_x_l + self->L *
                 cos_state_phi) +
                 self->kd_x_l * (reference_x_l_rate + t5 * sin_state_phi);
             const float y_l_rate = self->k1 * sin_state_phi * t2 + t5 * cos_state_phi;
             const float v_less_drift_0 = t6 + yaw_rate * y_l_rate;
             const float t7 = self->k5 * (v_less_drift_0 + sin_state_phi * self->k4 * v_heading) / cos_state_phi -
-                (self->k23 *
-                t3 * t3 + self->k29 * t2);
+                (self->k24 *
+                t3 * t3 + self->k30 * t2);
             made[0] = t4 + t7;
             made[1] = t7 - t4;
             fine &= noslip_within_f(made[0], self->clear[0]);

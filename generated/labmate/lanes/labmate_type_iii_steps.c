@@ -75,19 +75,19 @@ int labmate_type_iii_steps(const labmate_type_iii *self, size_t n, const double 
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok(state_phi);
             const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
-            fine &= sin_state_phi * sin_state_phi > self->k21 * (self->k5 - cos_state_phi * self->k20 * cos_state_phi);
+            fine &= sin_state_phi * sin_state_phi > self->k22 * (self->k5 - cos_state_phi * self->k21 * cos_state_phi);
             const double t1 = state_thetadot_r + state_thetadot_l;
             const double t2 = state_thetadot_r - state_thetadot_l;
             const double yaw_rate = self->Phi_21 * t2;
             const double v_heading = reference_heading_acceleration - self->kp_heading * (state_phi -
                 reference_heading) +
                 self->kd_heading * (reference_heading_rate - yaw_rate);
-            const double t3 = self->k22 * t1 * t2 + self->k7 * v_heading;
-            const double t4 = self->k18 * t2;
+            const double t3 = self->k23 * t1 * t2 + self->k7 * v_heading;
+            const double t4 = self->k19 * t2;
             const double t5 = reference_y_l_acceleration - self->kp_y_l * (state_y_c - reference_y_l + self->L *
                 sin_state_phi) + self->kd_y_l * (reference_y_l_rate - t4 * cos_state_phi);
             const double v_less_drift_0 = t5 - yaw_rate * (self->k1 * cos_state_phi * t1 - t4 * sin_state_phi);
-            const double t6 = self->k23 * t2 * t2 + self->k29 * t1 + self->k6 * (cos_state_phi * self->k4 * v_heading -
+            const double t6 = self->k24 * t2 * t2 + self->k30 * t1 + self->k6 * (cos_state_phi * self->k4 * v_heading -
                 v_less_drift_0) / sin_state_phi;
             made[0] = t3 - t6;
             made[1] = -(t3 + t6);

@@ -79,14 +79,14 @@ int labmate_type_iv_circle_steps(const labmate_type_iv_circle *self, size_t n, c
                 y_l_from_center;
             const double scaled_distance_by_forward_speed = self->L - cos_state_phi * x_l_from_center - sin_state_phi *
                 y_l_from_center;
-            fine &= noslip_abs(scaled_distance_by_yaw_rate) > self->k14 * noslip_abs(scaled_distance_by_forward_speed);
+            fine &= noslip_abs(scaled_distance_by_yaw_rate) > self->k15 * noslip_abs(scaled_distance_by_forward_speed);
             const double t1 = state_thetadot_r - state_thetadot_l;
             const double t2 = t1 * t1;
             const double t3 = state_thetadot_r + state_thetadot_l;
             const double forward_speed = self->Phi_21 * t3;
-            const double v_less_drift_1 = reference_speed_rate - self->k18 * t2 + self->kv_speed * (reference_speed -
+            const double v_less_drift_1 = reference_speed_rate - self->k19 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const double t4 = self->k5 * v_less_drift_1 - self->k20 * t2;
+            const double t4 = self->k5 * v_less_drift_1 - self->k21 * t2;
             const double distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
                 scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
             const double t5 = scaled_distance_by_yaw_rate * distance_squared;
@@ -95,12 +95,12 @@ int labmate_type_iv_circle_steps(const labmate_type_iv_circle *self, size_t n, c
             const double t7 = reference_distance_acceleration + self->kp_distance * (self->R + reference_distance -
                 t6) +
                 self->kd_distance * reference_distance_rate;
-            const double t8 = self->k17 * t1 * scaled_distance_by_forward_speed - forward_speed *
+            const double t8 = self->k18 * t1 * scaled_distance_by_forward_speed - forward_speed *
                 scaled_distance_by_yaw_rate;
             const double t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 +
-                self->k26 *
+                self->k27 *
                 t3)) - t8 * t8;
-            const double t10 = t1 * (self->k29 - self->k19 * t3) - self->k6 * t9 / t5;
+            const double t10 = t1 * (self->k30 - self->k20 * t3) - self->k6 * t9 / t5;
             made[0] = t4 - t10;
             made[1] = t4 + t10;
             fine &= noslip_within(made[0], self->clear[0]);

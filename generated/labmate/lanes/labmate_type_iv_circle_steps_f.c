@@ -78,15 +78,15 @@ int labmate_type_iv_circle_steps_f(const labmate_type_iv_circle_f *self, size_t 
             const float scaled_distance_by_yaw_rate = sin_state_phi * x_l_from_center - cos_state_phi * y_l_from_center;
             const float scaled_distance_by_forward_speed = self->L - cos_state_phi * x_l_from_center - sin_state_phi *
                 y_l_from_center;
-            fine &= noslip_abs_f(scaled_distance_by_yaw_rate) > self->k14 *
+            fine &= noslip_abs_f(scaled_distance_by_yaw_rate) > self->k15 *
                 noslip_abs_f(scaled_distance_by_forward_speed);
             const float t1 = state_thetadot_r - state_thetadot_l;
             const float t2 = t1 * t1;
             const float t3 = state_thetadot_r + state_thetadot_l;
             const float forward_speed = self->Phi_21 * t3;
-            const float v_less_drift_1 = reference_speed_rate - self->k18 * t2 + self->kv_speed * (reference_speed -
+            const float v_less_drift_1 = reference_speed_rate - self->k19 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const float t4 = self->k5 * v_less_drift_1 - self->k20 * t2;
+            const float t4 = self->k5 * v_less_drift_1 - self->k21 * t2;
             const float distance_squared = scaled_distance_by_forward_speed * scaled_distance_by_forward_speed +
                 scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate;
             const float t5 = scaled_distance_by_yaw_rate * distance_squared;
@@ -94,12 +94,12 @@ int labmate_type_iv_circle_steps_f(const labmate_type_iv_circle_f *self, size_t 
             const float t6 = noslip_lane_sqrt_f(distance_squared);
             const float t7 = reference_distance_acceleration + self->kp_distance * (self->R + reference_distance - t6) +
                 self->kd_distance * reference_distance_rate;
-            const float t8 = self->k17 * t1 * scaled_distance_by_forward_speed - forward_speed *
+            const float t8 = self->k18 * t1 * scaled_distance_by_forward_speed - forward_speed *
                 scaled_distance_by_yaw_rate;
             const float t9 = distance_squared * (t6 * t7 - scaled_distance_by_forward_speed * (v_less_drift_1 +
-                self->k26 *
+                self->k27 *
                 t3)) - t8 * t8;
-            const float t10 = t1 * (self->k29 - self->k19 * t3) - self->k6 * t9 / t5;
+            const float t10 = t1 * (self->k30 - self->k20 * t3) - self->k6 * t9 / t5;
             made[0] = t4 - t10;
             made[1] = t4 + t10;
             fine &= noslip_within_f(made[0], self->clear[0]);

@@ -85,17 +85,17 @@ int labmate_type_iv_ellipse_steps_f(const labmate_type_iv_ellipse_f *self, size_
             const float scaled_distance_by_forward_speed = scaled_distance_by_x_l * cos_state_phi +
                 scaled_distance_by_y_l *
                 sin_state_phi;
-            fine &= noslip_abs_f(t4) > self->k21 * noslip_abs_f(scaled_distance_by_forward_speed);
+            fine &= noslip_abs_f(t4) > self->k22 * noslip_abs_f(scaled_distance_by_forward_speed);
             const float t5 = state_thetadot_r - state_thetadot_l;
             const float t6 = t5 * t5;
             const float t7 = state_thetadot_r + state_thetadot_l;
             const float forward_speed = self->Phi_21 * t7;
-            const float v_less_drift_1 = reference_speed_rate - self->k25 * t6 + self->kv_speed * (reference_speed -
+            const float v_less_drift_1 = reference_speed_rate - self->k26 * t6 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const float t8 = self->k12 * v_less_drift_1 - self->k27 * t6;
+            const float t8 = self->k12 * v_less_drift_1 - self->k28 * t6;
             const float t9 = t2 * t4;
             fine &= noslip_abs_f(t9) > 0;
-            const float t10 = self->k24 * t5;
+            const float t10 = self->k25 * t5;
             const float t11 = forward_speed * cos_state_phi - t10 * sin_state_phi;
             const float y_l_rate = forward_speed * sin_state_phi + t10 * cos_state_phi;
             const float distance_normal_rate_y_l = self->k5 * y_l_rate;
@@ -111,7 +111,7 @@ int labmate_type_iv_ellipse_steps_f(const labmate_type_iv_ellipse_f *self, size_
                 scaled_distance_by_forward_speed * v_less_drift_1;
             const float t17 = self->k13 * (distance_turning * (t3 * distance_turning - 2.0f * t12) - t2 * (t16 -
                 self->kd_distance * t12));
-            const float t18 = self->k26 * t7 * t5 - t17 / t9;
+            const float t18 = self->k27 * t7 * t5 - t17 / t9;
             made[0] = t8 + t18;
             made[1] = t8 - t18;
             fine &= noslip_within_f(made[0], self->clear[0]);

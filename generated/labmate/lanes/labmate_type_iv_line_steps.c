@@ -75,14 +75,14 @@ int labmate_type_iv_line_steps(const labmate_type_iv_line *self, size_t n, const
             const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const double distance_by_yaw_rate = self->k3 * sin_state_phi - self->k4 * cos_state_phi;
             const double distance_by_forward_speed = self->k3 * cos_state_phi + self->k4 * sin_state_phi;
-            fine &= noslip_abs(distance_by_yaw_rate) > self->k16 * noslip_abs(distance_by_forward_speed);
+            fine &= noslip_abs(distance_by_yaw_rate) > self->k17 * noslip_abs(distance_by_forward_speed);
             const double t1 = state_thetadot_r - state_thetadot_l;
             const double t2 = t1 * t1;
             const double t3 = state_thetadot_r + state_thetadot_l;
             const double forward_speed = self->Phi_21 * t3;
-            const double v_less_drift_1 = reference_speed_rate - self->k22 * t2 + self->kv_speed * (reference_speed -
+            const double v_less_drift_1 = reference_speed_rate - self->k23 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const double t4 = self->k7 * v_less_drift_1 - self->k24 * t2;
+            const double t4 = self->k7 * v_less_drift_1 - self->k25 * t2;
             const double t5 = reference_distance_acceleration + self->kd_distance * (reference_distance_rate -
                 forward_speed *
                 distance_by_forward_speed);
@@ -91,7 +91,7 @@ int labmate_type_iv_line_steps(const labmate_type_iv_line *self, size_t n, const
             const double v_distance = t5 + self->kp_distance * (reference_distance - self->k5 - self->k3 * x_l -
                 self->k4 *
                 y_l);
-            const double t6 = t1 * (self->k32 - self->k23 * t3) - self->k8 * (distance_by_forward_speed *
+            const double t6 = t1 * (self->k33 - self->k24 * t3) - self->k8 * (distance_by_forward_speed *
                 v_less_drift_1 -
                 v_distance) / distance_by_yaw_rate;
             made[0] = t4 - t6;

@@ -75,14 +75,14 @@ int labmate_type_iv_line_steps_f(const labmate_type_iv_line_f *self, size_t n, c
             const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const float distance_by_yaw_rate = self->k3 * sin_state_phi - self->k4 * cos_state_phi;
             const float distance_by_forward_speed = self->k3 * cos_state_phi + self->k4 * sin_state_phi;
-            fine &= noslip_abs_f(distance_by_yaw_rate) > self->k16 * noslip_abs_f(distance_by_forward_speed);
+            fine &= noslip_abs_f(distance_by_yaw_rate) > self->k17 * noslip_abs_f(distance_by_forward_speed);
             const float t1 = state_thetadot_r - state_thetadot_l;
             const float t2 = t1 * t1;
             const float t3 = state_thetadot_r + state_thetadot_l;
             const float forward_speed = self->Phi_21 * t3;
-            const float v_less_drift_1 = reference_speed_rate - self->k22 * t2 + self->kv_speed * (reference_speed -
+            const float v_less_drift_1 = reference_speed_rate - self->k23 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const float t4 = self->k7 * v_less_drift_1 - self->k24 * t2;
+            const float t4 = self->k7 * v_less_drift_1 - self->k25 * t2;
             const float t5 = reference_distance_acceleration + self->kd_distance * (reference_distance_rate -
                 forward_speed *
                 distance_by_forward_speed);
@@ -91,7 +91,7 @@ int labmate_type_iv_line_steps_f(const labmate_type_iv_line_f *self, size_t n, c
             const float v_distance = t5 + self->kp_distance * (reference_distance - self->k5 - self->k3 * x_l -
                 self->k4 *
                 y_l);
-            const float t6 = t1 * (self->k32 - self->k23 * t3) - self->k8 * (distance_by_forward_speed *
+            const float t6 = t1 * (self->k33 - self->k24 * t3) - self->k8 * (distance_by_forward_speed *
                 v_less_drift_1 -
                 v_distance) / distance_by_yaw_rate;
             made[0] = t4 - t6;

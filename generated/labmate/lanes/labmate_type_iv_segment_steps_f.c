@@ -86,24 +86,24 @@ int labmate_type_iv_segment_steps_f(const labmate_type_iv_segment_f *self, size_
             const float distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
             const float distance_by_yaw_rate = distance_by_x_l * sin_state_phi + distance_by_y_l * cos_state_phi;
             const float distance_by_forward_speed = distance_by_x_l * cos_state_phi - distance_by_y_l * sin_state_phi;
-            fine &= noslip_abs_f(distance_by_yaw_rate) > self->k19 * noslip_abs_f(distance_by_forward_speed);
+            fine &= noslip_abs_f(distance_by_yaw_rate) > self->k20 * noslip_abs_f(distance_by_forward_speed);
             const float t9 = state_thetadot_r - state_thetadot_l;
             const float t10 = t9 * t9;
             const float t11 = state_thetadot_r + state_thetadot_l;
             const float forward_speed = self->Phi_21 * t11;
-            const float v_less_drift_1 = reference_speed_rate - self->k25 * t10 + self->kv_speed * (reference_speed -
+            const float v_less_drift_1 = reference_speed_rate - self->k26 * t10 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const float t12 = self->k10 * v_less_drift_1 - self->k27 * t10;
-            const float distance_rate = self->k22 * t9 * distance_by_yaw_rate - forward_speed *
+            const float t12 = self->k10 * v_less_drift_1 - self->k28 * t10;
+            const float distance_rate = self->k23 * t9 * distance_by_yaw_rate - forward_speed *
                 distance_by_forward_speed;
             const float t13 = reference_distance_acceleration + self->kd_distance * (reference_distance_rate -
                 distance_rate) +
-                t8 * self->curvature * (self->k23 * t11 * t11 + self->k24 * t10 - distance_rate * distance_rate);
+                t8 * self->curvature * (self->k24 * t11 * t11 + self->k25 * t10 - distance_rate * distance_rate);
             const float t14 = 1.0f + t7;
             fine &= noslip_abs_f(t14) > 0;
             const float v_less_drift_0 = t13 + self->kp_distance * (reference_distance + (t5 * (t6 + 1.0f) + t4 *
                 self->curvature) / t14);
-            const float t15 = self->k26 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed *
+            const float t15 = self->k27 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed *
                 v_less_drift_1) /
                 distance_by_yaw_rate;
             made[0] = t12 + t15;

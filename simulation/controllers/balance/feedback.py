@@ -1,5 +1,6 @@
 """State feedback about a steady motion: tau = tau_e - K (x - x_d), with limits, for every heading; and as a control law."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -170,6 +171,8 @@ class StateFeedback:
         desired = self._desired.copy()
         desired[self._balanced.used] = reference
         return self._balanced.step(np.asarray(state, float), desired)
+
+    believed = math.nan  # see Controller
 
     def believe(self, mu: float) -> None:
         """Raise BadInput: it has no limits of friction."""

@@ -7,7 +7,7 @@
  * (check_step). Inputs that go from there to noslip_apply_limits are not changed by it: they are within their limits
  * (watched_apply_limits). With a force of 1.11 times the friction or more, noslip_holds answers no
  * (check_holds): intervals prove that with a factor only. Between 1 and 1.11 the rounding of its five operations decides, see
- * noslip_holds. Not proved, but tested: that the forces are those of the model.
+ * noslip_holds. What is believed of mu stays from 0 to the most that may be believed. Not proved, but tested: that the forces are those of the model.
  */
 #include "eva.h"
 #include HEADER
@@ -77,6 +77,8 @@ void check_step(int follow, REAL odd, REAL even)
         law.clear[k] = -1;
         law.held[k] = 0;
     }
+    law.earned.most = 1; /* all else of it has arbitrary bits */
+    law.earned.mu = BETWEEN(0, 1);
     kept = 0;
 #if FOLLOWS
     if (follow) {
@@ -86,6 +88,7 @@ void check_step(int follow, REAL odd, REAL even)
     {
         status = OF_LAW(_step)(&law, &state, &reference, tau);
     }
+    /*@ assert 0 <= law.earned.mu <= 1; */
     if (status == NOSLIP_OK) {
         REACHED(rolls);
         /*@ assert kept == CONTACTS; */

@@ -17,7 +17,7 @@ void check_slip(void)
     OF(noslip_slip_reading) reading;
     OF(noslip_odometry_options) vehicle;
     OF(noslip_noticed) noticed;
-    OF(noslip_friction) friction;
+    OF(noslip_earned) earned;
     OF(noslip_grip) grip;
     int status;
     ANY(self);
@@ -46,8 +46,8 @@ void check_slip(void)
     } else {
         REACHED(slip_refused);
     }
-    ANY(friction);
-    status = OF(noslip_slip_grip)(&self, &friction, &grip);
+    ANY(earned);
+    status = OF(noslip_slip_grip)(&self, &earned, &grip);
     status += OF(noslip_slip_trust)(&self);
 }
 
