@@ -10,15 +10,15 @@ long as they run WORTH lines a second that nothing else by day runs.
 
 import json
 import re
-import subprocess
 import sys
 from collections import defaultdict
 from pathlib import Path
 from xml.etree import ElementTree
 
 from noslip.tests.mutation import SOURCES
+from noslip.tests.tools import collected
 
-ROOT = Path(__file__).resolve().parent.parent
+TESTS = Path(__file__).resolve().parent
 LONG, ALONE = 0.3, 3.0  # s: of all parameters of a test; of its quickest one
 WORTH = 3.0  # lines for each second
 GROUP = re.compile(r"@\w+$")  # of tests that run in one process, which pytest-xdist adds to a name
@@ -41,7 +41,7 @@ def lines_of(path: Path) -> dict[Test, set[tuple[str, int]]]:
 
     data, found = CoverageData(str(path)), defaultdict[Test, set[tuple[str, int]]](set)
     data.read()
-    for file in data.measured_files():
+    for file in [file for file in data.measured_files() if TESTS not in Path(file).parents]:
         for line, contexts in data.contexts_by_lineno(file).items():
             for context in contexts:
                 if named := TEST.fullmatch(GROUP.sub("", context.rpartition("|")[0])):
@@ -51,12 +51,9 @@ def lines_of(path: Path) -> dict[Test, set[tuple[str, int]]]:
 
 def of_mutants() -> set[Test]:
     """Return the tests by which mutants are looked for."""
-    collect = [sys.executable, "-P", "-m", "pytest", "-n", "0", "--collect-only", "-m", "not nightly or left"]
-    found = set[Test]()
-    for source in SOURCES.values():
-        listed = subprocess.run([*collect, *source.tests], cwd=ROOT, capture_output=True, text=True).stdout
-        found |= {(named[1], named[2], named[3] or "") for named in map(TEST.fullmatch, listed.splitlines()) if named}
-    return found
+    runs = {source.tests for source in SOURCES.values()}
+    names = {name for tests in runs for name in collected("not nightly or left", *tests)}
+    return {(named[1], named[2], named[3] or "") for named in map(TEST.fullmatch, names) if named}
 
 
 def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]], always: set[Test]) -> set[Test]:
@@ -87,7 +84,7 @@ def main() -> None:
     table = defaultdict[str, dict[str, list[str]]](dict)
     for file, function in sorted({test[:2] for test in times.keys() - kept}):
         table[file][function] = sorted(test[2] for test in kept if test[:2] == (file, function))
-    (Path(__file__).parent / "by_day.json").write_text(json.dumps(table, indent=1) + "\n")
+    (TESTS / "by_day.json").write_text(json.dumps(table, indent=1) + "\n")
     print(f"{len(kept)} of {len(times)} tests stay, {sum(times[t] for t in kept):.0f} of {sum(times.values()):.0f} s")
 
 

@@ -31,7 +31,7 @@ from xml.etree import ElementTree
 from noslip.checks.guarantees.__main__ import CHECKS
 from noslip.tests.mutation import LEAST, SOURCES, files_of
 from noslip.tests.processors import choices, lacking
-from noslip.tests.tools import path_of
+from noslip.tests.tools import collected, path_of
 
 ROOT = Path(__file__).resolve().parent.parent
 LONGEST = 3600  # s: a step that takes longer is ended, and has failed
@@ -51,6 +51,7 @@ ABOUT = {
     "firmware-test": 300,
 }
 PIECE = 900  # s: the tests of a file that takes longer are dealt into several steps
+PART = re.compile(r" \d+ of \d+$")  # in the name of such a step
 SEEDS, OF_C, OF_CODEGEN = ("39", "1936"), "4", "2"  # of mutation: not the seed that tests were written for; mutants for each
 # Files whose tests integrate, linearize and plan: they pass with the kernels of other processors too.
 NUMERICAL = "guidance simulate outer_loop outer_design planning integral analyse shape redundancy".split()
@@ -124,10 +125,7 @@ def _pytest(folder: Path, name: str, *arguments: str) -> list[str]:
 
 def _of_the_night() -> Iterator[tuple[str, list[str]]]:
     """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a part of one."""
-    listed = subprocess.run(
-        [*PYTEST, "-n", "0", "--collect-only", "-m", "nightly", "tests"], cwd=ROOT, capture_output=True, text=True
-    ).stdout
-    tests = re.findall(r"^tests/\w+/test_\w+\.py::.+", listed, re.M)
+    tests = collected("nightly", "tests")
     for file in sorted({re.split(r"[/.]", test)[2] for test in tests}):
         own, name = [test for test in tests if f"/{file}.py::" in test], f"night {file}"
         count = min(len(own), math.ceil(ABOUT.get(name, 1) / PIECE))
@@ -195,7 +193,8 @@ class Night:
         return not step.lacking and (before is None or before.status != PASSED)
 
     def _expected(self, step: Step) -> float:
-        return self.seconds.get(step.name, ABOUT.get(step.name, PIECE if " of " in step.name else 30.0))
+        whole = PART.sub("", step.name)
+        return self.seconds.get(step.name, ABOUT.get(whole, 30.0) if whole == step.name else PIECE)
 
     def _keep(self, result: Result) -> None:
         print(f"{result.status:8}{result.name}  [{result.seconds:.0f} s]  {result.reason}", flush=True)

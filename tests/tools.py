@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -20,6 +21,13 @@ def path_of(name: str) -> str:
     """Return where a test file is, from the repository's root: `test_model` is tests/model/test_model.py."""
     (path,) = ROOT.glob(f"tests/*/{name}.py")
     return path.relative_to(ROOT).as_posix()
+
+
+def collected(marked: str, *chosen: str) -> list[str]:
+    """Return the names of tests with these marks, among those that arguments of pytest choose."""
+    command = [sys.executable, "-P", "-m", "pytest", "-n", "0", "--collect-only", "-m", marked, *chosen]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
+    return re.findall(r"^tests/\w+/test_\w+\.py::.+", listed, re.M)
 
 
 def skip_without(absent: Sequence[str]) -> None:

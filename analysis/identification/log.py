@@ -143,17 +143,15 @@ def _sound(t: np.ndarray, values: np.ndarray, name: str, numbers: np.ndarray) ->
     """Return a signal with NaN where it repeats a value that is held, where it stands still and jumps then, and in single
     rows that are far off; the rows after which it is not connected; and remarks.
     """
-    values, remarks = without_repeats(values, name)
-    cuts: list[int] = []
+    thinned, remarks = without_repeats(values, name)
+    values, cuts = thinned.copy(), list[int]()
     if still := standstills(values):
-        values, cuts = values.copy(), [rows[-1] for rows in still]
-        values[np.concatenate(still)] = math.nan
+        values[np.concatenate(still)], cuts = math.nan, [rows[-1] for rows in still]
         from_to = "; ".join(f"{rows_of(numbers, t, rows[:1])} to {rows_of(numbers, t, rows[-1:])}" for rows in still)
         remarks.append(f"{name} stands still and jumps then, {from_to}: left out")
     there = np.flatnonzero(np.isfinite(values))
     spikes, steps = spikes_and_steps(np.diff(values[there])[:, None], jumps_of(t[there], values[there])[:, None])
     if len(spikes):
-        values = values.copy()
         values[there[spikes]] = math.nan
         remarks.append(f"{name} is far off in {rows_of(numbers, t, there[spikes])}: left out")
     if len(steps):
@@ -206,7 +204,7 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
         signals[:, k], steps, remark = _sound(t, signals[:, k], name, kept)
         remarks, cuts = (*remarks, *remark), [*cuts, *steps]
     stretches, known = cut(stretches, cuts), np.isfinite(signals[:, : len(names)])
-    if (complete := known.all(axis=1)).sum() >= TOGETHER * known.sum(axis=0).min():
+    if (complete := known.all(axis=1)).sum() >= TOGETHER * known.sum(axis=0).min(initial=len(t)):
         # Angles are measured together, but not in all rows: the poses of the others are between angles that nothing tells.
         before = np.concatenate([[0], np.cumsum(complete)])
         stretches = tuple(range(before[each.start], before[each.stop]) for each in stretches)

@@ -134,11 +134,17 @@ worker.onmessage = ({ data }) => {
   if (!grabbed) data.rows.forEach(remember);
 };
 
+/* P_l, for a law that has it, else the vehicle's point. */
+function controlledPoint([x, y, heading]) {
+  const L = isOwn(settings.law) ? 0 : settings.L;
+  return [x + L * Math.cos(heading), y + L * Math.sin(heading)];
+}
+
 /* A point of the trace; times go on from run to run. */
-function remember({ motion: [x, y, heading], error, tau, use, status }) {
-  const time = (trace.at(-1)?.now || 0) + PERIOD, { L } = isOwn(settings.law) ? { L: 0 } : settings;
+function remember({ motion, error, tau, use, status }) {
+  const time = (trace.at(-1)?.now || 0) + PERIOD, [x, y] = controlledPoint(motion);
   const series = { error, tau, use }, most = Object.fromEntries(Object.entries(series).map(([name, all]) => [name, Math.max(...all.map(Math.abs))]));
-  trace.push({ now: time, x: x + L * Math.cos(heading), y: y + L * Math.sin(heading), ...series, most, status });
+  trace.push({ now: time, x, y, ...series, most, status });
   if (trace.length > KEPT / PERIOD) trace.shift();
 }
 
@@ -175,10 +181,9 @@ function showStatus() {
 
 /* How far P_l is to the left of the path, m; null without a path. */
 function lateralError() {
-  const { law, angle, L } = settings, [x, y, heading] = now.motion, direction = (angle * Math.PI) / 180;
+  const { law, angle } = settings, [x, y] = controlledPoint(now.motion), direction = (angle * Math.PI) / 180;
   if (!movesOnLine(law)) return isOwn(law) ? null : now.error[0];
-  const l = isOwn(law) ? 0 : L;
-  return Math.cos(direction) * (y + l * Math.sin(heading)) - Math.sin(direction) * (x + l * Math.cos(heading));
+  return Math.cos(direction) * y - Math.sin(direction) * x;
 }
 
 /* -- drawing ----------------------------------------------------------------------------------------------------------- */
@@ -292,7 +297,7 @@ function drawRobot(c) {
   use.forEach((_, contact) => drawForce(c, wheels[contact].map((line) => ends[line]), use[contact], forces.slice(2 * contact, 2 * contact + 2), across?.[contact]));
   drawForbidden(c, x, handle);
   dot(c, x[0] + handle * Math.cos(x[2]), x[1] + handle * Math.sin(x[2]), 7, COLOURS.one);
-  if (!isOwn(settings.law)) dot(c, motion[0] + settings.L * Math.cos(motion[2]), motion[1] + settings.L * Math.sin(motion[2]), 4, COLOURS.ink);
+  if (!isOwn(settings.law)) dot(c, ...controlledPoint(motion), 4, COLOURS.ink);
 }
 
 /* The headings at which the law has no torque or hardly one, on the circle of the handle. */

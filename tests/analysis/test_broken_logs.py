@@ -21,7 +21,7 @@ Change = Callable[[Columns, np.random.Generator], Columns | None]
 FARTHEST = 4.0  # deviations
 ROUNDING = 3e-5  # of a value: angles are taken as linear between rows
 TURN = 2 * math.pi
-DAY, NIGHT = 2, 8  # logs of each fault by day, in each piece of the night
+NIGHT = 8  # logs of each fault
 
 
 # -- motions ---------------------------------------------------------------------------------------------------------------

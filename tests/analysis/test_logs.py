@@ -256,3 +256,10 @@ def test_a_sensor_that_stands_still_is_told_from_one_that_rests():
     rests = np.where(t < 4, 0, np.clip(t - 4, 0, 0.3))  # a steering angle that is turned
     for sound in (turning, rests, np.maximum(turning, 15), np.round(turning, 1), turning + 0.1 * random.normal(size=len(t))):
         assert standstills(sound) == []
+
+
+def test_numbers_without_a_header_and_without_an_angle_are_refused(bad_input, tmp_path):
+    file = tmp_path / "poses.csv"
+    file.write_text("".join(f"{k / 10},{k / 20},{k * k / 5000},{k / 100}\n" for k in range(60)))
+    named = [word for k, name in enumerate(("t", "x_c", "y_c", "phi"), 1) for word in ("--map", f"{name}={k}")]
+    assert "alone cannot tell how labmate moves" in bad_input(["calibrate", str(file), "--robot", "labmate", *named])
