@@ -96,7 +96,7 @@ OF_LAW = (
     ),
     *(f"{name}_near_law" for name in ("feedback", "evaluate", "step", "slope", "follow", "follow_slope")),
     *("follow_slope", "follow_slope_law", "ground", "ground_law", "ground_by_inputs", "ground_by_inputs_law"),
-    *("null_inputs", "null_inputs_law"),
+    *("null_inputs", "null_inputs_law", "wheels", "wheels_law"),
     *("step_refused", "step_limited", "step_with_grip", "follow_refused", "follow_limited", "follow_with_grip"),
     *("acceleration", "acceleration_law", "reduced", "reduced_law"),  # of the dynamics, which are named like a law
 )

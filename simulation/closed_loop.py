@@ -17,17 +17,23 @@ from .guidance import distances, outputs, vehicle_motion
 from .integrate import continuous, sampled
 from .loop import Loop, make_loop
 from .run import Run
-from .specification.spec import ApproachSection, Simulation, Spec
+from .specification.spec import MOST_ROWS, ApproachSection, Simulation, Spec
 
 LOOK_BACK = 0.5  # s, of what led to a singular state
+TRIAL = 20_000  # steps at most of a run that tries a remedy
 SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6  # with rounding in float, step-size control fails at smaller tolerances
 
 
 def simulate(
-    spec: Spec, backend: str | None = None, progress: Callable[[float], None] | None = None, engine: str | None = None
+    spec: Spec,
+    backend: str | None = None,
+    progress: Callable[[float], None] | None = None,
+    engine: str | None = None,
+    most: int = MOST_ROWS,
 ) -> Run:
     """Simulate the closed loop of a SPEC and return the Run; `backend` replaces that of the SPEC; `progress` receives the
-    time reached. With the `engine` "mujoco" the robot is on a floor where its wheels may slip; otherwise it rolls.
+    time reached; a run in continuous time may take `most` steps. With the `engine` "mujoco" the robot is on a floor where its
+    wheels may slip; otherwise it rolls.
 
     Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
     """
@@ -40,7 +46,7 @@ def simulate(
         floor = OnFloor(loop, spec)
         loop, steps = floor.loop, floor.rows()
     else:
-        steps = (sampled if spec.simulation.period else continuous)(loop, spec.simulation)
+        steps = sampled(loop, spec.simulation) if spec.simulation.period else continuous(loop, spec.simulation, most)
         for section in ("floor", "scene"):
             if getattr(spec, section):
                 unused = f"[{section}] has no effect without --engine mujoco: the wheels roll"
@@ -116,33 +122,37 @@ def why_singular(run: Run, engine: str | None = None) -> str:
     text = f"{quantity} {place}; in the last {t[-1] - t[since]:.2g} s {', '.join(led)}"
     for about, changed in _remedies(run):
         with suppress(BadInput, ModelError):
-            tried = simulate(changed, engine=engine)
+            tried = simulate(changed(), engine=engine, most=TRIAL)
             nearer = abs(tried.y[-1, 0]) <= abs(tried.y[0, 0]) or law.output.rows[0].name != "distance"
             if tried.stopped is None and nearer:
                 return f"{text}; with {about} this run does not stop (tried)"
     return f"{text}; of the remedies in docs/normal.md none that was tried on this run works"
 
 
-def _remedies(run: Run) -> Iterator[tuple[str, Spec]]:
-    """Return changes of a SPEC that may keep a run from the singular set, the gentlest first, with what they are in a SPEC."""
+def _remedies(run: Run) -> Iterator[tuple[str, Callable[[], Spec]]]:
+    """Return changes of a SPEC that may keep a run from the singular set, the gentlest first: what they are in a SPEC, and a
+    function that makes it, which raises BadInput if the SPEC does not permit the change.
+    """
     spec, reference, output = run.spec, run.spec.reference, run.spec.output
     if output.type == "IV":
-        yield 'near_singular = "damped" in [output]', replace(spec, output=replace(output, near_singular="damped"))
+        yield (
+            'near_singular = "damped" in [output]',
+            lambda: replace(spec, output=replace(output, near_singular="damped")),
+        )
+    slow = reference.approach.acceleration / 4 if reference.approach else 0.2
+    approach = replace(reference.approach or ApproachSection(acceleration=slow), acceleration=slow)
+    yield (
+        f"approach = {{ acceleration = {slow:g} }} in [reference]",
+        lambda: replace(spec, reference=replace(reference, approach=approach)),
+    )
     if reference.approach:
-        slow = reference.approach.acceleration / 4
-        approach = replace(reference.approach, acceleration=slow)
-    else:
-        approach = ApproachSection(acceleration=(slow := 0.2))
-    approached = replace(spec, reference=replace(reference, approach=approach))
-    yield f"approach = {{ acceleration = {slow:g} }} in [reference]", approached
-    if reference.approach:
-        yield "no approach in [reference]", replace(spec, reference=replace(reference, approach=None))
+        yield "no approach in [reference]", lambda: replace(spec, reference=replace(reference, approach=None))
     if reference.speed and isinstance(reference.speed, float) and math.isfinite(reference.speed):
         half = reference.speed / 2
-        yield f"speed = {half:g} in [reference]", replace(spec, reference=replace(reference, speed=half))
+        yield f"speed = {half:g} in [reference]", lambda: replace(spec, reference=replace(reference, speed=half))
     if (initial := spec.initial) and initial.q is None and initial.state is None and not initial.speed:
         speed = min(abs(spec.desired_speed or 0.0), 0.5)
-        yield f"speed = {speed:g} in [initial]", replace(spec, initial=replace(initial, speed=speed))
+        yield f"speed = {speed:g} in [initial]", lambda: replace(spec, initial=replace(initial, speed=speed))
 
 
 def as_json(run: Run) -> dict[str, Any]:

@@ -46,12 +46,13 @@ class Row:
     learned: np.ndarray
 
 
-def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
+def continuous(loop: Loop, simulation: Simulation, most: int = MOST_ROWS) -> Iterator[Row]:
     """The controller is part of the right-hand side. Steps end on the rows, so that rows are as good as steps. The integrals z
     of the errors of outputs with integral action and the states xi of a dynamic extension are further states: [x; z; xi].
 
     Where a trial step meets an error, a shorter one is tried; the run stops when none of at least SHORTEST is left. Where a
-    step passes the end of a piece of the path, it is taken again up to that end.
+    step passes the end of a piece of the path, it is taken again up to that end. Raises BadInput for a run that would take
+    more than `most` steps.
     """
     ki = loop.integral.ki
     n, m = len(loop.start), len(loop.start) + len(ki)
@@ -80,7 +81,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
                 solver.h *= SHRINK
                 continue
             steps += 1
-            if steps > PACE and steps * (simulation.duration - begin) > MOST_ROWS * (step.end - begin):
+            if steps > PACE and steps * (simulation.duration - begin) > most * (step.end - begin):
                 raise _too_stiff(step.end, step.end - step.begin)
             if end is None:
                 solver.take(step)

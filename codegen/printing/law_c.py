@@ -285,7 +285,8 @@ class LawC(ProgramC[Program]):
         held += " and friction that is earned" if self.wheels else ""
         lines = [
             "Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.",
-            f"{held} stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.",
+            f"{held} stay, within the new limits.",
+            "NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.",
         ]
         return comment(lines) + f"\n{self._update_signature()};"
 

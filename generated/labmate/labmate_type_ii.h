@@ -123,7 +123,8 @@ int labmate_type_ii_set_limits(labmate_type_ii *self, const double limit[2]);
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits.
+ * NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_ii_update(labmate_type_ii *self, const labmate_type_ii *next);
 

@@ -123,7 +123,8 @@ int labmate_type_iii_set_limits_f(labmate_type_iii_f *self, const float limit[2]
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits.
+ * NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_iii_update_f(labmate_type_iii_f *self, const labmate_type_iii_f *next);
 

@@ -127,7 +127,8 @@ int labmate_type_iv_circle_set_limits(labmate_type_iv_circle *self, const double
 
 /*
  * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
- * Held inputs and friction that is earned stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ * Held inputs and friction that is earned stay, within the new limits.
+ * NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
  */
 int labmate_type_iv_circle_update(labmate_type_iv_circle *self, const labmate_type_iv_circle *next);
 

@@ -151,7 +151,7 @@ def test_unknown_target(capsys):
 def test_golden_steps_meet_limits(project):
     """Some are cut or slowed down, some are not."""
     text = (project[0] / "selftest" / "selftest.c").read_text()
-    assert text.count("NOSLIP_SLOW, {0") == text.count("NOSLIP_CUT, {0") == 1  # of type_iv_circle and of type_i
+    assert text.count(".on_limit = NOSLIP_SLOW") == text.count(".on_limit = NOSLIP_CUT") == 1  # of type_iv_circle and of type_i
     for law in text.split("static int test_")[1:]:
         statuses = [row[4] for row in TAU.finditer(law)]
         assert statuses.count("0") >= 3 and statuses.count("1") >= 3

@@ -192,7 +192,7 @@ def test_a_call_evaluates_the_outputs_once(monkeypatch):
     evaluate, calls = CompiledController.evaluate, []
     monkeypatch.setattr(CompiledController, "evaluate", lambda self, *at: calls.append(1) or evaluate(self, *at))
     run = simulate(spec_of(CIRCLE, duration=1.0, period=0.1, gains={"ko": 2.0, "ki_speed": 0.2}))
-    assert set(run.status) == {"ok"} and len(calls) == 11  # at 0, 0.1, ..., 1 s
+    assert set(run.status) == {"ok"} and len(calls) == 1 + 11  # at the start, for its status, and at 0, 0.1, ..., 1 s
 
 
 @pytest.mark.parametrize(
