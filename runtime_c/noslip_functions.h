@@ -27,76 +27,6 @@
 #include "noslip_real.h"
 #include "noslip_trig.h"
 
-/* -- sign, minimum, maximum, choices ---------------------------------------------------------------------------------- */
-
-/* -1, 0 or 1. */
-static inline float noslip_sign_f(float x)
-{
-    return x > 0 ? 1.0f : x < 0 ? -1.0f : x;
-}
-
-static inline double noslip_sign(double x)
-{
-    return x > 0 ? 1.0 : x < 0 ? -1.0 : x;
-}
-
-/* Returns the smaller of the two; unlike fmin of the C library, NaN if either is NaN. */
-static inline float noslip_min_f(float x, float y)
-{
-    return x <= y ? x : x > y ? y : x + y;
-}
-
-static inline double noslip_min(double x, double y)
-{
-    return x <= y ? x : x > y ? y : x + y;
-}
-
-/* Returns the larger of the two; unlike fmax of the C library, NaN if either is NaN. */
-static inline float noslip_max_f(float x, float y)
-{
-    return x >= y ? x : x < y ? y : x + y;
-}
-
-static inline double noslip_max(double x, double y)
-{
-    return x >= y ? x : x < y ? y : x + y;
-}
-
-/* Returns 1 if x < y, else 0; NaN if either is NaN. */
-static inline float noslip_less_f(float x, float y)
-{
-    return x < y ? 1.0f : x >= y ? 0.0f : x + y;
-}
-
-static inline double noslip_less(double x, double y)
-{
-    return x < y ? 1.0 : x >= y ? 0.0 : x + y;
-}
-
-/* Returns 1 if the condition is 0, else 0; NaN if it is NaN. */
-static inline float noslip_not_f(float condition)
-{
-    return condition > 0 || condition < 0 ? 0.0f : condition + 1.0f;
-}
-
-static inline double noslip_not(double condition)
-{
-    return condition > 0 || condition < 0 ? 0.0 : condition + 1.0;
-}
-
-/* Returns x if the condition is not 0, else 0, even if x is not finite; NaN if the condition is NaN. */
-static inline float noslip_if_f(float condition, float x)
-{
-    return condition > 0 || condition < 0 ? x : condition;
-}
-
-static inline double noslip_if(double condition, double x)
-{
-    return condition > 0 || condition < 0 ? x : condition;
-}
-
-/* -- exponential and hyperbolic functions ------------------------------------------------------------------------------ */
-
 /* 2^n for n in the range of normal numbers. */
 static inline float noslip_power_of_two_f(int32_t n)
 {
@@ -175,108 +105,6 @@ static inline double noslip_exp(double x)
     return (1.0 + (high + low)) * noslip_power_of_two(half) * noslip_power_of_two(n - half);
 }
 
-/* e^x - 1 for x in [0, 44] (float: [0, 20]), without cancellation. */
-static inline float noslip_growth_f(float x)
-{
-    float high, low, power;
-    power = noslip_power_of_two_f(noslip_reduced_exp_f(x, &high, &low));
-    return (power - 1.0f) + power * (high + low);
-}
-
-static inline double noslip_growth(double x)
-{
-    double high, low, power;
-    power = noslip_power_of_two(noslip_reduced_exp(x, &high, &low));
-    return (power - 1.0) + power * (high + low);
-}
-
-static inline float noslip_tanh_f(float x)
-{
-    const float size = noslip_abs_f(x);
-    float t;
-    if (!(size < 9.1f)) {
-        return noslip_sign_f(x);
-    }
-    t = noslip_growth_f(2.0f * size);
-    t = t / (t + 2.0f);
-    return x < 0 ? -t : t;
-}
-
-static inline double noslip_tanh(double x)
-{
-    const double size = noslip_abs(x);
-    double t;
-    if (!(size < 19.1)) {
-        return noslip_sign(x);
-    }
-    t = noslip_growth(2.0 * size);
-    t = t / (t + 2.0);
-    return x < 0 ? -t : t;
-}
-
-/* e^x / 2 for x so large that it equals sinh and cosh, which may be finite although e^x is not. */
-static inline float noslip_half_exp_f(float x)
-{
-    const float root = noslip_exp_f(0.5f * x);
-    return 0.5f * root * root;
-}
-
-static inline double noslip_half_exp(double x)
-{
-    const double root = noslip_exp(0.5 * x);
-    return 0.5 * root * root;
-}
-
-static inline float noslip_sinh_f(float x)
-{
-    const float size = noslip_abs_f(x);
-    float t;
-    if (!(size < 9.1f)) {
-        t = noslip_half_exp_f(size);
-    } else {
-        t = noslip_growth_f(size);
-        t = 0.5f * (t + t / (t + 1.0f));
-    }
-    return x < 0 ? -t : t;
-}
-
-static inline double noslip_sinh(double x)
-{
-    const double size = noslip_abs(x);
-    double t;
-    if (!(size < 19.1)) {
-        t = noslip_half_exp(size);
-    } else {
-        t = noslip_growth(size);
-        t = 0.5 * (t + t / (t + 1.0));
-    }
-    return x < 0 ? -t : t;
-}
-
-static inline float noslip_cosh_f(float x)
-{
-    const float size = noslip_abs_f(x);
-    float t;
-    if (!(size < 9.1f)) {
-        return noslip_half_exp_f(size);
-    }
-    t = noslip_exp_f(size);
-    return 0.5f * (t + 1.0f / t);
-}
-
-static inline double noslip_cosh(double x)
-{
-    const double size = noslip_abs(x);
-    double t;
-    if (!(size < 19.1)) {
-        return noslip_half_exp(size);
-    }
-    t = noslip_exp(size);
-    return 0.5 * (t + 1.0 / t);
-}
-
-/* -- logarithm -------------------------------------------------------------------------------------------------------- */
-
 /*
  * The natural logarithm; minus infinity for 0, NaN below.
  *
@@ -336,49 +164,18 @@ static inline double noslip_log(double x)
     return k * 0.6931471805598903 - ((half - (s * (half + p) + k * 5.497923018708371e-14)) - f);
 }
 
-/* x^y = e^(y log x) for x >= 0; NaN for x < 0, where powers that are not integers are undefined. */
-static inline float noslip_pow_f(float x, float y)
+/* Returns 1 if e^-2x is lost beside 1, or x is NaN. */
+static inline int noslip_saturates_f(float x)
 {
-    return noslip_exp_f(y * noslip_log_f(x));
+    return !(x < 9.1f);
 }
 
-static inline double noslip_pow(double x, double y)
+static inline int noslip_saturates(double x)
 {
-    return noslip_exp(y * noslip_log(x));
+    return !(x < 19.1);
 }
 
-/* -- inverse trigonometric functions ------------------------------------------------------------------------------------ */
-
-static inline float noslip_atan_f(float x)
-{
-    return noslip_atan2_f(x, 1.0f);
-}
-
-static inline double noslip_atan(double x)
-{
-    return noslip_atan2(x, 1.0);
-}
-
-/* In [-pi/2, pi/2]; NaN for |x| > 1. */
-static inline float noslip_asin_f(float x)
-{
-    return noslip_atan2_f(x, noslip_sqrt_f((1.0f - x) * (1.0f + x)));
-}
-
-static inline double noslip_asin(double x)
-{
-    return noslip_atan2(x, noslip_sqrt((1.0 - x) * (1.0 + x)));
-}
-
-/* In [0, pi]; NaN for |x| > 1. */
-static inline float noslip_acos_f(float x)
-{
-    return noslip_atan2_f(noslip_sqrt_f((1.0f - x) * (1.0f + x)), x);
-}
-
-static inline double noslip_acos(double x)
-{
-    return noslip_atan2(noslip_sqrt((1.0 - x) * (1.0 + x)), x);
-}
+#define NOSLIP_MODULE "noslip_functions.inc"
+#include "noslip_scalars.inc"
 
 #endif

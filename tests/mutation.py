@@ -130,7 +130,10 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_path.inc": Source(_PATH),
     "runtime_c/noslip_path_code.inc": Source(_PATH),
     "runtime_c/noslip_trig.h": Source(_TRIG),
-    "runtime_c/noslip_functions.h": Source(_chosen("test_runtime test_functions", "trig_and_roots kinks")),
+    **{
+        f"runtime_c/noslip_functions.{kind}": Source(_chosen("test_runtime test_functions", "trig_and_roots kinks"))
+        for kind in ("h", "inc")
+    },
     "runtime_c/noslip_real.h": Source(_chosen("test_runtime test_odometry", "trig_and_roots finite overflows refused_numbers")),
     "runtime_c/noslip_watchdog.c": Source(_chosen("test_firmware", "watchdog stuck stop missed null")),
     "generated/labmate/labmate_follower_f.c": Source(
