@@ -188,8 +188,8 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
             f"m_c = {body:.6g} # kg, the mass without the wheels; {said('mass')}",
             f"m_w = {wheel:.6g} # kg, a wheel, assumed: {SHARE:.0%} of the mass",
             f"I_c = {inertia:.6g} # kg m^2, of a uniform box of length {v['length']:g} m and the track's width, assumed",
-            f"I_w = {disc:.3g} # kg m^2, a wheel as a disc, assumed; a motor behind a gear adds to it",
-            f"I_m = {disc / 2:.3g} # kg m^2, a wheel about a diameter, assumed",
+            f"I_w = {disc:.6g} # kg m^2, a wheel as a disc, assumed; a motor behind a gear adds to it",
+            f"I_m = {disc / 2:.6g} # kg m^2, a wheel about a diameter, assumed",
         ]
     else:
         inertia = v["mass"] * ((1.5 * v["wheelbase"]) ** 2 + v["track"] ** 2) / 12
