@@ -3,7 +3,7 @@
     python -m noslip.tests.by_day TIMES COVERAGE
 
 TIMES is what pytest wrote with `--junitxml`, COVERAGE what it wrote with `--cov-context=test`: which test runs which lines.
-The tests by which the mutants of C and codegen are looked for stay. Of another function that takes longer than LONG in all, its
+The tests by which the mutants of C and codegen are looked for stay, and those of the repository. Of another function that takes longer than LONG in all, its
 quickest parameter stays, if that takes less than ALONE; others are added, those with the most new lines for their time first, as
 long as they run WORTH lines a second that nothing else by day runs.
 """
@@ -19,8 +19,8 @@ from noslip.tests.mutation import SOURCES
 from noslip.tests.tools import collected
 
 TESTS = Path(__file__).resolve().parent
-LONG, ALONE = 0.3, 3.0  # s: of all parameters of a test; of its quickest one
-WORTH = 3.0  # lines for each second
+LONG, ALONE = 0.3, 1.0  # s: of all parameters of a test; of its quickest one
+WORTH = 10.0  # lines for each second
 GROUP = re.compile(r"@\w+$")  # of tests that run in one process, which pytest-xdist adds to a name
 TEST = re.compile(r"tests/\w+/(test_\w+)\.py::(\w+)(?:\[(.*)\])?", re.S)
 Test = tuple[str, str, str]  # file, function, parameters
@@ -49,9 +49,9 @@ def lines_of(path: Path) -> dict[Test, set[tuple[str, int]]]:
     return found
 
 
-def of_mutants() -> set[Test]:
-    """Return the tests by which mutants are looked for."""
-    runs = {source.tests for source in SOURCES.values()}
+def always() -> set[Test]:
+    """Return the tests by which mutants are looked for, and those of the repository, which run no lines of the product."""
+    runs = {source.tests for source in SOURCES.values()} | {("tests/repository",)}
     names = {name for tests in runs for name in collected("not nightly or left", *tests)}
     return {(named[1], named[2], named[3] or "") for named in map(TEST.fullmatch, names) if named}
 
@@ -80,7 +80,7 @@ def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]], al
 
 def main() -> None:
     times, lines = times_of(Path(sys.argv[1])), lines_of(Path(sys.argv[2]))
-    kept = chosen(times, lines, of_mutants())
+    kept = chosen(times, lines, always())
     table = defaultdict[str, dict[str, list[str]]](dict)
     for file, function in sorted({test[:2] for test in times.keys() - kept}):
         table[file][function] = sorted(test[2] for test in kept if test[:2] == (file, function))

@@ -69,7 +69,7 @@ BAD = {  # command, what happened to the log, what is said
     "rates exchanged": (driven, swapped(RATES), "--map thetadot_r=thetadot_l"),
     "rates in rpm": (driven, times(RPM, *RATES), "--map 'thetadot_r=thetadot_r [rpm]' --map 'thetadot_l=thetadot_l [rpm]'"),
     "rates in degrees": (driven, times(DEG, *RATES), "[deg/s]"),
-    "time in ms": (driven, times(1000, "t"), "t in ms (--map 't=t [ms]')"),
+    "time in ms": (driven, times(1000, "t"), "say --map 't=t [ms]'"),
     "right torque": (driven, only(times(-1, "tau_r"), *POSE, *ANGLES), "--map tau_r=-tau_r"),
     "left torque": (driven, times(-1, "tau_l"), "--map tau_l=-tau_l"),
     "both torques": (driven, times(-1, "tau_r", "tau_l"), "--map tau_r=-tau_r --map tau_l=-tau_l"),
