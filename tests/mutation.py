@@ -108,7 +108,7 @@ SOURCES: Mapping[str, Source] = {
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
     "runtime_c/noslip_ekf.inc": Source(
-        _chosen("test_ekf", "50_digits late too_old wrong_pose whole_turns init_refuses refused_changes any_bits range")
+        _chosen("test_ekf", "50_digits late too_old covariance_are wrong_pose whole_turns init_refuses refused_changes any_bits range")
     ),
     "runtime_c/noslip_factors.inc": Source(_chosen("test_ekf test_adaptation", "50_digits least_squares")),
     "runtime_c/noslip_adaptation.inc": Source(

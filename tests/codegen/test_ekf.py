@@ -268,6 +268,33 @@ def test_a_pose_that_is_too_old_is_refused():
     assert make(gate=1e6).correct("pose", **fix) == "ok" and ours.correct("pose", **fix, age=4.5 * DT) == "rejected"
 
 
+def test_a_late_pose_after_many_turns_is_refused():
+    """In float an angle is known to 1e-3 rad at 8192 rad: what was driven before cannot be turned by that."""
+    ours = make("float", memory=5, gate=1e6)
+    for _ in range(5):
+        ours.tick((0.2, 0.2), DT, 0.0)
+    state, factors = ours.state, ours.self.filter.factors
+    fix = {"x": state[0], "y": state[1], "heading": state[2], "sd": 0.05, "heading_sd": 0.02}
+    ours.place([*state[:2], state[2] + 8300.0, *state[3:]], list(factors))
+    before = ours.state
+    assert ours.correct("position", **fix, age=2 * DT) == "range" and np.array_equal(ours.state, before)
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_pose_and_covariance_are_those_of_the_filter(scalar):
+    """What noslip_ekf_pose returns; zeros before init."""
+    ours = make(scalar)
+    ours.tick((0.2, 0.1), DT, 0.3)
+    c, pose, covariance = ours.c, ours.c.new("noslip_pose", [9.0, 9.0, 9.0]), ours.c.ffi.new(f"{ours.c.scalar.real}[9]", [9.0] * 9)
+    assert c.status(c.function("noslip_ekf_pose")(c.ffi.addressof(ours.self, "filter"), pose, covariance)) == "ok"
+    assert [pose.x, pose.y, pose.heading] == ours.pose.tolist()
+    expected = ours.covariance[:3, :3]
+    assert np.abs(np.reshape(list(covariance), (3, 3)) - expected).max() < (1e-5 if scalar == "float" else 1e-14) * expected.max()
+    fresh = c.new(f"{c.robot}_ekf")
+    assert c.status(c.function("noslip_ekf_pose")(c.ffi.addressof(fresh, "filter"), pose, covariance)) == "not_ready"
+    assert pose.x == pose.y == pose.heading == 0 and list(covariance) == [0.0] * 9
+
+
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_a_wrong_pose_is_rejected_and_many_are_told(scalar):
     """50 m off: not used; after `tolerated` in a row the filter says that it diverged, until a measurement fits or a reset."""

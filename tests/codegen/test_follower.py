@@ -324,6 +324,8 @@ def test_an_approach_is_bounded(c):
     assert distance[0] == pytest.approx(0.4, abs=1e-3) and abs(distance[-1]) < 0.02
     assert np.abs(acceleration).max() == pytest.approx(0.2, rel=1e-5)
     pose = loop.vehicle.odometry.pose
+    pose.y += 0.02
+    assert loop.tick() >= 0 and abs(loop.vehicle.reference.distance - distance[-1]) < 1e-3, "nor does it begin again each tick"
     truth = c.new("noslip_pose_f", {"x": pose.x, "y": pose.y + 0.2, "heading": pose.heading})
     assert c.lib.labmate_follower_correct_f(loop.vehicle, truth, c.lib.NOSLIP_RESET) == 0
     assert loop.tick() >= 0 and loop.vehicle.reference.distance == pytest.approx(loop.vehicle.path.guide.foot.distance, abs=1e-6)

@@ -112,6 +112,16 @@ def test_it_is_the_fastest(name, scalar):
     assert np.abs(speeds - known).max() < 0.001 * known.max()
 
 
+def test_fastest_on_a_line_in_pieces():
+    """Pieces shorter than the way from which the axle starts change nothing."""
+    options = TrackerOptions(speed=50.0, L=(0.2, -0.9), ahead=0.3, stop="axle")
+    whole, pieces = (SpeedProfile(joined(*[(length, 0.0) for length in lengths]), options, LIMITS, "double")
+                     for lengths in ([3.0], [0.2, 0.15, 2.65]))  # fmt: skip
+    for k, begin, length in ((0, 0.0, 0.2), (1, 0.2, 0.15), (2, 0.35, 2.65)):
+        for on in length * np.linspace(0.01, 0.99, 9):
+            assert pieces.along(k, on) == pytest.approx(whole.along(0, begin + on), abs=1e-9), (k, on)
+
+
 @pytest.mark.parametrize("name", PATHS)
 def test_the_rate_of_the_speed_is_its_derivative(name):
     """By the way of the middle of the axle; times the speed of the vehicle, from 0 to twice the desired speed."""

@@ -427,6 +427,9 @@ def test_profile(backend, backward):
             if 0 < share < 2 and s < 9.99 and backend != "cf":  # a moment later
                 difference = (look(s + h * v).speed - look(s - h * v).speed) / (2 * h)
                 assert abs(difference - look(s, v).speed_rate) < 1e-6
+    tracker = make_tracker(backend, path, options)
+    found = [tracker.update(*vehicle_at((s, 0, 0), options.L[backward], 0, backward), sign) for s in (9.0, 5.0)]
+    assert found[0].speed_rate * sign < -0.1 and found[1].speed_rate == 0, "pushed back, it cruises again"
     assert look(9.9999, deceleration=0.0).speed == pytest.approx(sign * 1.2)
     assert look(9.9999, speed=0.001).speed == pytest.approx(sign * 0.001)
     assert look(10.5, creep=0.0).speed == pytest.approx(sign * 0.01)

@@ -326,6 +326,7 @@ def test_misuse_of_the_vehicle():
     for name in ("along", "lateral"):
         for bad in (0.0, -1.0, math.nan, math.inf):
             assert put(one, **{name: bad}) == "bad_parameter"
+    assert put(one, along=5e-324) == "bad_parameter", "of which a period makes no speed"
     assert put(one, turn=VEHICLE.forward) == put(one, turn=(math.nan, 0.0)) == "bad_parameter"
     assert put(made.ffi.NULL) == "null" == made.status(made.lib.noslip_velocity_set_vehicle(one, made.ffi.NULL))
     assert put(one) == "ok" and made.status(made.lib.noslip_velocity_twist(one, made.ffi.NULL)) == "null"
