@@ -70,7 +70,7 @@ _CODEGEN = {  # by what else than the shipped C
     "derivation/taylor": ("test_codegen test_functions", "derivatives in_a_path"),
     "graph": ("test_codegen", "equal_expressions simplifying random_graphs random_c powers tangent functions_without any_name"),
     "optimize": ("test_codegen", "random_graphs value_of_laws fewer"),
-    "program": ("test_codegen test_extension", "steps_are names_stand sincos singular_is c_is_the_model"),
+    "program": ("test_codegen test_extension test_damped", "steps_are names_stand sincos singular_is c_is_the_model casadi_agree"),
     "printing/law_c": ("test_codegen", "any_name laws_in_c counts_are comments temporaries"),
     "printing/program_c": ("test_codegen", "any_name laws_in_c counts_are comments"),
     "printing/robot_c": ("test_codegen", "any_name names_of laws_in_c"),

@@ -71,8 +71,9 @@ class Cones:
         """Return the s from low to high for which contact k rolls with tau + s way, and whether there are any; if not, the s
         at which |F|^2 - (mu load)^2 is smallest, twice.
         """
-        force, by = self.at(tau)[k], (way[:, None] * self.force_by[:, k]).sum(axis=0)
-        most, most_by = self.most_at(tau)[k], (way * self.most_by[:, k]).sum()
+        effects = np.column_stack([self.forces_by(way), (way[:, None] * self.most_by).sum(axis=0)])
+        effects[np.abs(effects) <= SLACK * np.abs(effects).sum()] = 0.0  # rounding can make them
+        force, by, most, most_by = self.at(tau)[k], effects[k, :2], self.most_at(tau)[k], effects[k, 2]
         square = (by * by).sum() - most_by * most_by
         slope, constant = 2 * ((force * by).sum() - most * most_by), (force * force).sum() - most * most
         inside = [s for s in _roots(square, slope, constant) if most + s * most_by >= 0]
