@@ -144,6 +144,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _called(spec: "Spec", period: float | None) -> "Spec":
+    """Return the SPEC with its controller called at a period (s), if it has none of its own."""
+    called = period is not None and period > 0 and not spec.simulation.period
+    return replace(spec, simulation=replace(spec.simulation, period=period)) if called else spec
+
+
 def _is_late(file: str | None, spec: "Spec") -> bool:
     """Return whether the inputs of the SPEC act one period late. Raises BadInput if they act in between."""
     delay, period = spec.simulation.delay, spec.simulation.period
@@ -189,11 +195,13 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
             raise BadInput(f"outer-loop needs {'' if args.robot else 'ROBOT and '}--output LAW or --spec SPEC.toml")
         kinematic = args.drive == "kinematic" and without_kinematic(args.output) == args.output
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
-        return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
+        spec = default_spec(args.robot, law, SPEED if args.speed is None else args.speed)
+        return law, _placed(_called(spec, args.period), args.L)
     whole = read_varied(args.spec, {"simulation.backend": "casadi"})
     spec = on_tightest(whole)
     if spec is not whole:
         print(f"{args.spec}: the steady motion is that on the tightest segment of the path", file=sys.stderr)
+    spec = _called(spec, args.period)
     with naming(args.spec):
         check(spec, "noslip outer-loop")
     for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.law)):
@@ -201,8 +209,6 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")
     if args.drive == "kinematic" and not spec.kinematic:
         spec = as_kinematic(replace(spec, drive=None), args.bandwidth or BANDWIDTH)
-    if args.period is not None and args.period > 0 and not spec.simulation.period:
-        spec = replace(spec, simulation=replace(spec.simulation, period=args.period))
     law = law_of(find_robot(spec.robot), spec.law)
     with naming(args.spec):
         make_loop(spec)  # refuses what `noslip simulate` refuses

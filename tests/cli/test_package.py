@@ -539,6 +539,8 @@ def test_printed_commands_work_from_the_wheel(page, outside, tmp_path):
     """In an empty folder, with the README's robot beside."""
     on_target = not TARGETS["cortex-m4f"].missing()
     (tmp_path / "cart.py").write_text(block("python"))
+    if page == "firmware.md":  # goes on with the SPEC of another page
+        run(["bash", "-c", "noslip new agv.toml"], cwd=tmp_path, env=outside)
     for line in (line for of, line in printed_commands() if of == page):
         if on_target or not re.search("m4f|replay", line):
             stops = " || [ $? = 1 ]" if "--sample" in line else ""  # as a sample of a sweep may
