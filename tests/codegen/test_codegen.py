@@ -917,6 +917,16 @@ def test_the_hash_follows_the_model():
         assert first != second
 
 
+def test_comments_of_an_extended_law():
+    """Its virtual input is the highest derivative of the outputs, and `rate` has those below."""
+    law = law_of(find_robot("labmate"), "type_i_extended")
+    files = robot_files(law.system, [law], ("double",))
+    for name, about in (("rate", "Derivatives of the outputs below the highest"), ("step", "First the states of the extension")):
+        text = " ".join(files["labmate_type_i_extended.h"].replace(" * ", " ").split())
+        before = text[: text.index(f"int labmate_type_i_extended_{name}(")]
+        assert about in before[before.rindex("/*") :], name
+
+
 def test_comments_of_constants_are_what_init_makes():
     """Each formula beside a constant, read as mathematics, is the value that init puts there; its unit is by hand here."""
     law = law_of(find_robot("labmate"), "type_i")
