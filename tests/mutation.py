@@ -70,7 +70,10 @@ _CODEGEN = {  # by what else than the shipped C
     "derivation/taylor": ("test_codegen test_functions", "derivatives in_a_path"),
     "graph": ("test_codegen", "equal_expressions simplifying random_graphs random_c powers tangent functions_without any_name"),
     "optimize": ("test_codegen", "random_graphs value_of_laws fewer"),
-    "program": ("test_codegen test_extension test_damped", "steps_are names_stand sincos singular_is c_is_the_model casadi_agree"),
+    "program": (
+        "test_codegen test_extension test_damped",
+        "steps_are names_stand sincos singular_is c_is_the_model casadi_agree",
+    ),
     "printing/law_c": ("test_codegen", "any_name laws_in_c counts_are comments temporaries"),
     "printing/program_c": ("test_codegen", "any_name laws_in_c counts_are comments"),
     "printing/robot_c": ("test_codegen", "any_name names_of laws_in_c"),
@@ -108,7 +111,9 @@ SOURCES: Mapping[str, Source] = {
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
     "runtime_c/noslip_ekf.inc": Source(
-        _chosen("test_ekf", "50_digits late too_old covariance_are wrong_pose whole_turns init_refuses refused_changes any_bits range")
+        _chosen(
+            "test_ekf", "50_digits late too_old covariance_are wrong_pose whole_turns init_refuses refused_changes any_bits range"
+        )
     ),
     "runtime_c/noslip_factors.inc": Source(_chosen("test_ekf test_adaptation", "50_digits least_squares")),
     "runtime_c/noslip_adaptation.inc": Source(

@@ -285,7 +285,11 @@ def test_pose_and_covariance_are_those_of_the_filter(scalar):
     """What noslip_ekf_pose returns; zeros before init."""
     ours = make(scalar)
     ours.tick((0.2, 0.1), DT, 0.3)
-    c, pose, covariance = ours.c, ours.c.new("noslip_pose", [9.0, 9.0, 9.0]), ours.c.ffi.new(f"{ours.c.scalar.real}[9]", [9.0] * 9)
+    c, pose, covariance = (
+        ours.c,
+        ours.c.new("noslip_pose", [9.0, 9.0, 9.0]),
+        ours.c.ffi.new(f"{ours.c.scalar.real}[9]", [9.0] * 9),
+    )
     assert c.status(c.function("noslip_ekf_pose")(c.ffi.addressof(ours.self, "filter"), pose, covariance)) == "ok"
     assert [pose.x, pose.y, pose.heading] == ours.pose.tolist()
     expected = ours.covariance[:3, :3]
