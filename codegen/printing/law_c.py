@@ -375,7 +375,7 @@ class LawC(ProgramC[Program]):
         if not self.wheels:
             return []
         init, real, zeros = self.scalar.name("noslip_wheel_init"), self.scalar.real, ", ".join(["0"] * self.inputs)
-        lines = [f"    const {real} none[{self.inputs}] = {{{zeros}}};", f"    {real} drive[{3 * self.wheels}];"]
+        lines = [f"    static const {real} none[{self.inputs}] = {{{zeros}}};", f"    {real} drive[{3 * self.wheels}];"]
         lines.append(f"    status = {self.function(WHEELS.name)}_law(self, NULL, none, drive);")
         for k, wheel in enumerate(wheels_of(self.system)):
             lines.append(f"    {init}(&self->wheel[{k}], {wheel.contact}, &drive[{3 * k}]);")

@@ -157,7 +157,7 @@ NOSLIP_SMALL int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_p
         return NOSLIP_BAD_PARAMETER;
     }
     {
-        const float none[2] = {0, 0};
+        static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_ii_wheels_f_law(self, NULL, none, drive);
         noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);

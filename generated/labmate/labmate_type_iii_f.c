@@ -158,7 +158,7 @@ NOSLIP_SMALL int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate
         return NOSLIP_BAD_PARAMETER;
     }
     {
-        const float none[2] = {0, 0};
+        static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_iii_wheels_f_law(self, NULL, none, drive);
         noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);

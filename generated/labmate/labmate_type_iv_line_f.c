@@ -189,7 +189,7 @@ NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const
         return NOSLIP_BAD_PARAMETER;
     }
     {
-        const float none[2] = {0, 0};
+        static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_iv_line_wheels_f_law(self, NULL, none, drive);
         noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);

@@ -186,7 +186,7 @@ NOSLIP_SMALL int labmate_type_iv_segment_init(labmate_type_iv_segment *self, con
         return NOSLIP_BAD_PARAMETER;
     }
     {
-        const double none[2] = {0, 0};
+        static const double none[2] = {0, 0};
         double drive[6];
         status = labmate_type_iv_segment_wheels_law(self, NULL, none, drive);
         noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
