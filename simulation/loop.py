@@ -20,6 +20,7 @@ from ..model.mechanism import Mechanism, values_of
 from ..model.names import EXTENDED, TYPES, without_damping
 from ..model.outputs import PATH_GAIN, axle
 from ..model.segments import Segment
+from ..model.vehicle import velocity_map
 from ..readers.errors import BadInput, check_named, check_status
 from ..readers.reading import check_keys, one_for_each
 from ..readers.robots import find_robot, law_of
@@ -489,7 +490,8 @@ def _too_fast(
 ) -> tuple[str, ...]:
     """Return a warning if the speed on lines and arcs does not fit bends and joins, by all of friction and motors."""
     contact, torque = spec.contact, limits.torque if limits else ()
-    if contact is None or options.speed == 0 or unknown_loads(plant.system.mechanism):
+    known = not unknown_loads(plant.system.mechanism) and velocity_map(plant.system) is not None
+    if contact is None or options.speed == 0 or not known:
         return ()
     part = 1 - spec.limits.margin if spec.limits and spec.limits.mode == "grip" else 1.0
     found = misfit(segments, options, friction_accelerations(plant, contact, part, torque))

@@ -168,6 +168,7 @@ static int make_law(void)
         options.friction.mu = page.mu;
         options.friction.margin = page.margin;
         options.friction.share = 1;
+        options.friction.period = page.period;
     }
 #endif
     status = chosen()->init(&believed, &plant, &options);

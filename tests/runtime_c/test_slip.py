@@ -222,8 +222,9 @@ gyro = { noise = 0.003, bias = 0.002 }
 
 
 def overestimated(notice: str = "", end: str = SENSED, mu: float = 0.65):
-    """The fastest along a path with mu believed 1.3 times too large, on an engine's floor."""
-    text = FASTEST.replace("mu = 0.5", f"mu = {mu}").replace('mode = "grip"', f'mode = "grip"{notice}').replace("11.0", "8.0")
+    """The fastest along a path with mu believed from the start, 1.3 times too large, on an engine's floor."""
+    grip = f'mode = "grip", friction = "given"{notice}'
+    text = FASTEST.replace("mu = 0.5", f"mu = {mu}").replace('mode = "grip"', grip).replace("11.0", "8.0")
     return simulate(spec_of(text + end + "[floor]\nmu = 0.5\n", "test"), engine="mujoco")
 
 

@@ -16,7 +16,16 @@ from noslip.simulation.closed_loop import simulate, why_singular
 from noslip.simulation.controllers.backends import make_controller
 from noslip.simulation.guidance import ShortWay
 from noslip.simulation.loop import make_loop
-from noslip.simulation.specification.spec import Correction, LimitsSection, NoiseSection, PathSection, Reference, Sensors, Spec
+from noslip.simulation.specification.spec import (
+    Correction,
+    LimitsSection,
+    NoiseSection,
+    PathSection,
+    Reference,
+    Sensors,
+    Spec,
+    spec_of,
+)
 from noslip.simulation.specification.vary import read_varied
 from noslip.tests.simulation.test_simulate import CIRCLE, LINE, SPECS, beside_line, changed
 
@@ -381,6 +390,18 @@ def test_a_speed_that_does_not_fit_is_said_with_one_that_does(tmp_path, capsys):
     assert main(["plan", "dubins", *pose, "--radius", "1", "--spec", str(file), "-o", str(tmp_path / "path.toml")]) == 0
     assert "does not fit" in capsys.readouterr().err
     assert main(["plan", "dubins", *pose, "--radius", "1", "--spec", str(tmp_path / "none.toml")]) == 2
+
+
+def test_a_car_on_arcs_of_a_floor_runs_without_a_word_on_its_speed():
+    """Its largest accelerations are not known from its wheels."""
+    text = (
+        BEND.replace('robot = "labmate"', 'robot = "car"')
+        .replace("L = 0.1,", "L = 1.0,")
+        .replace("duration = 3.5", "duration = 0.2")
+    )
+    text = re.sub(r"parameters = .*|limits = .*|, height = 0.3", "", text).replace("radius = 1.5", "radius = 9.0")
+    run = simulate(spec_of(text, "test"))
+    assert run.stopped is None and run.warnings == ()
 
 
 SINGULAR = {

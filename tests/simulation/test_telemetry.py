@@ -480,7 +480,7 @@ def test_any_bytes_are_read_or_refused(parts, dumped):
 @pytest.mark.nightly
 def test_bad_input(parts, dumped, bad_input, tmp_path):
     file, nameless = dumped(parts), dumped([framed(2, list(frames(parts[0]))[1][1]), *parts[1:]], "nameless.dump")
-    assert ".csv, .parquet, .mcap" in bad_input(["log", file, "-o", str(tmp_path / "run.xls")])
+    assert ".csv or .parquet or .mcap" in bad_input(["log", file, "-o", str(tmp_path / "run.xls")])
     assert "is a table, not a dump" in bad_input(["log", dumped(parts, "run.csv"), "-o", str(tmp_path / "out.csv")])
     assert "give --spec SPEC" in bad_input(["view", dumped(parts, "run.csv"), "-o", str(tmp_path / "run.png")])
     assert "leave it out" in bad_input(["view", dumped(parts), "--spec", "line", "-o", str(tmp_path / "run.png")])
@@ -496,7 +496,7 @@ def test_bad_input(parts, dumped, bad_input, tmp_path):
     assert "the noslip and the robot" in bad_input(["replay", dumped([framed(*words[0]), other, *parts[1:]], "model.dump")])
     text = tmp_path / "record.txt"
     text.write_text("noslip record 1\n")
-    assert "--start and --robot" in bad_input(["replay", str(text), "--start", "1"])
+    assert "--start is for a dump of telemetry" in bad_input(["replay", str(text), "--start", "1"])
 
 
 # -- logs --------------------------------------------------------------------------------------------------------------------
@@ -572,7 +572,7 @@ def test_a_log_identifies_the_vehicle(c, dumped, capsys):
     assert main([*arguments, *voltages, *given]) == 0
     fitted = json.loads(capsys.readouterr().out)["parameters"]["m_c"]
     faster = motor.efficiency * emf**2 * PERIOD / 4 / (motor.resistance * params.r**2)  # four steps of simulated.c in a tick
-    assert abs(fitted["value"] - (params.m_c - faster)) < 4 * fitted["sd"] < 0.02 * params.m_c
+    assert abs(fitted["value"] - (params.m_c - faster)) < 4 * fitted["sd"] < 0.07 * params.m_c
 
 
 def test_units_in_headers(tmp_path, bad_input):
@@ -672,6 +672,6 @@ def test_tables_that_do_not_fit_are_refused(tmp_path, bad_input, capsys):
     for name in needed:
         assert name in bad_input(view([each for each in needed if each != name]))
     assert "no column x_c; type_iv_line of the SPEC needs it\n" in bad_input(view(["t", *needed[2:]]))
-    assert "run.csv: it has no rows\n" in bad_input(view(needed, count=0))
+    assert "run.csv has a header but no rows\n" in bad_input(view(needed, count=0))
     assert "x_c that are missing or not finite" in bad_input(view(needed, lambda row: [row[0], "", *row[2:]]))
     assert "times must increase" in bad_input(view(needed, lambda row: ["1.0", *row[1:]]))

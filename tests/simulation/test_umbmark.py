@@ -12,7 +12,7 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import spec_of_table
 
-ROBOT = Path(__file__).with_name("uneven.py")
+ROBOT = Path(__file__).parent.parent / "uneven.py"
 TRUE = {"r_r": 0.1505, "r_l": 0.1495, "b": 0.380}
 SIDE, CORNER = 3.0, 0.5  # m
 
