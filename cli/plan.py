@@ -108,7 +108,7 @@ def _add_segments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scalar", choices=("double", "float"), help="type of the C array; default: double")
     parser.add_argument("--spec", metavar="SPEC.toml", help="warn if its vehicle cannot follow the path at its speed")
     _add_common(parser)
-    parser.set_defaults(run=run, closed=False)
+    parser.set_defaults(run=run, closed=False, remarks=())
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
@@ -145,7 +145,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _hand_out(
     arguments: argparse.Namespace, written: str, draw: Callable[[], "Figure"], about: str, measures: dict[str, Any]
 ) -> int:
-    """Write a path and, if desired, its plot, and describe it. Return 0."""
+    """Write a path and, if desired, its plot, and describe it, after what was not used of its file. Return 0."""
     if arguments.plot:
         from ..simulation.drawing import encoded  # slow to import
 
@@ -153,6 +153,8 @@ def _hand_out(
     write_whole(arguments.output, written)
     if arguments.plot:
         write_whole(arguments.plot, drawn)
+    for remark in arguments.remarks:
+        print(f"note: {remark}", file=sys.stderr)
     files = [file for file in (arguments.output, arguments.plot) if file and file != "-"]
     if arguments.output == "-":  # the path itself is printed, as JSON if desired
         print(about, file=sys.stderr)
@@ -224,12 +226,11 @@ def _pose(values: list[float], option: str, degrees: bool) -> tuple[float, ...]:
 
 
 def _waypoints(arguments: argparse.Namespace) -> tuple[list[tuple[float, float]], list[float | None]]:
-    """Return the points, relative to --origin, and headings of a file; print what of it is not used."""
+    """Return the points, relative to --origin, and headings of a file; what of it is not used goes to `arguments.remarks`."""
     from ..simulation.planning.points import read_waypoints
 
     read = read_waypoints(arguments.points, arguments.degrees, arguments.columns)
-    for remark in read.remarks:
-        print(f"note: {remark}", file=sys.stderr)
+    arguments.remarks = read.remarks
     x, y = arguments.origin or (0.0, 0.0)
     return [(point[0] - x, point[1] - y) for point in read.points], read.headings
 

@@ -44,6 +44,7 @@ ABOUT = {
     "figures": 600,
     "night test_random_robots": 1000,
     "night test_safety": 1600,
+    "night test_guarantees": 3600,
     "night test_broken_logs": 1200,
     "night test_battery": 900,
     "night test_processors": 800,

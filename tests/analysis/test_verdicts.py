@@ -167,6 +167,7 @@ def ballbot() -> Mechanism:
 
 
 LEWIS = "A. D. Lewis, Local configuration controllability ... with a single input, European Control Conference 1997"
+ONE_INPUT = "B. Charlet, J. Levine, R. Marino, Systems & Control Letters 13, 1989: with one input as by static feedback"
 BRM = "A. M. Bloch, M. Reyhanoglu, N. H. McClamroch, IEEE TAC 37(11), 1992"
 FLAT = "P. Rouchon, M. Fliess, J. Levine, P. Martin, Flatness, motion planning and trailer systems, CDC 1993"
 FLAG = "P. Martin, P. Rouchon, Feedback linearization and driftless systems, Math. Control Signals Systems 7, 1994"
@@ -185,8 +186,8 @@ SHIPPED: dict[str, tuple[int, tuple[bool | None, ...], str]] = {
     "castor_platform": (1, (YES, YES, NO, NO), f"{CASTORS}: castors leave the mobility of two wheels; {FLAG}: flag (2, 3, 5, 8)"),
     "tractor_trailer": (1, (YES, YES, NO, NO), f"{FLAG}, as it is with the angles of its wheels: the flag is (2, 3, 5)"),
     "balancer": (1, (YES, OPEN, NO, OPEN), "K. Pathak, J. Franch, S. K. Agrawal, IEEE Transactions on Robotics 21(3), 2005"),
-    "roller_racer": (0, (YES, NO, NO, OPEN), LEWIS),
-    "sleigh": (0, (YES, NO, NO, OPEN), f"v' = a w^2 >= 0; {LEWIS}"),
+    "roller_racer": (0, (YES, NO, NO, NO), f"{LEWIS}; {ONE_INPUT}"),
+    "sleigh": (0, (YES, NO, NO, NO), f"v' = a w^2 >= 0; {LEWIS}; {ONE_INPUT}"),
     "snakeboard": (0, (YES, YES, NO, OPEN), "F. Bullo, A. D. Lewis, IEEE Trans. Robotics Autom. 19(3), 2003"),
 }
 UNSEEN: dict[str, tuple[Callable[[], Mechanism | Kinematics], int, tuple[bool | None, ...], str]] = {

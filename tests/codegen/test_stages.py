@@ -104,6 +104,7 @@ REFUSED_ALTHOUGH_IT_RUNS = (  # as the run would be another one than is asked fo
     "[reference] velocity requires",
     "[reference] oscillation requires",
     "[reference] approach requires",
+    "[reference] course does not go with [reference] oscillation",
     "[initial] point does not go with [initial] q",
     "[simulation] delay = ",
     "[adaptation] ",

@@ -35,7 +35,7 @@ from pathlib import Path
 
 def test_beyond(tmp_path):
     (tmp_path / "all.c").write_text('#include "beyond.h"\\nint all(int x); int all(int x) { return beyond(x); }')
-    here = Path(__file__).parents[2] / "runtime_c"
+    here = Path(__file__).parents[1] / "runtime_c"
     command = [os.environ["CC"], "-shared", "-fPIC", f"-I{here}", str(tmp_path / "all.c"), "-o", str(tmp_path / "all.so")]
     subprocess.run(command, check=True)
     all = ctypes.CDLL(str(tmp_path / "all.so")).all
