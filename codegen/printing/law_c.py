@@ -380,7 +380,7 @@ class LawC(ProgramC[Program]):
         for k, wheel in enumerate(wheels_of(self.system)):
             lines.append(f"    {init}(&self->wheel[{k}], {wheel.contact}, &drive[{3 * k}]);")
         zero = f"{self.scalar.name('noslip_write_zeros')}(self->ground, {4 * self.contacts});"
-        return ["    {", *(f"    {line}" for line in lines), "    }", f"    {zero}"]
+        return ["    if (status == NOSLIP_OK) {", *(f"    {line}" for line in lines), "    }", f"    {zero}"]
 
     def _refused_friction(self) -> str:
         if not self.grips:

@@ -171,7 +171,7 @@ NOSLIP_SMALL int labmate_type_i_init(labmate_type_i *self, const labmate_params 
         self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    {
+    if (status == NOSLIP_OK) {
         static const double none[2] = {0, 0};
         double drive[6];
         status = labmate_type_i_wheels_law(self, NULL, none, drive);

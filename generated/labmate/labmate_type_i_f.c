@@ -171,7 +171,7 @@ NOSLIP_SMALL int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_par
         self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    {
+    if (status == NOSLIP_OK) {
         static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_i_wheels_f_law(self, NULL, none, drive);

@@ -157,7 +157,7 @@ NOSLIP_SMALL int labmate_type_iii_init(labmate_type_iii *self, const labmate_par
         self->k25 + self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    {
+    if (status == NOSLIP_OK) {
         static const double none[2] = {0, 0};
         double drive[6];
         status = labmate_type_iii_wheels_law(self, NULL, none, drive);

@@ -157,7 +157,7 @@ NOSLIP_SMALL int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate
         self->k25 + self->k26 + self->k27 + self->k28 + self->k29 + self->k30)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    {
+    if (status == NOSLIP_OK) {
         static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_iii_wheels_f_law(self, NULL, none, drive);

@@ -185,7 +185,7 @@ NOSLIP_SMALL int labmate_type_iv_line_init(labmate_type_iv_line *self, const lab
         self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    {
+    if (status == NOSLIP_OK) {
         static const double none[2] = {0, 0};
         double drive[6];
         status = labmate_type_iv_line_wheels_law(self, NULL, none, drive);

@@ -186,7 +186,7 @@ NOSLIP_SMALL int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self,
         self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    {
+    if (status == NOSLIP_OK) {
         static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_iv_segment_wheels_f_law(self, NULL, none, drive);
