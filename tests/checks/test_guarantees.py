@@ -209,7 +209,7 @@ EVA_FINDS = {
         "assertion got status",
     ),
     "a write where none may be": (
-        ("noslip_odometry.inc", "self->last = counter;\n    return", "self->last = counter;\n    self->mask = 0;\n    return"),
+        ("noslip_odometry.inc", "self->last = counter;\n    *angle", "self->last = counter;\n    self->mask = 0;\n    *angle"),
         "writes to",
     ),
 }
@@ -480,6 +480,22 @@ FUZZ_FINDS = {  # a change of the runtime, and what is told
         "fuzz_is_guide",
     ),
 }
+
+
+def test_what_the_night_changes_is_in_the_c():
+    """Each of these defects is planted in text that is there."""
+    tables = (EVA_FINDS, EVA_FINDS_IN_DRIVES, FUZZ_FINDS)
+    changes = [
+        *(change for table in tables for change, _ in table.values()),
+        *EVA_FINDS_IN_GRIP.values(),
+        *EVA_FINDS_IN_FRAMES.values(),
+    ]
+    law = "generated/labmate/labmate_type_i_f.c"
+    missing = [
+        (file, was) for file, was, _ in changes if was not in (ROOT / (law if file == "law" else f"runtime_c/{file}")).read_text()
+    ]
+    missing += [(FOLLOWER, was) for was, _ in EVA_FINDS_IN_THE_FOLLOWER.values() if was not in (ROOT / FOLLOWER).read_text()]
+    assert len(changes) > 15 and missing == []
 
 
 @pytest.mark.parametrize("wrong", FUZZ_FINDS)
