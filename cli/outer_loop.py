@@ -146,8 +146,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _called(spec: "Spec", period: float | None) -> "Spec":
     """Return the SPEC with its controller called at a period (s), if it has none of its own."""
-    called = period is not None and period > 0 and not spec.simulation.period
-    return replace(spec, simulation=replace(spec.simulation, period=period)) if called else spec
+    if period is None or spec.simulation.period or not period > 0:
+        return spec
+    return replace(spec, simulation=replace(spec.simulation, period=period))
 
 
 def _is_late(file: str | None, spec: "Spec") -> bool:
