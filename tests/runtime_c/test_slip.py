@@ -330,7 +330,7 @@ def least_distance(unaware: float, dt: float = 0.02, facets: int = 64) -> float:
 def test_no_force_within_friction_keeps_the_wet_bend():
     """The bounds that docs/grip.md has beside the measured 129 mm."""
     page = (ROOT / "docs/grip.md").read_text()
-    for unaware, said in ((0.0, "43 mm"), (0.2, "86 mm")):
+    for unaware, said in ((0.0, "43 mm"), (0.1, "67 mm"), (0.2, "86 mm")):
         assert said in page and abs(1000 * least_distance(unaware) - float(said.split()[0])) < 2, unaware
 
 

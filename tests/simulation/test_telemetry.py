@@ -572,7 +572,7 @@ def test_a_log_identifies_the_vehicle(c, dumped, capsys):
     assert main([*arguments, *voltages, *given]) == 0
     fitted = json.loads(capsys.readouterr().out)["parameters"]["m_c"]
     faster = motor.efficiency * emf**2 * PERIOD / 4 / (motor.resistance * params.r**2)  # four steps of simulated.c in a tick
-    assert abs(fitted["value"] - (params.m_c - faster)) < 4 * fitted["sd"] < 0.07 * params.m_c
+    assert abs(fitted["value"] - (params.m_c - faster)) < 4 * fitted["sd"] < 0.02 * params.m_c
 
 
 def test_units_in_headers(tmp_path, bad_input):
