@@ -572,7 +572,9 @@ def test_a_log_identifies_the_vehicle(c, dumped, capsys):
     assert main([*arguments, *voltages, *given]) == 0
     fitted = json.loads(capsys.readouterr().out)["parameters"]["m_c"]
     faster = motor.efficiency * emf**2 * PERIOD / 4 / (motor.resistance * params.r**2)  # four steps of simulated.c in a tick
-    assert abs(fitted["value"] - (params.m_c - faster)) < 4 * fitted["sd"] < 0.02 * params.m_c
+    assert fitted["value"] == pytest.approx(params.m_c - faster, abs=0.01 * params.m_c)
+    # The steps of simulated.c are a systematic error, which is found in the log: the interval holds the mass without them too.
+    assert abs(fitted["value"] - params.m_c) < fitted["within"] < 0.04 * params.m_c
 
 
 def test_units_in_headers(tmp_path, bad_input):
