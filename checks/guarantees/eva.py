@@ -22,13 +22,17 @@ EXTENDED = ("type_i_extended", "type_iv_course_extended")  # laws with a dynamic
 EXTENSION = {"law.extension", "law.extension_rate"}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
 ESTIMATED = {f"self.filter.{member}" for member in ("state", "rounded", "factors")}
+# what a law believes of friction
+EARNED = {"law.ground", "law.grip", "law.earned.mu", "law.earned.pause"} | {
+    f"law.wheel.{member}" for member in ("rate", "expected", "away", "steps")
+}
 # errno of sqrt, which is an instruction here; what the program of grip counts; what ANY depends on
 NOT_OF_THE_C = {"__fc_errno", "kept", "Frama_C_entropy_source"}
 MAY_WRITE = {  # function -> objects and members, named as in the programs, that it may write to
     "init": {"law"},
-    "reset": {"law.held"},
-    "step": {"law.held", "tau"},
-    "follow": {"law.held", "tau"},
+    "reset": {"law.held", "law.earned.pause"},
+    "step": {"law.held", "tau", *EARNED},
+    "follow": {"law.held", "tau", *EARNED},
     "output": {"all.h"},
     "rate": {"all.ydot"},
     "decoupling": {"all.Phi"},
@@ -68,6 +72,7 @@ FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts a
     "labmate_follower_reset": {"self"},
     "labmate_follower_twist": {"twist"},
 }
+MERGED = tuple(f"noslip_{name}" for name in ("limit", "abs", "earn", "shown"))  # one interval says enough of results
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
 MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
@@ -107,7 +112,7 @@ class AnalysedProgram:
         whole = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "follower": MOST_IN_FOLLOWER}
         whole |= {"course": MOST_IN_COURSE, "tracker": MOST_IN_COURSE}
         own = whole.get(self.source, {})
-        most = {"noslip_limit": 0, "noslip_abs": 0} | own
+        most = dict.fromkeys(MERGED, 0) | own
         most = {f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()} | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
         not_split = ("noslip_abs", *(COURSE_NOT_SPLIT if self.source in ("course", "tracker") else ()))

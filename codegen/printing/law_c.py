@@ -36,7 +36,7 @@ def runtime_types(scalar: Scalar) -> str:
         struct(
             scalar.name(f"noslip_{n}"),
             "",
-            [*((f"{scalar.real} {p};", "") for p in each.split()), *([("int contact;", "")] if n == "wheel" else [])],
+            [(f"{scalar.real} {p};", "") for p in each.split()],
         )
         for n, each in parts.items()
     ]
@@ -377,8 +377,7 @@ class LawC(ProgramC[Program]):
         init, real, zeros = self.scalar.name("noslip_wheel_init"), self.scalar.real, ", ".join(["0"] * self.inputs)
         lines = [f"    static const {real} none[{self.inputs}] = {{{zeros}}};", f"    {real} drive[{3 * self.wheels}];"]
         lines.append(f"    status = {self.function(WHEELS.name)}_law(self, NULL, none, drive);")
-        for k, wheel in enumerate(wheels_of(self.system)):
-            lines.append(f"    {init}(&self->wheel[{k}], {wheel.contact}, &drive[{3 * k}]);")
+        lines += [f"    {init}(&self->wheel[{k}], &drive[{3 * k}]);" for k in range(self.wheels)]
         zero = f"{self.scalar.name('noslip_write_zeros')}(self->ground, {4 * self.contacts});"
         return ["    if (status == NOSLIP_OK) {", *(f"    {line}" for line in lines), "    }", f"    {zero}"]
 
@@ -748,10 +747,12 @@ class LawC(ProgramC[Program]):
         name, wheels = self.scalar.name, wheels_of(self.system)
         names = [self.system.quasi_velocities[wheel.velocity].name for wheel in wheels]
         rates = ", ".join(self.argument(Group.STATE, name) for name in names)
+        contacts = ", ".join(str(wheel.contact) for wheel in wheels)
         return [
             "if (self->earned.period > 0) {",
+            f"    static const int contacts[{self.wheels}] = {{{contacts}}};",
             f"    const {self.scalar.real} rates[{self.wheels}] = {{{rates}}};",
-            f"    {name('noslip_earn')}(&self->earned, &self->grip, self->wheel, self->ground, rates, {self.wheels});",
+            f"    {name('noslip_earn')}(&self->earned, &self->grip, self->wheel, self->ground, contacts, rates, {self.wheels});",
             "}",
         ]
 

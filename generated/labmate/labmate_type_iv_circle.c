@@ -181,8 +181,8 @@ NOSLIP_SMALL int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const
         static const double none[2] = {0, 0};
         double drive[6];
         status = labmate_type_iv_circle_wheels_law(self, NULL, none, drive);
-        noslip_wheel_init(&self->wheel[0], 0, &drive[0]);
-        noslip_wheel_init(&self->wheel[1], 1, &drive[3]);
+        noslip_wheel_init(&self->wheel[0], &drive[0]);
+        noslip_wheel_init(&self->wheel[1], &drive[3]);
     }
     noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;
@@ -949,8 +949,9 @@ static NOSLIP_BESIDE int labmate_type_iv_circle_step_with_grip(labmate_type_iv_c
     const double made[2] = {made_0, made_1};
     double *const ground = self->ground;
     if (self->earned.period > 0) {
+        static const int contacts[2] = {0, 1};
         const double rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, contacts, rates, 2);
     }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->theta_r + state->theta_l) && labmate_type_iv_circle_ground_law(self, state, made,

@@ -196,8 +196,8 @@ NOSLIP_SMALL int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self,
         static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_iv_ellipse_wheels_f_law(self, NULL, none, drive);
-        noslip_wheel_init_f(&self->wheel[0], 0, &drive[0]);
-        noslip_wheel_init_f(&self->wheel[1], 1, &drive[3]);
+        noslip_wheel_init_f(&self->wheel[0], &drive[0]);
+        noslip_wheel_init_f(&self->wheel[1], &drive[3]);
     }
     noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;
@@ -1075,8 +1075,9 @@ static NOSLIP_BESIDE int labmate_type_iv_ellipse_step_f_with_grip(labmate_type_i
     const float made[2] = {made_0, made_1};
     float *const ground = self->ground;
     if (self->earned.period > 0) {
+        static const int contacts[2] = {0, 1};
         const float rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, contacts, rates, 2);
     }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_iv_ellipse_ground_f_law(self, state, made,
