@@ -198,7 +198,13 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         spec = default_spec(args.robot, law, SPEED if args.speed is None else args.speed)
         return law, _placed(_called(spec, args.period), args.L)
-    whole = read_varied(args.spec, {"simulation.backend": "casadi"})
+    model = {"simulation.backend": "casadi"}
+    try:
+        whole = read_varied(args.spec, model)
+    except BadInput:  # it may need a period
+        if args.period is None:
+            raise
+        whole = read_varied(args.spec, {**model, "simulation.period": args.period})
     spec = on_tightest(whole)
     if spec is not whole:
         print(f"{args.spec}: the steady motion is that on the tightest segment of the path", file=sys.stderr)

@@ -39,7 +39,7 @@ PYTEST = (sys.executable, "-P", "-m", "pytest")
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 # Long steps, in s of one core, where no night has measured them yet; of the others it is assumed that they take 30 s.
 ABOUT = {
-    "guarantees eva": 500,
+    "guarantees eva": 1200,
     "guarantees others": 400,
     "figures": 600,
     "night test_random_robots": 1000,
@@ -125,8 +125,10 @@ def _pytest(folder: Path, name: str, *arguments: str) -> list[str]:
 
 
 def _of_the_night() -> Iterator[tuple[str, list[str]]]:
-    """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a part of one."""
-    tests = collected("nightly", "tests")
+    """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a part of one. The short
+    versions of the guarantees are left out, which steps of their own run whole.
+    """
+    tests = [test for test in collected("nightly", "tests") if "::test_guarantee[" not in test]
     for file in sorted({re.split(r"[/.]", test)[2] for test in tests}):
         own, name = [test for test in tests if f"/{file}.py::" in test], f"night {file}"
         count = min(len(own), math.ceil(ABOUT.get(name, 1) / PIECE))

@@ -72,7 +72,9 @@ FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts a
     "labmate_follower_reset": {"self"},
     "labmate_follower_twist": {"twist"},
 }
-MERGED = tuple(f"noslip_{name}" for name in ("limit", "abs", "earn", "shown"))  # one interval says enough of results
+# functions of which one interval says enough, so that no states are kept apart in them
+MERGED = {"noslip_limit": 0, "noslip_abs": 0}
+MERGED_IN_GRIP = {"noslip_earn": 0, "noslip_shown": 0, "noslip_friction_ok": 0, "noslip_grip_init": 0}
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
 MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
@@ -100,8 +102,7 @@ class AnalysedProgram:
         """Whether the law has a dynamic extension: its step takes the time since the last one, and it is without friction."""
         return self.law.endswith("_extended")
 
-    @property
-    def precision(self) -> list[str]:
+    def precision(self, task: Task) -> list[str]:
         """Options for the number of states kept apart (slevel), and the functions with another number.
 
         Separate states are needed to distinguish limits that are absent and sizes that are infinite. The states at a return are
@@ -112,7 +113,8 @@ class AnalysedProgram:
         whole = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "follower": MOST_IN_FOLLOWER}
         whole |= {"course": MOST_IN_COURSE, "tracker": MOST_IN_COURSE}
         own = whole.get(self.source, {})
-        most = dict.fromkeys(MERGED, 0) | own
+        in_grip = MERGED_IN_GRIP if self.source in ("law", "grip") and task.grips(self.law) else {}
+        most = MERGED | in_grip | own
         most = {f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()} | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
         not_split = ("noslip_abs", *(COURSE_NOT_SPLIT if self.source in ("course", "tracker") else ()))
@@ -256,5 +258,5 @@ def command(task: Task, program: AnalysedProgram) -> list[str]:
     """Return the complete command line."""
     places = [*task.include, f"-I{PROGRAMS}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
     preprocess = " ".join(place.replace('"', '\\"') for place in places)
-    options = [*OPTIONS, *program.precision, f"-cpp-extra-args={preprocess}"]
+    options = [*OPTIONS, *program.precision(task), f"-cpp-extra-args={preprocess}"]
     return ["frama-c", *options, *map(str, program.sources(task))]

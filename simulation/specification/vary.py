@@ -21,13 +21,16 @@ def read_varied(file: Path | str, changes: Mapping[str, Any]) -> Spec:
 
 
 def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
-    """Return the SPEC of a text with changes; `name` is that of the text."""
-    spec_of(text, name)  # reports errors of the text itself first
-    table = toml_table(text)
-    with naming(f"{name} with {', '.join(changes)} changed"):
-        for key, value in changes.items():
-            _set(table, key, value)
-        return spec_of_table(table, name)
+    """Return the SPEC of a text with changes; `name` is that of the text, whose own errors are reported first."""
+    try:
+        table = toml_table(text)
+        with naming(f"{name} with {', '.join(changes)} changed"):
+            for key, value in changes.items():
+                _set(table, key, value)
+            return spec_of_table(table, name)
+    except BadInput:
+        spec_of(text, name)
+        raise
 
 
 def change(text: str) -> tuple[str, Any]:

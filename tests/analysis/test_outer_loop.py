@@ -769,15 +769,18 @@ def test_the_delay_is_the_specs(tmp_path, capsys):
 
 @pytest.mark.nightly
 def test_a_continuous_spec_at_a_period(tmp_path, capsys):
-    """It is judged at the period of the command line, as the SPEC with that period is; one that needs a period is refused."""
+    """It is judged at the period of the command line, as the SPEC with that period is, also if it needs one."""
     text, files = (SPECS / "line.toml").read_text(), [tmp_path / name for name in ("continuous.toml", "sampled.toml")]
     assert "period = 0.0 " in text and "kv = 2.0 }" in text
     for file, period in zip(files, ("0.0", "0.02"), strict=True):
         file.write_text(text.replace("period = 0.0 ", f"period = {period} "))
     continuous = answer(capsys, "labmate", "--spec", str(files[0]), "--period", "0.02")
     assert continuous == answer(capsys, "labmate", "--spec", str(files[1])) and continuous["period"] == 0.02
-    files[0].write_text(text.replace("kv = 2.0 }", "kv = 2.0, ko_distance = 2.0 }"))
-    assert main(["outer-loop", "--spec", str(files[0]), "--period", "0.02"]) == 2
+    for file in files:
+        file.write_text(file.read_text().replace("kv = 2.0 }", "kv = 2.0, ko_distance = 2.0 }"))
+    observed = [{**answer(capsys, "labmate", "--spec", str(file), "--period", "0.02"), "spec": 0} for file in files]
+    assert observed[0] == observed[1] != {**continuous, "spec": 0}
+    assert main(["outer-loop", "--spec", str(files[0])]) == 2
     assert "(gain ko) requires [simulation] period > 0" in capsys.readouterr().err
 
 
