@@ -1,6 +1,7 @@
 """Static checks of the C: strict compiler warnings, clang-tidy, MISRA C:2012."""
 
 import re
+import shutil
 from pathlib import Path
 
 from .tools import HERE, HOST, STANDARD, Failed, Machine, Task, attempt, each, hold, need
@@ -63,7 +64,8 @@ def misra(task: Task) -> str:
 def _findings(task: Task) -> list[tuple[str, str, str]]:
     """Return the findings (file, line, rule), each once. The exit code of cppcheck does not depend on those of the addon."""
     build = task.folder / "misra"
-    build.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(build, ignore_errors=True)  # what it keeps of headers that have changed would be found again
+    build.mkdir(parents=True)
     template = "--template={file}:{line}: {id}: {message}"
     command = ["cppcheck", "--addon=misra", "--enable=style", "--std=c99", "--quiet", f"--cppcheck-build-dir={build}", template]
     # findings that do not apply: functions of both scalars from one text, declarations at the start of a function, no memcpy here

@@ -44,9 +44,16 @@ def wheels_of(system: ReducedSystem) -> list[Wheel]:
     return driven_wheels(system.mechanism, symbols(system.mechanism.inputs)) if can_grip(system) else []
 
 
+def wheels_by_contact(system: ReducedSystem) -> dict[int, Wheel | None]:
+    """Return the wheel of each contact from the first that has one of `wheels_of` to the last, None for one without."""
+    wheels = {wheel.contact: wheel for wheel in wheels_of(system)}
+    return {k: wheels.get(k) for k in range(min(wheels), max(wheels) + 1)} if wheels else {}
+
+
 def _wheels(system: ReducedSystem) -> dict[Result, ca.SX]:
-    """Return WHEELS, three numbers for each of `wheels_of`: force of the inputs at the rim, mass, radius."""
-    rows = [ca.vertcat(wheel.drive, wheel.mass, wheel.radius) for wheel in wheels_of(system)]
+    """Return WHEELS, three numbers for each of `wheels_by_contact`: force of the inputs at the rim, mass, radius; 0 for None."""
+    wheels = wheels_by_contact(system).values()
+    rows = [ca.vertcat(wheel.drive, wheel.mass, wheel.radius) if wheel else ca.SX.zeros(3) for wheel in wheels]
     return {Result.WHEELS: ca.vertcat(*rows)} if rows else {}
 
 

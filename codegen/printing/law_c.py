@@ -8,7 +8,7 @@ from ...model.mechanism import Quantity, per_second
 from ...model.names import in_c
 from ...model.outputs import FOOT
 from ..costs import LONG, code_bytes
-from ..derivation.grip import is_wide, wheels_of
+from ..derivation.grip import is_wide, wheels_by_contact
 from ..derivation.stages import Result
 from ..graph import Group, Leaf, Node, angles, executed, headers, reachable
 from ..program import EVALUATE, GROUND, GROUND_BY_INPUTS, NULL_INPUTS, SLOPE, WHEELS, Entry, Program, hidden_inputs
@@ -137,7 +137,7 @@ class LawC(ProgramC[Program]):
     @property
     def wheels(self) -> int:
         """The number of wheels by which friction is earned."""
-        return len(wheels_of(self.system)) if WHEELS in self.program.entries else 0
+        return len(wheels_by_contact(self.system)) if WHEELS in self.program.entries else 0
 
     @property
     def plain_grip(self) -> bool:
@@ -744,15 +744,14 @@ class LawC(ProgramC[Program]):
         """Return the statements that compare the rates of the wheels with what the last step expects."""
         if not self.wheels:
             return []
-        name, wheels = self.scalar.name, wheels_of(self.system)
-        names = [self.system.quasi_velocities[wheel.velocity].name for wheel in wheels]
-        rates = ", ".join(self.argument(Group.STATE, name) for name in names)
-        contacts = ", ".join(str(wheel.contact) for wheel in wheels)
+        name, wheels = self.scalar.name, wheels_by_contact(self.system)
+        names = [wheel and self.system.quasi_velocities[wheel.velocity].name for wheel in wheels.values()]
+        rates = ", ".join(self.argument(Group.STATE, name) if name else "0" for name in names)
+        ground = f"&self->ground[{4 * first}]" if (first := min(wheels)) else "self->ground"
         return [
             "if (self->earned.period > 0) {",
-            f"    static const int contacts[{self.wheels}] = {{{contacts}}};",
             f"    const {self.scalar.real} rates[{self.wheels}] = {{{rates}}};",
-            f"    {name('noslip_earn')}(&self->earned, &self->grip, self->wheel, self->ground, contacts, rates, {self.wheels});",
+            f"    {name('noslip_earn')}(&self->earned, &self->grip, self->wheel, {ground}, rates, {self.wheels});",
             "}",
         ]
 
@@ -764,8 +763,9 @@ class LawC(ProgramC[Program]):
             return []
         expect = self.scalar.name("noslip_expect")
         kept = [
-            f"{expect}(&self->wheel[{k}], &ground[{4 * wheel.contact}], &{memory}[{3 * k}]);"
-            for k, wheel in enumerate(wheels_of(self.system))
+            f"{expect}(&self->wheel[{k}], &ground[{4 * contact}], &{memory}[{3 * k}]);"
+            for k, (contact, wheel) in enumerate(wheels_by_contact(self.system).items())
+            if wheel
         ]
         law = f"{self.function(WHEELS.name)}_law(self, state, made, {memory}) == NOSLIP_OK"
         return [

@@ -794,9 +794,8 @@ static NOSLIP_BESIDE int labmate_type_ii_step_with_grip(labmate_type_ii *self, c
     const double made[2] = {made_0, made_1};
     double *const ground = self->ground;
     if (self->earned.period > 0) {
-        static const int contacts[2] = {0, 1};
         const double rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, contacts, rates, 2);
+        noslip_earn(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
     }
     if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
         noslip_is_finite(state->y_c + state->theta_r + state->theta_l) && labmate_type_ii_ground_law(self, state, made,

@@ -1085,9 +1085,8 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_step_f_with_grip(labmate_type_i
     const float made[2] = {made_0, made_1};
     float *const ground = self->ground;
     if (self->earned.period > 0) {
-        static const int contacts[2] = {0, 1};
         const float rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, contacts, rates, 2);
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
     }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->theta_r + state->theta_l) && labmate_type_iv_segment_ground_f_law(self, state, made,
@@ -1232,9 +1231,8 @@ static NOSLIP_BESIDE int labmate_type_iv_segment_follow_f_with_grip(labmate_type
     const float made[2] = {made_0, made_1};
     float *const ground = self->ground;
     if (self->earned.period > 0) {
-        static const int contacts[2] = {0, 1};
         const float rates[2] = {state->thetadot_r, state->thetadot_l};
-        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, contacts, rates, 2);
+        noslip_earn_f(&self->earned, &self->grip, self->wheel, self->ground, rates, 2);
     }
     if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         labmate_type_iv_segment_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,

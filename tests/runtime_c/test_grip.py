@@ -1,6 +1,7 @@
 """Inputs that keep the wheels rolling: the generated C against a second implementation, and against plain searches."""
 
 import math
+from copy import copy
 from fractions import Fraction
 from functools import cache, partial
 
@@ -656,6 +657,27 @@ def test_what_is_believed_stays_within_what_is_given():
                 controller.adapt(np.array(numbers) * random.uniform(0.9, 1.1))
                 assert controller.believed == found[-1]
         assert 0 <= min(found) < 0.3 < max(found) <= 0.5 * (1 + 1e-6)
+
+
+@pytest.mark.nightly
+def test_friction_is_earned_with_a_contact_between_the_driven_wheels():
+    plain = find_robot("tractor_trailer")
+    ordered = copy(plain)
+    ordered.contacts = [plain.contacts[k] for k in (0, 2, 1)]
+    laws = [law_of(each, "type_iv_line") for each in (plain, ordered)]
+    numbers, gains = plain.parameter_values({}), [1.0] * len(laws[0].gains)
+    config = [0.3 if quantity.name == "direction" else 0.7 for quantity in laws[0].config]
+    limits = Limits((0.0, 0.0), "grip", earning())
+    controllers = [make_controller("c", each, numbers, config, gains, limits) for each in laws]
+    random, believed = np.random.default_rng(7), []
+    for _ in range(400):
+        state = random.normal(0, 0.3, len(laws[0].groups["state"]))
+        reference = random.normal(0, 0.3, len(laws[0].reference))
+        answers = [each.step(state, reference) for each in controllers]
+        assert answers[0][0] == answers[1][0]
+        assert answers[0][1] == pytest.approx(answers[1][1], rel=1e-6, abs=1e-6)
+        believed.append([each.believed for each in controllers])
+    assert np.ptp(believed) > 0.1 and np.abs(np.diff(believed)).max() < 1e-8
 
 
 @pytest.mark.nightly
