@@ -33,7 +33,7 @@ def remembered(
     `shared`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. `lasts`: whether
     a result is to be cached. Without a usable cache folder nothing is cached.
     """
-    whole = ("remembered", _digest_of_code(rooms), *key)
+    whole = ("remembered", digest_of_code(rooms), *key)
     with suppress(BadInput, OSError):
         if file := kept(whole, ".pickle"):
             return _Unpickler(io.BytesIO(file.read_bytes()), shared).load()
@@ -66,11 +66,11 @@ class _Unpickler(pickle.Unpickler):
 
 
 @cache
-def _digest_of_code(rooms: tuple[str, ...]) -> str:
+def digest_of_code(rooms: tuple[str, ...]) -> str:
     root = Path(__file__).resolve().parent.parent
     paths = (path for room in rooms for path in (root / room).rglob("*"))  # templates count as code
     files = sorted(path for path in paths if path.is_file() and path.parent.name != "__pycache__")
-    return _short_digest(b"".join(file.read_bytes() for file in files))
+    return digest(b"".join(file.read_bytes() for file in files))
 
 
 def kept(key: tuple, suffix: str) -> Path | None:
@@ -87,7 +87,7 @@ def kept(key: tuple, suffix: str) -> Path | None:
 
 def keep(key: tuple, suffix: str, data: bytes) -> Path:
     """Write the file for `key`, which `kept` finds. Raises BadInput as `kept` does."""
-    target = folder_of_results() / f"{_digest_of(key)}-{_short_digest(data)}{suffix}"
+    target = folder_of_results() / f"{_digest_of(key)}-{digest(data)}{suffix}"
     with replacing(target) as new:
         create(new, data)
         new.chmod(0o700)
@@ -95,7 +95,7 @@ def keep(key: tuple, suffix: str, data: bytes) -> Path:
 
 
 def _digest_of(key: tuple) -> str:
-    return _short_digest(repr(key).encode())
+    return digest(repr(key).encode())
 
 
 def _is_sound(path: Path) -> bool:
@@ -105,11 +105,11 @@ def _is_sound(path: Path) -> bool:
     """
     with suppress(OSError):  # removed in the meantime, or unreadable
         check_private(path)
-        return path.stem.rpartition("-")[2] == _short_digest(path.read_bytes())
+        return path.stem.rpartition("-")[2] == digest(path.read_bytes())
     return False
 
 
-def _short_digest(data: bytes) -> str:
+def digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:32]
 
 

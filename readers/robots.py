@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
+from ..model.algebra.exact import keep_in
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
@@ -34,6 +35,9 @@ from ..model.robots import SHIPPED
 from .errors import BadInput, check_named, naming, suggestion
 from .files import SHIPPED as SPECS
 from .files import file_or_shipped, read_input
+from .forms import Forms
+
+keep_in(Forms())
 
 
 @dataclass(frozen=True)

@@ -10,22 +10,11 @@ import casadi as ca
 
 from .expression import fold, free_symbols, operate
 from .field import CanonicalForm, Field
+from .known import Known
 from .ratios import NotRational
 
 _Fraction = tuple[ca.SX, ca.SX]
 LARGEST = 400  # operations; above this, a canonical form costs more than it saves
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of an entry: without quotients below, None if it has none; its element, None if it has none; its magnitude,
-    None if that is its own. `symbols` exist as long as this does, so that no other ones have their hashes.
-    """
-
-    symbols: list[ca.SX]
-    rewritten: ca.SX | None
-    element: CanonicalForm | None = None
-    magnitude: ca.SX | None = None
 
 
 def examined(entry: ca.SX, symbols: list[ca.SX]) -> Known:
@@ -39,7 +28,9 @@ def examined(entry: ca.SX, symbols: list[ca.SX]) -> Known:
     except NotRational:
         return Known(symbols, rewritten)
     is_own = ca.is_equal(magnitude, -entry if element.negative else entry, 1)
-    return Known(symbols, rewritten, element, None if is_own else magnitude)
+    hashes = [symbol.element_hash() for symbol in symbols]
+    form = tuple(hashes.index(symbol.element_hash()) for symbol in element.symbols), element.text
+    return Known(symbols, rewritten, form, element.negative, None if is_own else magnitude)
 
 
 def _simplify(entry: ca.SX) -> tuple[CanonicalForm, ca.SX]:

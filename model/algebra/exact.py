@@ -5,15 +5,10 @@ equal as rational functions of the same symbols, sines, cosines and roots become
 and its negative.
 """
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 
 from .expression import free_symbols
-
-if TYPE_CHECKING:  # slow to import, as `entries` is: by way of SymPy
-    from .entries import Known
-    from .field import CanonicalForm
+from .known import Known, Store, known_of
 
 REMEMBERED = 50_000  # entries whose forms are remembered
 
@@ -24,26 +19,32 @@ def canonical(expression: ca.SX) -> ca.SX:
     """
     expression = ca.SX(expression)
     simplified = ca.SX(expression)
-    elements: dict[int, CanonicalForm] = {}
-    shortest: dict[object, ca.SX] = {}  # key of the element -> its magnitude
+    elements: dict[int, tuple[object, bool]] = {}  # key and sign
+    shortest: dict[object, ca.SX] = {}  # key -> its magnitude
     for k in range(expression.nnz()):
-        simplified.nz[k], element, magnitude = _simplified(expression.nz[k])
-        if element is None:
+        simplified.nz[k], known, magnitude = _simplified(expression.nz[k])
+        if known is None or known.key is None:
             continue
-        elements[k] = element
-        current = shortest.setdefault(element.key, magnitude)
+        elements[k] = known.key, known.negative
+        current = shortest.setdefault(known.key, magnitude)
         if ca.n_nodes(magnitude) < ca.n_nodes(current):
-            shortest[element.key] = magnitude
-    for k, element in elements.items():
-        simplified.nz[k] = -shortest[element.key] if element.negative else shortest[element.key]
+            shortest[known.key] = magnitude
+    for k, (key, negative) in elements.items():
+        simplified.nz[k] = -shortest[key] if negative else shortest[key]
     return ca.sparsify(simplified)
 
 
-_known: dict[tuple[str, tuple[int, ...]], "Known"] = {}  # by operations and symbols: the laws of a robot have many in common
+_known: dict[tuple[str, tuple[int, ...]], Known] = {}  # by operations and symbols: the laws of a robot have many in common
+_stores: list[Store] = []  # of other runs, at most one
 
 
-def _simplified(entry: ca.SX) -> tuple[ca.SX, "CanonicalForm | None", ca.SX]:
-    """Return the entry without quotients below, its element, None if it has none, and its magnitude.
+def keep_in(store: Store) -> None:
+    """Keep what is found of each entry for other runs, and use what they found."""
+    _stores[:] = [store]
+
+
+def _simplified(entry: ca.SX) -> tuple[ca.SX, Known | None, ca.SX]:
+    """Return the entry without quotients below, what is known of it, None of a leaf, and its magnitude.
 
     Computed once for each expression in the same symbols. What is the entry's own is returned as the nodes of this entry, so that
     the result does not depend on what was computed before.
@@ -51,14 +52,26 @@ def _simplified(entry: ca.SX) -> tuple[ca.SX, "CanonicalForm | None", ca.SX]:
     if entry.is_leaf():
         return entry, None, entry
     symbols = free_symbols(entry)
-    key = entry.serialize(), tuple(symbol.element_hash() for symbol in symbols)
+    operations = entry.serialize()
+    key = operations, tuple(symbol.element_hash() for symbol in symbols)
     known = _known.get(key)
     if known is None:
         if len(_known) >= REMEMBERED:
             _known.clear()
-        from .entries import examined  # imports SymPy, which takes long: not before there is something to simplify
-
-        known = _known[key] = examined(entry, symbols)
+        known = _known[key] = _found(entry, operations, symbols)
     entry = entry if known.rewritten is None else known.rewritten
-    own = -entry if known.element and known.element.negative else entry
-    return entry, known.element, own if known.magnitude is None else known.magnitude
+    own = -entry if known.negative else entry
+    return entry, known, own if known.magnitude is None else known.magnitude
+
+
+def _found(entry: ca.SX, operations: str, symbols: list[ca.SX]) -> Known:
+    """Return what another run found of an entry, or find it."""
+    for store in _stores:
+        if text := store.read(operations):
+            return known_of(text, symbols)
+    from .entries import examined  # imports SymPy, which takes long: not before there is something to simplify
+
+    known = examined(entry, symbols)
+    for store in _stores:
+        store.write(operations, known.text())
+    return known

@@ -1,7 +1,7 @@
 """The field of rational functions that contains one expression, with its sines, cosines and roots."""
 
 import math
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -39,9 +39,10 @@ FACTORED = 15  # terms up to which a polynomial is factored; longer ones rarely 
 
 @dataclass(frozen=True)
 class CanonicalForm:
-    """A rational function in canonical form, sign and magnitude; elements of equal magnitude have equal keys."""
+    """A rational function in canonical form, sign and magnitude; elements of equal magnitude have equal symbols and texts."""
 
-    key: Hashable
+    symbols: list[ca.SX]
+    text: str
     negative: bool
     magnitude: Ratio
     cancelled: bool  # whether a common factor was cancelled
@@ -89,11 +90,10 @@ class Field:
         numerator, denominator = (self._by_sines(part) for part in self._roots_below(*ratio))
         negative = bool(numerator) and (numerator.LC < 0) != (denominator.LC < 0)
         magnitude = tuple(-part if part and part.LC < 0 else part for part in (numerator, denominator))
-        names = (*[symbol.__hash__() for symbol in self.symbols], *self.atoms.items())
+        text = repr((self.ring.ngens, list(self.atoms.items()), magnitude))
         pole = denominator != 1 and any(powers[r.place] for r in self.radicals for powers in fraction[1])
-        return CanonicalForm(
-            (names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, fraction[1])
-        )
+        pole = pole and not self._divides(denominator, fraction[1])
+        return CanonicalForm(self.symbols, text, negative, magnitude, cancelled, pole)
 
     def expression(self, ratio: Ratio) -> ca.SX:
         """Return a ratio as an expression, with numerator and denominator factored."""

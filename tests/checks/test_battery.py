@@ -102,12 +102,14 @@ BYTES = {  # at most: of the struct that is all a law's memory, in float; in dou
     **dict.fromkeys(("tricycle", "forklift"), 380),
 }
 BYTES_OF_OTHERS = 260
+EARNED = ("earned", "wheel", "ground")  # members by which friction is earned; they are beside these bytes
+NUMBERS_EARNED, NUMBERS_BY_CONTACT = 13, 10  # at a contact 4 of the last step's forces, and 6 of its wheel
 CODE = {  # bytes at most of x86-64 code of all entry points of a scalar together, -O2
     "mobile_manipulator": 66_000,  # 13 kB of it for the forces on the ground, their derivatives by four inputs among them
     "tractor_trailer": 26_000,
     "tractor_trailer_4": 51_000,  # the forces on the ground, in `evaluate`, `ground` and the steps that keep the grip
     "four_wheel": 53_000,  # likewise; a third of it is `follow`, which keeps the grip too
-    **dict.fromkeys(("car", "f1tenth"), 38_000),
+    **dict.fromkeys(("car", "f1tenth"), 39_000),  # 300 of it earns friction
     **dict.fromkeys(("bus", "castor_platform"), 62_000),
     **dict.fromkeys(("tricycle", "forklift"), 38_000),
     "labmate": 28_000,
@@ -295,13 +297,17 @@ class Law:
         """Its struct, and in float its code: no heap and no globals, so this is all there is."""
         library = self.library(*REFERENCE, scalar)
         struct, suffix = library.ffi.sizeof(library.name("")), SCALARS[scalar].name("")
+        fields = dict(library.ffi.typeof(library.name("")).fields)
         symbols = [line.split() for line in run("nm", "-S", "--defined-only", library.path).splitlines()]
         own = [line for line in symbols if line[-1].startswith(self.law.system.mechanism.name)]
         assert not [line for line in own if line[-2] in "bBdD"]
         in_float = re.compile(r"_f(_|\.|$)")  # car_type_i_step_f, and the static car_type_i_step_f_limited
         code = sum(int(line[1], 16) for line in own if line[-2] in "tT" and bool(in_float.search(line[-1])) == bool(suffix))
         robot, times = self.law.system.mechanism.name, 1 if suffix else 2
-        assert struct <= times * BYTES.get(robot, BYTES_OF_OTHERS) and 0 < code <= CODE.get(robot, CODE_OF_OTHERS)
+        earned = sum(library.ffi.sizeof(fields[name].type) for name in EARNED if name in fields)
+        contacts = len(self.law.system.mechanism.standing)
+        assert earned <= times * 4 * (NUMBERS_EARNED + NUMBERS_BY_CONTACT * contacts)
+        assert struct - earned <= times * BYTES.get(robot, BYTES_OF_OTHERS) and 0 < code <= CODE.get(robot, CODE_OF_OTHERS)
         return f"{struct} bytes of struct, {code} of code"
 
     def knows_the_rate_of_Phi(self) -> float:

@@ -317,7 +317,7 @@ def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
     for file in cache.iterdir():
         file.write_bytes(file.read_bytes()[:-1])
     assert ask("a").shared is shared and calls == ["a", "b", "a"]
-    monkeypatch.setattr(kept, "_digest_of_code", lambda rooms: "of other code")
+    monkeypatch.setattr(kept, "digest_of_code", lambda rooms: "of other code")
     ask("a")
     assert calls == ["a", "b", "a", "a"]
     cache.chmod(0o777)
