@@ -17,7 +17,7 @@ from .kept import check_private, digest, digest_of_code, folder_of_results
 
 DETERMINE = ("model/algebra",)  # folders whose code determines a form
 LIBRARIES = ("casadi", "sympy", "python-flint")
-TABLE = "create table if not exists forms (key text primary key, packed blob, digest text) without rowid"
+TABLE = "create table if not exists packed_forms (key text primary key, packed blob, digest text) without rowid"
 
 
 class Forms:
@@ -26,7 +26,7 @@ class Forms:
     def read(self, key: str) -> str | None:
         """Return the text that was written for a key; None if there is none, or if it is damaged."""
         with suppress(BadInput, OSError, sqlite3.Error):
-            row = _database(folder_of_results(), os.getpid()).execute("select * from forms where key = ?", [digest(key.encode())])
+            row = _database(folder_of_results(), os.getpid()).execute("select * from packed_forms where key = ?", [digest(key.encode())])
             for _, packed, own in row:
                 return zlib.decompress(packed).decode() if digest(packed) == own else None
         return None
@@ -36,7 +36,7 @@ class Forms:
         with suppress(BadInput, OSError, sqlite3.Error):
             packed = zlib.compress(text.encode(), 1)
             row = digest(key.encode()), packed, digest(packed)
-            _database(folder_of_results(), os.getpid()).execute("insert or replace into forms values (?, ?, ?)", row)
+            _database(folder_of_results(), os.getpid()).execute("insert or replace into packed_forms values (?, ?, ?)", row)
 
 
 @cache

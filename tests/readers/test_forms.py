@@ -29,7 +29,7 @@ def test_a_damaged_text_or_file_is_not_used(folder):
     Forms().write("x + y", "g0 + g1")
     (file,) = folder.glob("*.forms")
     with sqlite3.connect(file) as database:
-        database.execute("update forms set packed = x'00'")
+        database.execute("update packed_forms set packed = x'00'")
     assert Forms().read("x + y") is None
     Forms().write("x + y", "g0 + g1")
     assert Forms().read("x + y") == "g0 + g1"
