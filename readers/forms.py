@@ -26,7 +26,9 @@ class Forms:
     def read(self, key: str) -> str | None:
         """Return the text that was written for a key; None if there is none, or if it is damaged."""
         with suppress(BadInput, OSError, sqlite3.Error):
-            row = _database(folder_of_results(), os.getpid()).execute("select * from packed_forms where key = ?", [digest(key.encode())])
+            row = _database(folder_of_results(), os.getpid()).execute(
+                "select * from packed_forms where key = ?", [digest(key.encode())]
+            )
             for _, packed, own in row:
                 return zlib.decompress(packed).decode() if digest(packed) == own else None
         return None

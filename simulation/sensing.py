@@ -3,12 +3,14 @@
 import math
 from collections import deque
 
+import casadi as ca
 import numpy as np
 
+from ..model.algebra.portable import portable
 from ..model.algebra.trigonometry import sine_cosine, unit
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
-from ..model.vehicle import point_on_body
+from ..model.vehicle import SteeredAxle, point_on_body, steered_axle
 from ..readers.errors import BadInput, check_status
 from ..readers.reading import one_for_each
 from .controllers import SCALAR
@@ -86,11 +88,14 @@ class Sensing(NoisyRates):
         super().__init__(sensors, system, start)
         self._correction, self.parameters = correction, parameters
         self._motion = Direct(vehicle_motion(system))
-        self._pose, self._angles = pose_coordinates(system), angle_coordinates(system)
-        self._arm = complex(*arm_function(system)(believed).full().ravel())  # m, in the axes of the body
-        wheels = vehicle_wheels(system, believed)
+        axle = steered_axle(system)
+        self._axle = SteeredMotion(system, axle, believed) if axle else None
+        self._pose = self._axle.pose if self._axle else pose_coordinates(system)
+        self._angles = angle_coordinates(system)
+        self._arm = 0j if axle else complex(*arm_function(system)(believed).full().ravel())  # m, in the axes of the body
+        forward, turn, ahead = SteeredMotion.WHEELS if axle else vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
-        self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
+        self._odometry = make_odometry(backend, forward, turn, ahead, release, start=self._true_pose(start), law=law)
         self.reckoned = self._true_pose(start)
         if sensors.pose == "reckoned":
             self.state[self._pose] = self.placed
@@ -124,7 +129,7 @@ class Sensing(NoisyRates):
         """Return the pose after the wheels turned by `moved` in dt, corrected if it is time; x is the true state."""
         if abs(self.reckoned[2]) > UNWIND:
             self._odometry.unwind()
-        pose = self._odometry.move(moved, dt)
+        pose = self._odometry.move(self._axle.moved(moved, self._counted()) if self._axle else moved, dt)
         if self._correction and (due := _count(t, 1 / self._correction.rate)) > self._corrected:
             self._corrected, self.jumped = due, self._correction.mode == "reset"
             *place, heading = self._true_pose(x)
@@ -152,7 +157,28 @@ class Sensing(NoisyRates):
         return np.floor(self._turned / step) * step
 
     def _true_pose(self, x: np.ndarray) -> np.ndarray:
-        return self._motion(x, self.parameters)[0][:3]
+        return x[self._pose] if self._axle else self._motion(x, self.parameters)[0][:3]
+
+
+class SteeredMotion:
+    """The motion of the fixed axle of a vehicle with a steered wheel, by its encoders: that of the follower in C. `pose`: the
+    coordinates x, y and heading of the axle. Dead reckoning is given distance and change of heading instead of angles of wheels.
+    """
+
+    WHEELS = (1.0, 0.0), (0.0, 1.0), 0.0  # forward, turn and ahead of make_odometry
+
+    def __init__(self, system: ReducedSystem, axle: SteeredAxle, believed: np.ndarray):
+        mechanism = system.mechanism
+        self.pose = mechanism.coordinate_numbers(ca.vertsplit(axle.place))
+        self._steers, self._believed = axle.steers, believed
+        self._by_angle = portable(ca.Function("moved", [axle.angle, mechanism.p], [ca.densify(axle.moved)]))
+
+    def moved(self, turned: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Return distance (m) and change of heading (rad) of the axle, (2,), after its wheels turned, (2,), to `angles`: those at
+        the steering angle in the middle.
+        """
+        angle = angles[self._steers] - turned[self._steers] / 2
+        return self._by_angle(angle, self._believed).full().ravel() * turned[1 - self._steers]
 
 
 class SlipSensing:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 
+import casadi as ca
 import numpy as np
 
 from ..codegen.follower.follower import is_followers, why_no_follower
@@ -11,9 +12,11 @@ from ..codegen.loop.stages import check
 from ..codegen.project.vehicle import VehicleNumbers, VelocityDrives
 from ..model.law import ControlLaw
 from ..model.mechanism import Quantity
+from ..model.vehicle import SteeredAxle, steered_axle
 from ..readers.errors import BadInput
 from .controllers.controller import Limits
 from .controllers.odometry import vehicle_wheels
+from .controllers.tracking import TrackerOptions
 from .drive import command_limits
 from .guidance import Direct, vehicle_motion
 from .loop import Loop, make_loop
@@ -23,6 +26,7 @@ EXPORT = "export --firmware"  # in the table of stages
 COUNTER_BITS = 16
 FASTER = 3.0  # than a wheel turns on the path: what is faster is a misread counter
 ASTRAY = 0.3  # m, from the path beyond the start
+STEERING = 1.3  # rad, largest steering angle
 OUTPUTS = ("distance", "speed")  # in the order of the follower's integral action
 
 
@@ -41,7 +45,9 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
     route, period = loop.route, spec.simulation.period
     assert route is not None, "a composite path is followed"
     options = route.options
-    start = Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
+    axle = steered_axle(system)
+    place = system.mechanism.coordinate_numbers(ca.vertsplit(axle.place)) if axle else []
+    start = loop.start[place] if axle else Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
     off = abs(float(route.guide(loop.start).distance))
     path: dict[str, object] = {
         "speed": options.speed,
@@ -58,7 +64,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         "period": period,
         "counts_per_turn": (float(spec.sensors.counts),) * 2,
         "counter_bits": COUNTER_BITS,
-        "fastest": _fastest(loop, options.speed, spec),
+        **(_fastest_steered(loop, axle, options) if axle else {"fastest": _fastest(loop, options.speed, spec)}),
         "start": dict(zip(("x", "y", "heading"), map(float, start[:3]), strict=True)),
         "path": path,
         "astray": off + ASTRAY,
@@ -73,6 +79,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         f"a wheel that turns {FASTER:g} times as fast as on the path is misread",
         f"{ASTRAY:g} m farther from the path than at the start is astray",
         "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are stuck",
+        *([f"a steering angle beyond {STEERING:g} rad is misread; its counter is 0 straight ahead"] if axle else []),
     ]
     plant, begins = _named(law.parameters, loop.plant.parameters), _named(system.state, loop.start)
     duration, late = spec.simulation.duration, spec.simulation.delay
@@ -91,6 +98,18 @@ def _fastest(loop: Loop, desired: float, spec: Spec) -> float:
     bends = [segment.curvature for segment in spec.output.segments]
     rates = np.linalg.solve(np.array([forward, turn]), speed * np.array([np.ones(len(bends)), bends]))
     return FASTER * float(np.abs(rates).max())
+
+
+def _fastest_steered(loop: Loop, axle: SteeredAxle, options: TrackerOptions) -> dict[str, object]:
+    """Return upper bounds of the rates of the rolling wheel and of steering, rad/s, and of the steering angle, rad: FASTER times
+    what the path asks, for steering a right angle over the way that P_l is ahead.
+    """
+    mechanism = loop.law.system.mechanism
+    motion = ca.Function("motion", [axle.angle, mechanism.p], [axle.motion])(0.0, loop.believed).full()
+    rates = np.zeros(2)
+    rates[1 - axle.steers] = options.speed / abs(motion[0, 1 - axle.steers])
+    rates[axle.steers] = math.pi / 2 * options.speed / min(filter(None, map(abs, options.L)))
+    return {"fastest": tuple(map(float, FASTER * rates)), "steering": STEERING}
 
 
 def _integral(loop: Loop) -> dict[str, tuple[float, ...]]:

@@ -43,7 +43,7 @@ def led_units(law: ControlLaw) -> set[str]:
 
 
 OF_LAW: dict[str, Callable[[ControlLaw], bool]] = {  # what is known where the law of a SPEC is -> whether a law has it
-    "a vehicle with a steered wheel": lambda law: steered_axle(law.system) is not None,
+    "a steered wheel": lambda law: steered_axle(law.system) is not None,
     "a robot that is no vehicle (moves_in_plane)": lambda law: law.system.mechanism.vehicle is None,
     "fewer inputs than quasi-velocities": lambda law: law.system.underactuated,
     "outputs that begin with no point": lambda law: not law.output.foot and [r.unit for r in law.output.rows[:2]] != ["m", "m"],

@@ -114,6 +114,7 @@ STAGES = (
             Excludes("[correction]", '[sensors] pose = "true"', "the true pose needs no correction"),
             Excludes("export --firmware", '[sensors] pose = "true"', 'a vehicle reckons its pose: set pose = "reckoned"'),
             Excludes("[correction]", "export --firmware", "call the follower's correct where the pose is measured; leave it out"),
+            Excludes("[sensors] with a steered wheel", *NOT_IN_C),
         ),
     ),
     Stage(
@@ -127,6 +128,7 @@ STAGES = (
         rules=(
             Needs("[estimator]", "[sensors]", "without them the pose is the true one"),
             Excludes("[estimator]", "[correction]", "give it poses by [estimator] pose"),
+            Excludes("[estimator]", "a steered wheel", "its filter is given the steering angle, which a run does not do yet"),
             Needs("[estimator]", SCALAR, "emulated processors have no filter"),
             Excludes("[estimator]", *NOT_IN_C),
             Excludes("[estimator]", *NOT_IN_FIRMWARE),
@@ -186,7 +188,7 @@ STAGES = (
                 Needs(f"[reference] {key}", ("a composite path", COURSE), "elsewhere there is no end of the path")
                 for key in ("deceleration", "creep")
             ),
-            Excludes("segments in reverse", "a vehicle with a steered wheel", "it folds in reverse; give them without backward"),
+            Excludes("segments in reverse", "a steered wheel", "it folds in reverse; give them without backward"),
         ),
     ),
     Stage(

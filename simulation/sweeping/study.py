@@ -11,6 +11,7 @@ from ... import __version__
 from ...codegen.files import fingerprint
 from ...codegen.loop.stages import broken
 from ...readers.errors import BadInput, check_named
+from ...readers.robots import find_robot, law_of
 from ..loop import make_loop
 from ..specification.distributions import Sweep
 from ..specification.spec import Spec, spec_of
@@ -110,7 +111,8 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
     try:
         spec = as_sampled(spec_of(text, name))
         sweep = sweep_of(spec)
-        runs = Simulated if broken(spec, "the C of a sweep") else Batch
+        law = None if spec.feedback else law_of(find_robot(spec.robot), spec.law)
+        runs = Simulated if broken(spec, "the C of a sweep", law) else Batch
         batch = runs(spec, band=sweep.band, instants=instants)
         return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch), instants)
     except BadInput as error:

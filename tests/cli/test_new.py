@@ -9,6 +9,7 @@ from noslip.cli.main import main
 from noslip.cli.robot.new import KINDS
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import read_spec
+from noslip.simulation.specification.vary import read_varied
 
 
 class Terminal(io.StringIO):
@@ -42,8 +43,10 @@ def test_the_numbers_are_those_given(tmp_path, capsys):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_arrives_and_keeps_to_the_path(kind, tmp_path):
     assert main(["new", str(tmp_path / "new.toml"), "--kind", kind]) == 0
-    run = simulate(read_spec(tmp_path / "new.toml"))
+    run = simulate(read_varied(tmp_path / "new.toml", {"sensors.pose": "true"}))
     assert run.stopped is None and abs(run.error[-1, 0]) < 2e-3
+    # Half a count of the steering angle, which is always below it, turns a car by 2.6 mrad in 36 m.
+    assert abs(simulate(read_spec(tmp_path / "new.toml")).error[-1, 0]) < 0.2
     assert abs(run.nu[-1]).max() < 0.05 * abs(run.nu).max()
     acceleration = run.spec.reference.speed * run.spec.gains["kv"]
     assert acceleration <= 1.0 + 1e-3  # from rest
@@ -54,11 +57,11 @@ def test_a_run_arrives_and_keeps_to_the_path(kind, tmp_path):
 def test_it_asks_at_a_terminal(tmp_path, monkeypatch):
     """For what is not given; an empty answer is the default."""
     file = tmp_path / "agv.toml"
-    monkeypatch.setattr("sys.stdin", Terminal("tricycle\n1.3 m\n\n\n\n0.02\n\n"))
+    monkeypatch.setattr("sys.stdin", Terminal("tricycle\n1.3 m\n\n\n8192\n\n\n\n0.02\n\n"))
     assert main(["new", str(file), "mass=90"]) == 0
     spec = tomllib.loads(file.read_text())
     assert spec["robot"] == "tricycle" and spec["parameters"]["l"] == 1.3 and spec["parameters"]["m"] == 90.0
-    assert spec["simulation"]["period"] == 0.02
+    assert spec["simulation"]["period"] == 0.02 and spec["sensors"]["counts"] == 8192
     monkeypatch.setattr("sys.stdin", Terminal("tricycle\n"))
     assert main(["new", str(tmp_path / "other.toml")]) == 2 and not (tmp_path / "other.toml").exists()
 
@@ -73,7 +76,7 @@ def test_it_asks_at_a_terminal(tmp_path, monkeypatch):
         (["x.toml", "track=1", "track=2"], "track has a number already"),
         (["x.toml", "counts=1.5"], "whole number"),
         (["x.toml", "mass=3s"], "in kg"),
-        (["x.toml", "--kind", "car", "counts=100"], "unknown number of a car vehicle"),
+        (["x.toml", "--kind", "car", "ahead=0.1"], "unknown number of a car vehicle"),
         (["x.csv"], "ends in .toml"),
         (["there.toml"], "exists"),
         (["absent/x.toml"], "absent"),

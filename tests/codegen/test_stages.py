@@ -209,7 +209,7 @@ OF_LAWS = {
     ("labmate", "type_ii"): {"outputs that begin with no point", "an output in rad"},
     ("labmate", "type_iv_course"): {"outputs without an angle"},
     ("tricycle", "type_iv_line"): {
-        *("a vehicle with a steered wheel", "outputs that begin with no point", "outputs without an angle"),
+        *("a steered wheel", "outputs that begin with no point", "outputs without an angle"),
     },
     ("balancer", "upright"): {"fewer inputs than quasi-velocities", "outputs that begin with no point", "an output in rad"},
 }

@@ -144,7 +144,7 @@ def test_reverse_is_refused(tmp_path):
     """The body would fold onto the steered wheel."""
     text = SPEC.format(turn=TURN, period=0.01).replace("length = 9.0", "length = 9.0, backward = true")
     (tmp_path / "spec.toml").write_text(text.replace("L = 1.0", 'L = 1.0\nreversing = "switch"'))
-    with pytest.raises(BadInput, match="segments in reverse does not go with a vehicle with a steered wheel"):
+    with pytest.raises(BadInput, match="segments in reverse does not go with a steered wheel"):
         simulate(read_spec(tmp_path / "spec.toml"))
 
 
