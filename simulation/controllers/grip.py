@@ -158,10 +158,11 @@ class Earned:
         suspected = (away > 0) & (self._pause <= 0) & (np.abs(along) * ASKED > most)
         self._steps = np.where(suspected, np.where(same, self._steps, 0.0) + 1, 0.0)
         self._away, self._sign = np.where(suspected, away, 0.0), sign
-        slips = suspected & (self._away * friction.period > 2 * radius * friction.coarse + friction.lag * weight)
+        slips = suspected & (mass > 0) & (most > 0)
+        slips &= self._away * friction.period > 2 * radius * friction.coarse + friction.lag * weight
         if slips.any():
             rest = np.maximum(np.abs(along) - mass * (bound + self._away / np.maximum(self._steps, 1)), 0.0)
-            shown = AFTER * (1 - friction.margin) * np.hypot(rest, across) / np.where(most > 0, most, 1.0)
+            shown = AFTER * (1 - friction.margin) * np.hypot(rest, across) / np.where(slips, most, 1.0)
             if (least := shown[slips].min()) < 1:
                 self.mu, self._pause = self.mu * least, friction.lag
                 self._away[:] = self._steps[:] = 0

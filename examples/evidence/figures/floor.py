@@ -19,7 +19,8 @@ from . import circle, composite, line, masses, robots, sensing
 
 PERIOD = 0.01  # s
 BARE, LIMITED, LED = "no limiter", "limiter", "limiter, approach"
-LIMITS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: {"limits.mode": "grip"}, LED: {"limits.mode": "grip"}}
+KNOWN = {"limits.mode": "grip", "limits.friction": "given"}
+LIMITS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: KNOWN, LED: KNOWN}
 COLOUR = {BARE: STOP, LIMITED: COLOURS[2], LED: COLOURS[0]}
 EDGE = "#444444"
 Floor = tuple[float, str]  # friction, one of LIMITS
