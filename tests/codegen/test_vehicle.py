@@ -182,7 +182,7 @@ def test_what_a_follower_does_not_have_is_refused(old, new, says):
 def test_a_robot_without_a_follower_is_refused():
     others = AGV.strip().split("\n", 3)[3]
     with pytest.raises(BadInput, match="dead reckoning needs"):
-        vehicle_of(spec_of(f'robot = "car"\n{others}', "agv.toml"))
+        vehicle_of(spec_of(f'robot = "knife_edge"\n{others}', "agv.toml"))
 
 
 def test_the_command_line_says_what_is_wrong(bad_input, tmp_path):
