@@ -49,7 +49,7 @@ def test_a_run_arrives_and_keeps_to_the_path(kind, tmp_path):
     assert abs(simulate(read_spec(tmp_path / "new.toml")).error[-1, 0]) < 0.2
     assert abs(run.nu[-1]).max() < 0.05 * abs(run.nu).max()
     acceleration = run.spec.reference.speed * run.spec.gains["kv"]
-    assert acceleration <= 1.0 + 1e-3  # from rest
+    assert acceleration <= 1.0 + 1e-2  # from rest; kv has three decimals
     bend = max(abs(segment.curvature) for segment in run.spec.output.segments)
     assert run.spec.reference.speed**2 * bend <= 0.5 + 1e-2
 
