@@ -230,7 +230,9 @@ def test_c_compiles_after_the_macros_of_boards(language, tmp_path):
         (tmp_path / name).write_text(text)
     macros = "".join(f"#define {name} ?\n" for name in BOARDS) + "".join(f"#define {name}(x) ?\n" for name in WITH_ARGUMENT)
     macros += "".join(f"#define {name} ?\n" for name in REFUSED)
-    headers = "".join(f'#include "{name}"\n' for name in sorted(path.name for path in tmp_path.glob("*.h")))
+    # That of lanes is for hosts only: it includes headers of their compiler.
+    names = {path.name for path in tmp_path.glob("*.h")} - {"noslip_lanes.h"}
+    headers = "".join(f'#include "{name}"\n' for name in sorted(names))
     (tmp_path / "use.c").write_text(f"{macros}{headers}")
     run = [*compiler(), "-x", language, "-Wall", "-Werror", "-ffp-contract=off", "-fsyntax-only", "use.c"]
     result = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
