@@ -159,7 +159,7 @@ class SteeredAxle:
     Of the two quasi-velocities one is the rate of a rolling wheel, the other the steering rate.
     """
 
-    place: ca.SX  # 3: the coordinates x, y (m) and heading (rad) of the axle
+    pose: tuple[int, int, int]  # x, y (m) and heading (rad) of the axle, as numbers of coordinates from 0
     angle: ca.SX  # the coordinate that is the steering angle, rad
     steers: int  # index of the quasi-velocity that is the steering rate
     moved: ca.SX  # 2: distance (m) and change of heading (rad) of the axle per angle (rad) of the rolling wheel, at this angle
@@ -167,6 +167,7 @@ class SteeredAxle:
     reach: ca.SX  # m: how far the steered wheel is ahead of the axle, in parameters only
 
 
+@lru_cache(maxsize=16)
 def steered_axle(system: ReducedSystem) -> SteeredAxle | None:
     """Return the axle and the steered wheel of a vehicle; None if it does not move like this."""
     mechanism, vehicle = system.mechanism, system.mechanism.vehicle
@@ -192,7 +193,8 @@ def steered_axle(system: ReducedSystem) -> SteeredAxle | None:
         fixed = not ca.depends_on(ca.vertcat(ca.vec(moved), ca.vec(motion)), ca.vertcat(*others))
         fixed = fixed and not ca.depends_on(reach, ca.vertcat(*state))
         if beside.is_zero() and aside.is_zero() and fixed and moved[:, steers].is_zero():
-            return SteeredAxle(ca.vertcat(x, y, heading), angle, steers, moved[:, 1 - steers], motion, reach)
+            numbers = mechanism.coordinate_numbers([x, y, heading])
+            return SteeredAxle((numbers[0], numbers[1], numbers[2]), angle, steers, moved[:, 1 - steers], motion, reach)
     return None
 
 

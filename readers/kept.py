@@ -67,6 +67,7 @@ class _Unpickler(pickle.Unpickler):
 
 @cache
 def digest_of_code(rooms: tuple[str, ...]) -> str:
+    """Return the digest of all files in folders of noslip."""
     root = Path(__file__).resolve().parent.parent
     paths = (path for room in rooms for path in (root / room).rglob("*"))  # templates count as code
     files = sorted(path for path in paths if path.is_file() and path.parent.name != "__pycache__")
@@ -110,6 +111,7 @@ def _is_sound(path: Path) -> bool:
 
 
 def digest(data: bytes) -> str:
+    """Return the first half of SHA-256, in hexadecimal."""
     return hashlib.sha256(data).hexdigest()[:32]
 
 

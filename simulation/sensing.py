@@ -3,14 +3,12 @@
 import math
 from collections import deque
 
-import casadi as ca
 import numpy as np
 
-from ..model.algebra.portable import portable
 from ..model.algebra.trigonometry import sine_cosine, unit
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
-from ..model.vehicle import SteeredAxle, point_on_body, steered_axle
+from ..model.vehicle import point_on_body, steered_axle
 from ..readers.errors import BadInput, check_status
 from ..readers.reading import one_for_each
 from .controllers import SCALAR
@@ -18,7 +16,7 @@ from .controllers.angles import nearest_angle
 from .controllers.direct import Direct
 from .controllers.estimation.ekf import Filter, FilterOptions
 from .controllers.ground.slip import Noticed, SlipOptions, make_slip
-from .controllers.odometry import arm_function, make_odometry, vehicle_wheels
+from .controllers.odometry import arm_function, axle_function, make_odometry, vehicle_wheels
 from .guidance import Number, vehicle_motion
 from .noise import Noise
 from .specification.spec import Correction, EstimatorSection, GyroSection, NoticeSlipSection, Sensors, Simulation
@@ -89,8 +87,8 @@ class Sensing(NoisyRates):
         self._correction, self.parameters = correction, parameters
         self._motion = Direct(vehicle_motion(system))
         axle = steered_axle(system)
-        self._axle = SteeredMotion(system, axle, believed) if axle else None
-        self._pose = self._axle.pose if self._axle else pose_coordinates(system)
+        self._axle = SteeredMotion(system, axle.steers, believed) if axle else None
+        self._pose = list(axle.pose) if axle else pose_coordinates(system)
         self._angles = angle_coordinates(system)
         self._arm = 0j if axle else complex(*arm_function(system)(believed).full().ravel())  # m, in the axes of the body
         forward, turn, ahead = SteeredMotion.WHEELS if axle else vehicle_wheels(system, believed)
@@ -161,24 +159,22 @@ class Sensing(NoisyRates):
 
 
 class SteeredMotion:
-    """The motion of the fixed axle of a vehicle with a steered wheel, by its encoders: that of the follower in C. `pose`: the
-    coordinates x, y and heading of the axle. Dead reckoning is given distance and change of heading instead of angles of wheels.
+    """The motion of the fixed axle of a vehicle with a steered wheel, by its encoders: that of the follower in C. Dead
+    reckoning is given distance and change of heading instead of angles of wheels.
     """
 
     WHEELS = (1.0, 0.0), (0.0, 1.0), 0.0  # forward, turn and ahead of make_odometry
 
-    def __init__(self, system: ReducedSystem, axle: SteeredAxle, believed: np.ndarray):
-        mechanism = system.mechanism
-        self.pose = mechanism.coordinate_numbers(ca.vertsplit(axle.place))
-        self._steers, self._believed = axle.steers, believed
-        self._by_angle = portable(ca.Function("moved", [axle.angle, mechanism.p], [ca.densify(axle.moved)]))
+    def __init__(self, system: ReducedSystem, steers: int, believed: np.ndarray):
+        self._steers, self._believed = steers, believed
+        self._by_angle = Direct(axle_function(system))
 
     def moved(self, turned: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Return distance (m) and change of heading (rad) of the axle, (2,), after its wheels turned, (2,), to `angles`: those at
         the steering angle in the middle.
         """
         angle = angles[self._steers] - turned[self._steers] / 2
-        return self._by_angle(angle, self._believed).full().ravel() * turned[1 - self._steers]
+        return self._by_angle(angle, self._believed)[0] * turned[1 - self._steers]
 
 
 class SlipSensing:

@@ -46,8 +46,7 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
     assert route is not None, "a composite path is followed"
     options = route.options
     axle = steered_axle(system)
-    place = system.mechanism.coordinate_numbers(ca.vertsplit(axle.place)) if axle else []
-    start = loop.start[place] if axle else Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
+    start = loop.start[list(axle.pose)] if axle else Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
     off = abs(float(route.guide(loop.start).distance))
     path: dict[str, object] = {
         "speed": options.speed,

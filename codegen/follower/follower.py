@@ -129,8 +129,8 @@ def measured_names(system: ReducedSystem) -> list[str]:
 def placed_names(system: ReducedSystem) -> list[str]:
     """Return the members of the state that are position and heading of the vehicle's body or its fixed axle; none without one."""
     mechanism, steered, point = system.mechanism, steered_axle(system), point_on_body(system)
-    found = mechanism.coordinate_numbers(ca.vertsplit(steered.place)) if steered else point.pose if point else []
-    return [mechanism.coordinates[k].in_c for k in found]
+    body = steered or point
+    return [mechanism.coordinates[k].in_c for k in body.pose] if body else []
 
 
 def _kinematics(system: ReducedSystem, scalar: Scalar) -> dict[str, Any]:

@@ -23,12 +23,12 @@ def canonical(expression: ca.SX) -> ca.SX:
     shortest: dict[object, ca.SX] = {}  # key -> its magnitude
     for k in range(expression.nnz()):
         simplified.nz[k], known, magnitude = _simplified(expression.nz[k])
-        if known is None or known.key is None:
+        if known is None or (key := known.key) is None:
             continue
-        elements[k] = known.key, known.negative
-        current = shortest.setdefault(known.key, magnitude)
+        elements[k] = key, known.negative
+        current = shortest.setdefault(key, magnitude)
         if ca.n_nodes(magnitude) < ca.n_nodes(current):
-            shortest[known.key] = magnitude
+            shortest[key] = magnitude
     for k, (key, negative) in elements.items():
         simplified.nz[k] = -shortest[key] if negative else shortest[key]
     return ca.sparsify(simplified)

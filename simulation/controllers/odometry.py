@@ -191,6 +191,21 @@ def wheels_function(system: ReducedSystem) -> ca.Function:
     return portable(ca.Function("wheels", [system.mechanism.p], [ca.densify(W), ca.densify(ahead)]))
 
 
+@lru_cache(maxsize=16)
+def axle_function(system: ReducedSystem) -> ca.Function:
+    """Return the function of steering angle (rad) and parameters to distance (m) and change of heading (rad) of the axle per
+    angle (rad) of the rolling wheel, (2,), for a robot with a `steered_axle`.
+    """
+    import casadi as ca
+
+    from ...model.algebra.portable import portable
+    from ...model.vehicle import steered_axle  # slow to import
+
+    axle = steered_axle(system)
+    assert axle is not None, "a robot with a steered wheel"
+    return portable(ca.Function("axle", [axle.angle, system.mechanism.p], [ca.densify(axle.moved)]))
+
+
 def has_arm(system: ReducedSystem) -> bool:
     """Return whether the vehicle's point is not that of its coordinates, but fixed on the same body."""
     from ...model.vehicle import point_on_body  # slow to import
