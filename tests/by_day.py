@@ -4,14 +4,18 @@
 
 TIMES is what pytest wrote with `--junitxml`, COVERAGE what it wrote with `--cov-context=test`: which test runs which lines.
 The tests by which the mutants of C and codegen are looked for stay, and those of the repository. Of another function that
-takes longer than LONG in all, its quickest parameter stays, if that takes less than ALONE; others are added, those with the
+takes longer than LONG in all, its quickest parameter stays, if that alone takes less; others are added, those with the
 most new lines for their time first, as long as they run WORTH lines a second that nothing else by day runs.
 """
 
+import heapq
 import json
 import re
+import sqlite3
 import sys
 from collections import defaultdict
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,10 +23,11 @@ from noslip.tests.mutation import SOURCES
 from noslip.tests.tools import collected
 
 TESTS = Path(__file__).resolve().parent
-LONG, ALONE = 0.3, 1.0  # s: of all parameters of a test; of its quickest one
+LONG = 0.3  # s
 WORTH = 10.0  # lines for each second
 GROUP = re.compile(r"@\w+$")  # of tests that run in one process, which pytest-xdist adds to a name
 TEST = re.compile(r"tests/\w+/(test_\w+)\.py::(\w+)(?:\[(.*)\])?", re.S)
+MOST_LINES = 4096  # of a file
 Test = tuple[str, str, str]  # file, function, parameters
 
 
@@ -35,17 +40,15 @@ def times_of(path: Path) -> dict[Test, float]:
     return found
 
 
-def lines_of(path: Path) -> dict[Test, set[tuple[str, int]]]:
-    """Return the lines of the product that each test runs."""
-    from coverage import CoverageData
-
-    data, found = CoverageData(str(path)), defaultdict[Test, set[tuple[str, int]]](set)
-    data.read()
-    for file in [file for file in data.measured_files() if TESTS not in Path(file).parents]:
-        for line, contexts in data.contexts_by_lineno(file).items():
-            for context in contexts:
-                if named := TEST.fullmatch(GROUP.sub("", context.rpartition("|")[0])):
-                    found[named[1], named[2], named[3] or ""].add((file, line))
+def lines_of(path: Path) -> dict[Test, int]:
+    """Return the lines of the product that each test runs, a bit for each line of all files one after the other."""
+    found, first = defaultdict[Test, int](int), dict[str, int]()
+    joined = "line_bits JOIN file ON file.id = file_id JOIN context ON context.id = context_id"
+    rows = sqlite3.connect(path).execute(f"SELECT path, context, numbits FROM {joined} ORDER BY path").fetchall()
+    for file, context, bits in rows:
+        if TESTS not in Path(file).parents and (named := TEST.fullmatch(GROUP.sub("", context.rpartition("|")[0]))):
+            place = first.setdefault(file, len(first) * MOST_LINES)
+            found[named[1], named[2], named[3] or ""] |= int.from_bytes(bits, "little") << place
     return found
 
 
@@ -56,7 +59,7 @@ def always() -> set[Test]:
     return {(named[1], named[2], named[3] or "") for named in map(TEST.fullmatch, names) if named}
 
 
-def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]], always: set[Test]) -> set[Test]:
+def chosen(times: dict[Test, float], lines: dict[Test, int], always: set[Test]) -> set[Test]:
     """Return the tests that stay, `always` among them."""
     functions = defaultdict[tuple[str, str], list[Test]](list)
     for test in times:
@@ -64,17 +67,27 @@ def chosen(times: dict[Test, float], lines: dict[Test, set[tuple[str, int]]], al
     kept = always & times.keys()
     for own in functions.values():
         quickest = min(own, key=lambda test: times[test])
-        if sum(times[test] for test in own) < (LONG if len(own) > 1 else ALONE):
+        if sum(times[test] for test in own) < LONG:
             kept |= set(own)
-        elif times[quickest] < ALONE and not kept & set(own):
+        elif times[quickest] < LONG and not kept & set(own):
             kept.add(quickest)
-    missing = set().union(*lines.values()) - set().union(*(lines.get(test, ()) for test in kept))
-    while others := times.keys() - kept:
-        worth, best = max((len(missing & lines.get(test, set())) / max(times[test], 0.01), test) for test in others)
-        if worth < WORTH:
+    run = reduce(or_, (lines.get(test, 0) for test in kept))
+
+    def worth(test: Test) -> float:
+        return (lines.get(test, 0) & ~run).bit_count() / max(times[test], 0.01)
+
+    # What a test is worth only falls while others are added: the best of what was once worth more is the best of all.
+    others = [(-worth(test), test) for test in times.keys() - kept]
+    heapq.heapify(others)
+    while others:
+        test = others[0][1]
+        if worth(test) < -others[0][0]:
+            heapq.heapreplace(others, (-worth(test), test))
+        elif worth(test) < WORTH:
             break
-        kept.add(best)
-        missing -= lines[best]
+        else:
+            kept.add(heapq.heappop(others)[1])
+            run |= lines[test]
     return kept
 
 

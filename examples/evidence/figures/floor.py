@@ -46,7 +46,7 @@ FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in FLOORS for li
 OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball", "bus", "castor_platform", "mecanum")  # not in the tables
 ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in OTHERS)
 LEAST, MOST = 1e-5, 10.0  # m/s: slips that are drawn
-RECKONED = 1e-3  # m
+RECKONED = 1e-2  # m; contacts creep in the engine: on any floor the pose of a car is off by 3 mm in 20 s
 
 
 def _on_floor(case: Case, floor: Floor, **contact: float) -> Case:
