@@ -1,6 +1,7 @@
 """Many closed loops of one SPEC, each with its own numbers, simulated by the C of batch.c."""
 
 from threading import Lock
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -30,6 +31,7 @@ ACCURACY = 1e-9
 BAND = 0.01
 VECTORS = 3  # those of the processor
 CHUNK = 4096  # samples prepared at a time, so that memory stays constant
+Structs = Any  # an array of structs, whose members have no types in NumPy's stubs, which take mypy long
 _one = Lock()  # CasADi's functions are evaluated by one thread at a time
 
 
@@ -198,7 +200,7 @@ class Batch:
     def _filled(self, table: np.ndarray) -> np.ndarray:
         law, mechanism = self.law, self.law.system.mechanism
         given = dict(zip(self.inputs, table.T, strict=True))
-        made = np.zeros(len(table), self._sample)
+        made: Structs = np.zeros(len(table), self._sample)
         for group in ("plant", "believed"):
             where = "parameters" if group == "believed" else group
             made[group] = np.column_stack([given[f"{where}.{p.name}"] for p in mechanism.parameters])
@@ -254,7 +256,7 @@ class Batch:
         made["refused"] = np.where(made["refused"] == 0, self._refused(made, table), made["refused"])
         return made
 
-    def _set_drives(self, made: np.ndarray, given: dict[str, np.ndarray], part: np.ndarray) -> None:
+    def _set_drives(self, made: Structs, given: dict[str, np.ndarray], part: np.ndarray) -> None:
         """Set the drives, and for a kinematic law the limits of the vehicle's motion, with a `part` of the weight on contacts."""
         with np.errstate(divide="ignore", invalid="ignore"):
             made["omega"], made["drive_delay"] = 2 * np.pi * given["drive.bandwidth"], given["drive.delay"]
@@ -268,7 +270,7 @@ class Batch:
             made["vehicle_along"], made["vehicle_lateral"] = ALONG * most, LATERAL * most
 
     @staticmethod
-    def _notice(wheels: ca.Function, made: np.ndarray, given: dict[str, np.ndarray]) -> None:
+    def _notice(wheels: ca.Function, made: Structs, given: dict[str, np.ndarray]) -> None:
         """Set the sensors that notice slip, and what is known of them, as `slip_options`."""
         made["true_ahead"] = wheels(made["plant"].T)[1].full()[0]
         for name in ("window", "geometry", "deviations", "least", "lower", "pause", "rise", "hold"):
@@ -279,7 +281,7 @@ class Batch:
         made["wheel_noise"] = wheel_noise(made["sd"], made["sensor_period"], made["period"])
         made["bias"] = gyro_bias(made["gyro_bias"], made["turn"], made["mean"])
 
-    def _point(self, made: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
+    def _point(self, made: Structs, given: dict[str, np.ndarray]) -> np.ndarray:
         """Set the path and the position of P_l. Return its L, m."""
         output, law = self.spec.output, self.law
         zeros = np.zeros(len(made))
@@ -321,13 +323,13 @@ class Batch:
             entry += degree + 1
         return L
 
-    def _starts(self, made: np.ndarray, given: dict[str, np.ndarray], L: np.ndarray) -> np.ndarray:
+    def _starts(self, made: Structs, given: dict[str, np.ndarray], L: np.ndarray) -> np.ndarray:
         if self.spec.initial and self.spec.initial.q is not None:
             return np.column_stack([given[f"initial.{name}"] for name in self._inputs.state])
         pose = np.column_stack([given[f"initial.{name}"] for name in ("point[0]", "point[1]", "heading")])
         return starts(self.law.system, made["plant"], (L, made["W"]), pose, given["initial.speed"])
 
-    def _extensions(self, made: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
+    def _extensions(self, made: Structs, given: dict[str, np.ndarray]) -> np.ndarray:
         """Return the states of the dynamic extension at the start; NaN where the start is."""
         names = [name for name in self.inputs if name.startswith("initial.extension[")]
         if names or not self.law.extension:
@@ -336,7 +338,7 @@ class Batch:
         config = np.broadcast_to(self.loop.guidance.leg.config, config.shape) if self._route else config
         return extension_starts(self.law, made["believed"], config, made["start"], made["offset"])
 
-    def _refused(self, made: np.ndarray, table: np.ndarray) -> np.ndarray:
+    def _refused(self, made: Structs, table: np.ndarray) -> np.ndarray:
         """Return 0, or the status with which a SPEC with these numbers is rejected, apart from the checks made by the C."""
         period, delay, duration = (made[name] for name in ("period", "delay", "duration"))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -361,7 +363,7 @@ class Batch:
             good &= (made["ko"] >= 0).all(axis=1)
         return np.where(good, 0, self._program.lib.NOSLIP_BAD_PARAMETER)
 
-    def _stable(self, row: str, ki: np.ndarray, made: np.ndarray) -> np.ndarray:
+    def _stable(self, row: str, ki: np.ndarray, made: Structs) -> np.ndarray:
         """Whether an output with integral action is stable."""
         own = [made["gains"][:, k] for k, gain in enumerate(self.law.gains) if gain.name.partition("_")[2] == row]
         return (ki == 0) | hurwitz([np.ones_like(ki), *own[::-1], ki])
