@@ -11,7 +11,7 @@ from .graph import Applied, Node, Operation, executed
 CYCLES = {Operation.ADD: 1, Operation.SUB: 1, Operation.MUL: 1, Operation.DIV: 14, Operation.SQRT: 14}
 LOAD, WAIT = 1.5, 1
 BYTES = 7  # of code for an operation with what it loads and stores, on a Cortex-M4F
-LONG = 2048  # bytes of code from which a function is not copied into its callers, and repeated steps become a loop
+LONG = 2048  # bytes of code from which a function is not copied into its callers
 
 
 def code_bytes(roots: Iterable[Node]) -> int:

@@ -12,7 +12,6 @@ from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
 from .robot_c import struct, written_once
-from .rolled import write_constants
 from .scalar import Scalar
 from .statements import Statements
 
@@ -117,7 +116,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
             writer.lines.append(self.leave(f"!{self.in_range(writer.text(angle))}", "NOSLIP_RANGE"))
         for pivot, bound in program.regular:
             writer.not_singular(pivot, bound)
-        constants = write_constants(writer, program.constants, self.leave)
+        constants = writer.keep(program.constants)
         finite = " && ".join(f"{name('noslip_is_finite')}({constant})" for constant in constants)
         lines = [
             "int status;",

@@ -1,8 +1,7 @@
 """C of a control law: header and source."""
 
 import re
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 
 from ...model.mechanism import Quantity, per_second
 from ...model.names import in_c
@@ -16,7 +15,6 @@ from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
 from .robot_c import fields, refuse_parameters, struct, written_once
-from .rolled import INDEX, Rolled, WrongLoop, loops_of, record_fields, with_records, write_constants
 from .scalar import Scalar
 from .statements import Statements
 
@@ -55,8 +53,8 @@ class LawC(ProgramC[Program]):
     """The C of a law in one scalar."""
 
     def __init__(self, program: Program, scalar: Scalar, banner: Sequence[str]):
-        self.law, self.compiled = program.law, program
-        super().__init__(with_records(program), self.law.system, self.law.name, scalar, banner)
+        self.law = program.law
+        super().__init__(program, self.law.system, self.law.name, scalar, banner)
         self.inputs = len(self.law.inputs)
         self.title = f"{self.law.output.about}, {self.robot}"
 
@@ -101,7 +99,7 @@ class LawC(ProgramC[Program]):
                     *([(f"{real} ground[{4 * self.contacts}];", "at the last step")] if self.wheels else []),
                     *self._extension_fields(),
                     ("int ready;", "set by init"),
-                    *record_fields(self.program, self.scalar, self.meanings.constant),
+                    *[(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()],
                 ],
             ),
         ]
@@ -319,14 +317,14 @@ class LawC(ProgramC[Program]):
 
     def _init(self) -> str:
         name, law = self.scalar.name, self.law
-        taken = {"self", "params", "config", "gains", "options", "status", "total", INDEX}
+        taken = {"self", "params", "config", "gains", "options", "status"}
         writer = Statements(self.scalar, init_given, {}, self.leave, taken, self.meanings.constant)
         writer.plan([*self.program.conditions, *self.program.constants, *self.program.regular])
         for node in self.program.conditions:
             writer.lines.append(self.leave(f"!({writer.text(node)} > 0)", "NOSLIP_BAD_PARAMETER"))
         for angle in self.program.fixed_angles:
             writer.lines.append(self.leave(f"!{self.in_range(writer.text(angle))}", "NOSLIP_RANGE"))
-        constants = write_constants(writer, self.program.constants, self.leave)
+        constants = writer.keep(self.program.constants)
         for node in self.program.regular:
             writer.lines.append(self.leave(f"!({writer.text(node)} > 0)", "NOSLIP_SINGULAR"))
         finite = f"{name('noslip_is_finite')}({' + '.join(constants)})"
@@ -503,25 +501,14 @@ class LawC(ProgramC[Program]):
         tested = zip(law.singular, ["the test of Phi"] * 2 + ["the test of S'E"] * 2, strict=False)
         used = users([*tested, *self.places(entry)], program.labels)
         taken, meaning = {*self._arguments(entry), "status"}, lambda node: self.meanings.temporary(node, used(node))
-        writer = self._written(entry, taken, meaning)
+        writer = Statements(self.scalar, self.step_given, program.labels, self.leave, taken, meaning)
+        self.write(writer, entry, self.places(entry))
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
         beside = entry.near or (entry == GROUND and code_bytes(law.roots) > LONG)
         kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry in (GROUND, WHEELS) else "static"
         head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
-
-    def _written(self, entry: Entry, taken: set[str], meaning: Callable[[Node], str]) -> Statements:
-        """Return the statements of an entry point, with loops where it is long and they compute the same."""
-        given = (self.scalar, self.step_given, self.program.labels, self.leave, taken, meaning)
-        loops = loops_of(self.compiled).get(entry, [])
-        with suppress(WrongLoop):
-            writer = Rolled(loops, self.admit_angle, *given)
-            self.write(writer, entry, self.places(entry))
-            return writer
-        straight = Statements(*given)
-        self.write(straight, entry, self.places(entry))
-        return straight
 
     def write(self, writer: Statements, entry: Entry, places: Sequence[tuple[Node, str]]) -> None:
         """Write the statements of an entry point: its tests, and the nodes for their places."""

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import count
 
 from ...model.names import in_c
@@ -78,6 +78,15 @@ class Statements:
         if node not in self.names and self.given(node) is None and not _named_otherwise(node):
             self._assign(node, self._expression(node)[0])
         return self._print(node)[0]
+
+    def keep(self, constants: Mapping[Node, str]) -> list[str]:
+        """Assign nodes to the fields of the struct `self`; return the fields that are computed, as C."""
+        for node, field in constants.items():
+            self.uses[node] = 1  # it is the field
+            self.assign(f"self->{field}", node)
+            if node.arguments:
+                self.names[node] = f"self->{field}"
+        return [f"self->{field}" for node, field in constants.items() if node.arguments]
 
     def in_range(self, angle: Node, check: Callable[[str], str]) -> None:
         """Leave the function if an angle is out of range; `check` returns the statement for its name."""
