@@ -1,9 +1,13 @@
 """Texts from templates, which lie in a folder `templates` beside the code that fills them in."""
 
+from __future__ import annotations
+
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 STYLE = Path(__file__).parent / "templates"
 
@@ -19,6 +23,8 @@ def render(module: str, name: str, **values: object) -> str:
 
 @lru_cache
 def _environment(folder: Path, html: bool) -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # slow to import, and most runs render nothing
+
     start, end = ("{{", "}}") if html else ("@{", "}")
     return Environment(
         loader=FileSystemLoader([folder, STYLE]),

@@ -1,29 +1,67 @@
-"""Slip of the shipped robots in the physics engine, from the start of their SPECs and from random ones, with and without limiter.
+"""Slip of the shipped robots in the physics engine where friction is not what is believed: given, earned, and without limiter.
 
-    python checks/bench/starts_on_floors.py [--starts N] [--seconds S] [--robot NAME ...]
+    python checks/bench/starts_on_floors.py [--starts N] [--ratios R ...] [--seconds S] [--robot NAME ...]
 
-Prints, for each robot and friction, the largest slip of a wheel and the largest error of dead reckoning at the end, of all
-starts; "stopped": the wheels spin, or the loop is singular. Random starts move the place by up to 0.5 m and turn the heading by
-up to 0.8 rad; what the robot has of speed is multiplied by up to 1.
+Prints, for each robot, each ratio of the true friction to the believed one and each limiter, of all starts: the largest slip of
+a wheel and for how long a run slips faster than SLIDES at most, the time from which on all errors in m stay within REACHED
+(median of the runs that end so, and their number), and the runs that stopped: the wheels spin, or the loop is singular. The first
+start is that of the robot's SPEC; others move the place by up to 0.5 m, turn the heading by up to 0.8 rad and multiply what the
+robot has of speed by up to 1. Starts that are singular are left out.
 """
 
 import argparse
 import math
+import os
 import random
+import statistics
 import tomllib
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import noslip
 import numpy as np
-from noslip.examples.evidence.figures.floor import BARE, LIMITED, LIMITS, PERIOD, ROBOTS
+from noslip.examples.evidence.figures.floor import PERIOD, ROBOTS
 from noslip.readers.errors import BadInput
-from noslip.simulation.closed_loop import Run, simulate
+from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.vary import read_varied
 
 SPECS = Path(noslip.__file__).parent / "examples/specs"
-FLOORS = (0.7, 0.3)
+BELIEVED = 0.5  # friction
+LIMITERS = {
+    "none": {},
+    "given": {"limits.mode": "grip", "limits.friction": "given"},
+    "earned": {"limits.mode": "grip"},
+}
 PLACE, HEADING = 0.5, 0.8  # m, rad
-COLUMNS = ("robot", "friction", "limits", "largest slip, m/s", "stopped", "`will_slip`, s at most", "dead reckoning off, m")
+SLIDES, REACHED = 0.05, 0.01  # m/s, m
+COLUMNS = ("robot", "true / believed", "friction", "slip, cm/s", "above 5 cm/s, s", "path reached, s", "reached", "stopped")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot's SPEC from a start, on a floor whose friction is `ratio` times the believed one."""
+
+    robot: str
+    initial: dict
+    ratio: float
+    limiter: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run shows: largest slip (m/s), time above SLIDES (s), when the path is reached (s; None: not), if it stopped."""
+
+    slip: float
+    slides: float
+    reached: float | None
+    stopped: bool
+
+
+def file_of(robot: str) -> Path:
+    return SPECS / ("line.toml" if robot == "labmate" else f"robots/{robot}.toml")
 
 
 def moved(initial: dict, source: random.Random) -> dict:
@@ -39,46 +77,52 @@ def moved(initial: dict, source: random.Random) -> dict:
     return {"point": point, "heading": heading + turn, "speed": part * initial["speed"]}
 
 
-def run(file: Path, initial: dict, mu: float, limits: str, seconds: float) -> Run | None:
-    """Return the run of a SPEC from a start on a floor; None where the law is singular at the start."""
-    changes = {"initial": initial, "simulation.period": PERIOD, "simulation.duration": seconds}
-    changes |= {"contact": {"mu": mu}, "floor": {"mu": mu}, **LIMITS[limits]}
+def outcome(case: Case) -> Outcome | None:
+    """Run a case; None where the law is singular at the start."""
+    changes = {"initial": case.initial, "simulation.period": PERIOD, "simulation.duration": case.seconds}
+    changes |= {"simulation.output_step": PERIOD, "contact": {"mu": BELIEVED}, "floor": {"mu": case.ratio * BELIEVED}}
     try:
-        return simulate(read_varied(file, changes), "c", engine="mujoco")
+        run = simulate(read_varied(file_of(case.robot), {**changes, **LIMITERS[case.limiter]}), "c", engine="mujoco")
     except BadInput as error:
         if "singular" not in str(error):
             raise
         return None
+    assert run.floor is not None
+    slip = run.floor.slip.max(axis=1)
+    lengths = [k for k, row in enumerate(run.law.output.rows) if row.unit == "m"]
+    away = np.flatnonzero((np.abs(run.error[:, lengths]) > REACHED).any(axis=1))
+    last = int(away[-1]) + 1 if len(away) else 0
+    reached = float(run.t[last]) if last < len(run.t) and not run.stopped else None
+    return Outcome(float(slip.max()), PERIOD * int((slip > SLIDES).sum()), reached, bool(run.stopped))
 
 
-def reckoning_error(run: Run) -> float:
-    """Return how far the reckoned place is off at the end, m; 0 for a robot that does not reckon."""
-    if run.floor is None or run.floor.reckoned is None:
-        return 0.0
-    places = [k for k, coordinate in enumerate(run.law.system.mechanism.coordinates) if coordinate.unit == "m"]
-    return float(np.hypot(*(run.floor.reckoned[-1, :2] - run.q[-1, places])))
+def row(robot: str, ratio: float, limiter: str, found: Iterable[Outcome | None]) -> str:
+    """Return the row of a table for all starts."""
+    runs = [one for one in found if one is not None]
+    times = [one.reached for one in runs if one.reached is not None]
+    slip, slides = max(one.slip for one in runs), max(one.slides for one in runs)
+    median = f"{statistics.median(times):.2f}" if times else "-"
+    counts = [f"{number} of {len(runs)}" for number in (len(times), sum(one.stopped for one in runs))]
+    return f"| {' | '.join([f'`{robot}`', f'{ratio:g}', limiter, f'{100 * slip:.2g}', f'{slides:.2g}', median, *counts])} |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--starts", type=int, default=3, help="of each robot, the first is that of its SPEC")
+    parser.add_argument("--ratios", type=float, nargs="*", default=[0.5, 0.8, 1.0, 1.3])
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--robot", nargs="*", default=list(ROBOTS))
     given = parser.parse_args()
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
-    for name in given.robot:
-        file = SPECS / ("line.toml" if name == "labmate" else f"robots/{name}.toml")
-        source, first = random.Random(f"18 {name}"), tomllib.loads(file.read_text(encoding="utf-8"))["initial"]
-        starts = [first, *(moved(first, source) for _ in range(given.starts - 1))]
-        for mu in FLOORS:
-            for limits in (BARE, LIMITED):
-                runs = [each for start in starts if (each := run(file, start, mu, limits, given.seconds))]
-                stopped = sum(bool(each.stopped) for each in runs)
-                slides = max(PERIOD * sum(status == "will_slip" for status in each.status) for each in runs)
-                off = max([reckoning_error(each) for each in runs if not each.stopped], default=math.nan)
-                slip = max(float(each.floor.slip.max()) for each in runs if each.floor)
-                row = (f"`{name}`", mu, limits, f"{slip:.2g}", f"{stopped} of {len(runs)}", f"{slides:.2g}", f"{off:.2g}")
-                print(f"| {' | '.join(map(str, row))} |", flush=True)
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for robot in given.robot:
+            source = random.Random(f"18 {robot}")
+            first = tomllib.loads(file_of(robot).read_text(encoding="utf-8"))["initial"]
+            starts = [first, *(moved(first, source) for _ in range(given.starts - 1))]
+            for ratio in given.ratios:
+                for limiter in LIMITERS:
+                    cases = [Case(robot, start, ratio, limiter, given.seconds) for start in starts]
+                    print(row(robot, ratio, limiter, pool.map(outcome, cases)), flush=True)
 
 
 if __name__ == "__main__":
