@@ -40,7 +40,7 @@ COLUMNS = ("robot", "true / believed", "friction", "slip, cm/s", "above 5 cm/s, 
 
 
 @dataclass(frozen=True)
-class Case:
+class Started:
     """A robot's SPEC from a start, on a floor whose friction is `ratio` times the believed one."""
 
     robot: str
@@ -51,7 +51,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Slipped:
     """What a run shows: largest slip (m/s), time above SLIDES (s), when the path is reached (s; None: not), if it stopped."""
 
     slip: float
@@ -77,7 +77,7 @@ def moved(initial: dict, source: random.Random) -> dict:
     return {"point": point, "heading": heading + turn, "speed": part * initial["speed"]}
 
 
-def outcome(case: Case) -> Outcome | None:
+def outcome(case: Started) -> Slipped | None:
     """Run a case; None where the law is singular at the start."""
     changes = {"initial": case.initial, "simulation.period": PERIOD, "simulation.duration": case.seconds}
     changes |= {"simulation.output_step": PERIOD, "contact": {"mu": BELIEVED}, "floor": {"mu": case.ratio * BELIEVED}}
@@ -93,10 +93,10 @@ def outcome(case: Case) -> Outcome | None:
     away = np.flatnonzero((np.abs(run.error[:, lengths]) > REACHED).any(axis=1))
     last = int(away[-1]) + 1 if len(away) else 0
     reached = float(run.t[last]) if last < len(run.t) and not run.stopped else None
-    return Outcome(float(slip.max()), PERIOD * int((slip > SLIDES).sum()), reached, bool(run.stopped))
+    return Slipped(float(slip.max()), PERIOD * int((slip > SLIDES).sum()), reached, bool(run.stopped))
 
 
-def row(robot: str, ratio: float, limiter: str, found: Iterable[Outcome | None]) -> str:
+def row(robot: str, ratio: float, limiter: str, found: Iterable[Slipped | None]) -> str:
     """Return the row of a table for all starts."""
     runs = [one for one in found if one is not None]
     times = [one.reached for one in runs if one.reached is not None]
@@ -121,7 +121,7 @@ def main() -> None:
             starts = [first, *(moved(first, source) for _ in range(given.starts - 1))]
             for ratio in given.ratios:
                 for limiter in LIMITERS:
-                    cases = [Case(robot, start, ratio, limiter, given.seconds) for start in starts]
+                    cases = [Started(robot, start, ratio, limiter, given.seconds) for start in starts]
                     print(row(robot, ratio, limiter, pool.map(outcome, cases)), flush=True)
 
 

@@ -2,10 +2,13 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 
 from ...model.mechanism import Quantity, per_second
 from ...model.names import in_c
 from ...model.outputs import FOOT
+from ...readers.templates import render
 from ..costs import LONG, code_bytes
 from ..derivation.grip import is_wide, wheels_by_contact
 from ..derivation.stages import Result
@@ -47,6 +50,19 @@ KINEMATIC_ABOUT = {
     "follow": "The step for a path given by the position relative to the foot of P_l.",
     "feedback": "Kinematic feedback nu_c = Phi^-1 (v - drift): from the virtual input v to the commanded quasi-velocities.",
 }
+
+
+@dataclass(frozen=True)
+class Admission:
+    """A function that checks arguments: its name, their declarations, the numbers that are `read`, the condition by which they
+    are `refused` where their sum is not finite, and those by which angles are `in_range`; all as C.
+    """
+
+    name: str
+    declared: list[str]
+    read: list[str]
+    refused: str
+    in_range: list[str]
 
 
 class LawC(ProgramC[Program]):
@@ -198,9 +214,9 @@ class LawC(ProgramC[Program]):
         return ", ".join(contact.name for contact in self.system.mechanism.standing)
 
     def _prototype(self, entry: Entry) -> str:
-        return self._about(entry) + "\n" + "\n".join(fill(self.signature(entry) + ";", ""))
+        return self.about(entry) + "\n" + "\n".join(fill(self.signature(entry) + ";", ""))
 
-    def _about(self, entry: Entry) -> str:
+    def about(self, entry: Entry) -> str:
         public = [q for q in self.returned(entry) if not entry.whole and not (entry.slope and q is Result.EXTENSION_RATE)]
         answers = [f"{q.in_c}{self.shape(entry, q)}: {self._meaning(q)}" for q in public]
         outputs = ", ".join(f"{q.name} ({q.unit})" for q in self.law.virtual_input)
@@ -247,7 +263,7 @@ class LawC(ProgramC[Program]):
             *([self._on_grip()] if self.grips else []),
             *(["on_limit = NOSLIP_GRIP is NOSLIP_BAD_PARAMETER too: not with a dynamic extension."] if self.extends else []),
         ]
-        return comment(lines) + "\n" + "\n".join(fill(self._init_signature() + ";", ""))
+        return comment(lines) + "\n" + "\n".join(fill(self.init_signature() + ";", ""))
 
     def _on_limit(self) -> str:
         row = self.law.speed_row
@@ -273,9 +289,9 @@ class LawC(ProgramC[Program]):
             "Changes the limits of the inputs, such as to what motors have left now. 0: no limit. Limits held inputs too.",
             "NOSLIP_BAD_PARAMETER: a limit is not finite or negative; then nothing changes.",
         ]
-        return comment(lines) + f"\n{self._set_limits_signature()};"
+        return comment(lines) + f"\n{self.set_limits_signature()};"
 
-    def _set_limits_signature(self) -> str:
+    def set_limits_signature(self) -> str:
         return f"int {self.function('set_limits')}({self.type} *self, const {self.scalar.real} limit[{self.inputs}])"
 
     def _update_prototype(self) -> str:
@@ -286,9 +302,9 @@ class LawC(ProgramC[Program]):
             f"{held} stay, within the new limits.",
             "NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.",
         ]
-        return comment(lines) + f"\n{self._update_signature()};"
+        return comment(lines) + f"\n{self.update_signature()};"
 
-    def _update_signature(self) -> str:
+    def update_signature(self) -> str:
         return f"int {self.function('update')}({self.type} *self, const {self.type} *next)"
 
     # -- source ---------------------------------------------------------------------------------------------------
@@ -296,27 +312,41 @@ class LawC(ProgramC[Program]):
     def source(self) -> str:
         """Return the source of the law."""
         program = self.program
-        computed = [*program.conditions, *program.regular, *(root for law in program.entries.values() for root in law.roots)]
-        includes = [self.type, *headers(computed), *(["noslip_shaping"] if self.grips and not self.plain_grip else [])]
-        parts = [
-            self._head(f"{self.type}.c", includes, own=self.grips, quick=True),
-            *[self._about(WHEELS) + "\n" + self._mathematics(WHEELS) for _ in range(self.wheels > 0)],  # init calls it
-            self._init(),
-            self._reset(),
-            self._set_limits(),
-            self._update(),
-            *self._admits(),
-            *[
-                self._about(entry) + "\n" + self._mathematics(entry)
-                for entry in self.entries
-                if not (entry.public or entry == WHEELS)
-            ],
-            *[part for entry in self.entries if entry.public for part in (self._mathematics(entry), self._entry_point(entry))],
-        ]
-        return "\n\n".join(parts) + "\n"
+        roots = [*program.conditions, *program.regular, *(root for law in program.entries.values() for root in law.roots)]
+        includes = [self.type, *headers(roots), *(["noslip_shaping"] if self.grips and not self.plain_grip else [])]
+        constants, computed = self._computed()
+        wheels = wheels_by_contact(self.system) if self.wheels else {}
+        text = render(
+            __file__,
+            "law.c",
+            law=self,
+            head=self._head(f"{self.type}.c", includes, own=self.grips, quick=True),
+            own=self.scalar.name,
+            real=self.scalar.real,
+            refuse=partial(refuse_parameters, self.scalar),
+            wide=int(self.grips and is_wide(self.system)),
+            count=self.inputs,
+            by_value=[f"made_{k}" for k in range(self.inputs)],
+            made=[f"made[{k}]" for k in range(self.inputs)],
+            extends=self.extends,
+            extension_rate=Result.EXTENSION_RATE.in_c,
+            contacts=self.contacts,
+            wheels=self.wheels,
+            first=min(wheels, default=0),
+            driven=[(k, contact) for k, (contact, wheel) in enumerate(wheels.items()) if wheel],
+            of_wheels=WHEELS,
+            ground=GROUND,
+            ground_by_inputs=GROUND_BY_INPUTS,
+            null_inputs=NULL_INPUTS,
+            computed=computed,
+            constants=constants,
+            arrays={Group.VIRTUAL_INPUT: f"v, {len(self.law.virtual_input)}", Group.INPUT: f"tau, {self.inputs}"},
+            mentioned=lambda name, lines: re.search(rf"\b{name}\b", lines),
+        )
+        return body(text.split("\n"), "")
 
-    def _init(self) -> str:
-        name, law = self.scalar.name, self.law
+    def _computed(self) -> tuple[list[str], list[str]]:
+        """Return the constants that init computes, as C, and the statements that compute them."""
         taken = {"self", "params", "config", "gains", "options", "status"}
         writer = Statements(self.scalar, init_given, {}, self.leave, taken, self.meanings.constant)
         writer.plan([*self.program.conditions, *self.program.constants, *self.program.regular])
@@ -327,138 +357,9 @@ class LawC(ProgramC[Program]):
         constants = writer.keep(self.program.constants)
         for node in self.program.regular:
             writer.lines.append(self.leave(f"!({writer.text(node)} > 0)", "NOSLIP_SINGULAR"))
-        finite = f"{name('noslip_is_finite')}({' + '.join(constants)})"
-        refused = " && ".join(f"options->on_limit != {choice}" for choice in self.on_limit)
-        return "\n".join(
-            [
-                *fill(f"NOSLIP_SMALL {self._init_signature()}", ""),
-                "{",
-                "    int status;",
-                "    if (self == NULL) {",
-                "        return NOSLIP_NULL;",
-                "    }",
-                "    self->ready = 0;",
-                "    if (config == NULL || gains == NULL) {",
-                "        return NOSLIP_NULL;",
-                "    }",
-                f"    status = {name(self.robot + '_check_params')}(params);",
-                "    if (status != NOSLIP_OK) {",
-                "        return status;",
-                "    }",
-                f"    if ({refuse_parameters(self.scalar, 'config', law.config)} ||",
-                f"        {refuse_parameters(self.scalar, 'gains', law.gains)}) {{",
-                "        return NOSLIP_BAD_PARAMETER;",
-                "    }",
-                f"    status = {self.function('reset')}(self);",
-                f"    if (options != NULL && (!{name('noslip_limits_ok')}(options->limit, {self.inputs}) ||",
-                "        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||",
-                f"        ({refused}){self._refused_friction()})) {{",
-                "        return NOSLIP_BAD_PARAMETER;",
-                "    }",
-                *[self._limit(k, f"options != NULL ? options->limit[{k}] : 0") for k in range(self.inputs)],
-                "    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;",
-                *(["    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;"] if len(self.on_limit) > 1 else []),
-                *(self._init_grip() if self.grips else []),
-                body(writer.lines),
-                *([body([self.leave(f"!{finite}", "NOSLIP_BAD_PARAMETER")])] if constants else []),
-                *self._init_wheels(),
-                "    self->ready = NOSLIP_READY;",
-                "    return status;",
-                "}",
-            ]
-        )
+        return constants, writer.lines
 
-    def _init_wheels(self) -> list[str]:
-        """Return the statements that initialize the wheels, with the constants that init has computed."""
-        if not self.wheels:
-            return []
-        init, real, zeros = self.scalar.name("noslip_wheel_init"), self.scalar.real, ", ".join(["0"] * self.inputs)
-        lines = [f"    static const {real} none[{self.inputs}] = {{{zeros}}};", f"    {real} drive[{3 * self.wheels}];"]
-        lines.append(f"    status = {self.function(WHEELS.name)}_law(self, NULL, none, drive);")
-        lines += [f"    {init}(&self->wheel[{k}], &drive[{3 * k}]);" for k in range(self.wheels)]
-        zero = f"{self.scalar.name('noslip_write_zeros')}(self->ground, {4 * self.contacts});"
-        return ["    if (status == NOSLIP_OK) {", *(f"    {line}" for line in lines), "    }", f"    {zero}"]
-
-    def _refused_friction(self) -> str:
-        if not self.grips:
-            return ""
-        friction_ok, wide = self.scalar.name("noslip_friction_ok"), int(is_wide(self.system))
-        return f" ||\n        (options->on_limit == NOSLIP_GRIP && !{friction_ok}(&options->friction, {wide}))"
-
-    def _init_grip(self) -> list[str]:
-        given = f"self->on_limit == NOSLIP_GRIP ? &options->friction : NULL, {self.wheels}"
-        init = f"{self.scalar.name('noslip_grip_init')}(&self->earned, &self->grip, {given});"
-        return [*self._clear(), *(f"    {line}" for line in fill(init, ""))]
-
-    def _limit(self, k: int, value: str) -> str:
-        return f"    self->limit[{k}] = {self.scalar.name('noslip_limit')}({value});"
-
-    def _clear(self) -> list[str]:
-        return [f"    self->clear[{k}] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[{k}];" for k in range(self.inputs)]
-
-    def _keep_held(self, held: str) -> list[str]:
-        """Return the statements that set the held inputs to an array, within the limits."""
-        clip = self.scalar.name("noslip_clip")
-        return [f"    self->held[{k}] = {clip}({held}[{k}], self->limit[{k}]);" for k in range(self.inputs)]
-
-    def _set_limits(self) -> str:
-        lines = [
-            *fill(f"NOSLIP_SMALL {self._set_limits_signature()}", ""),
-            "{",
-            body([self.leave("self == NULL || limit == NULL", "NOSLIP_NULL")]),
-            body([self.leave("self->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]),
-            body([self.leave(f"!{self.scalar.name('noslip_limits_ok')}(limit, {self.inputs})", "NOSLIP_BAD_PARAMETER")]),
-            *[self._limit(k, f"limit[{k}]") for k in range(self.inputs)],
-            *(self._clear() if self.grips else []),
-            *self._keep_held("self->held"),
-            "    return NOSLIP_OK;",
-            "}",
-        ]
-        return "\n".join(lines)
-
-    def _update(self) -> str:
-        real = self.scalar.real
-        kept = {"held": self.inputs} | ({"extension": self.extends, "extension_rate": self.extends} if self.extends else {})
-        name = self.scalar.name
-        arrays = f"{real} mu, pause, ground[{4 * self.contacts}];"
-        earned = [f"{name('noslip_wheel')} wheel[{self.wheels}];", arrays] if self.wheels else []
-        copies = [f"noslip_copy({member}, self->{member}, sizeof {member});" for member in ("wheel", "ground")]
-        before = ["mu = self->earned.mu;", "pause = self->earned.pause;", *copies]
-        after = [
-            f"{name('noslip_believe')}(&self->earned, &self->grip, self->earned.period > 0 ? mu : self->earned.most);",
-            "self->earned.pause = pause;",
-            *(f"{name('noslip_wheel_continue')}(&self->wheel[{k}], &wheel[{k}]);" for k in range(self.wheels)),
-            "noslip_copy(self->ground, ground, sizeof ground);",
-        ]
-        lines = [
-            *(f"    {real} {name}[{count}];" for name, count in kept.items()),
-            *(f"    {line}" for line in earned),
-            body([self.leave("self == NULL || next == NULL", "NOSLIP_NULL")]),
-            body([self.leave("self->ready != NOSLIP_READY || next->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]),
-            *(f"    {name}[{k}] = self->{name}[{k}];" for name, count in kept.items() for k in range(count)),
-            *(f"    {line}" for line in before if earned),
-            "    noslip_copy(self, next, sizeof *self);",
-            *(f"    {line}" for line in after if earned),
-            *self._keep_held("held"),
-            *(f"    self->{name}[{k}] = {name}[{k}];" for name, count in kept.items() if name != "held" for k in range(count)),
-            "    return NOSLIP_OK;",
-        ]
-        return "\n".join([*fill(f"NOSLIP_SMALL {self._update_signature()}", ""), "{", *lines, "}"])
-
-    def _reset(self) -> str:
-        zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
-        zeros += [f"    {self.scalar.name('noslip_expect_nothing')}(&self->earned);"] if self.wheels else []
-        zeros += [f"    self->{name}[{k}] = 0;" for k in range(self.extends) for name in ("extension", "extension_rate")]
-        head = [
-            f"NOSLIP_SMALL int {self.function('reset')}({self.type} *self)",
-            "{",
-            "    if (self == NULL) {",
-            "        return NOSLIP_NULL;",
-            "    }",
-        ]
-        return "\n".join([*head, *zeros, "    return NOSLIP_OK;", "}"])
-
-    def _admission(self, entry: Entry) -> str:
+    def admission(self, entry: Entry) -> str:
         """Return the call that checks the arguments of an entry point, except the virtual input, which it checks itself."""
         return f"{self.function(self._admit_name(entry))}({', '.join(self._admitted(entry))})"
 
@@ -472,43 +373,45 @@ class LawC(ProgramC[Program]):
         declared, read = self.parameters(entry), {"self", *(group for group, _ in self._inputs(entry))}
         return {name: declared[name] for name in ("self", "foot", "state", "reference") if name in declared and name in read}
 
-    def _admits(self) -> list[str]:
+    def admissions(self) -> list[Admission]:
         """Return the functions that check the arguments of entry points, except the virtual input, each once."""
         entries = {self._admit_name(entry): entry for entry in self.entries if entry.public}
-        return [self._admit(entries[name]) for name in ("admit", "admit_both", "admit_foot") if name in entries]
+        return [self._admit(name, entries[name]) for name in ("admit", "admit_both", "admit_foot") if name in entries]
 
-    def _admit(self, entry: Entry) -> str:
-        finite = self.scalar.name("noslip_is_finite")
-        given = [(group, name) for group, name in self._inputs(entry) if group in self._admitted(entry)]
+    def _admit(self, name: str, entry: Entry) -> Admission:
+        finite, declared = self.scalar.name("noslip_is_finite"), self._admitted(entry)
+        given = [(group, one) for group, one in self._inputs(entry) if group in declared]
         whole_state = not entry.at_foot
-        parts = [f"{finite}({group}->{in_c(name)})" for group, name in given if not (whole_state and group == "state")]
+        parts = [f"{finite}({group}->{in_c(one)})" for group, one in given if not (whole_state and group == "state")]
         refused = [f"{self.scalar.name(self.robot + '_check_state')}(state) != NOSLIP_OK"] if whole_state else []
         refused += [f"!({' && '.join(parts)})"] if parts else []
-        either = f"({' || '.join(refused)})" if len(refused) > 1 else refused[0]
-        lines = [self.leave("self->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]
-        lines.append("/* A sum is finite only if all its parts are; one that overflows is looked at part by part. */")
-        total = " + ".join(f"{group}->{in_c(name)}" for group, name in given)
-        lines.append(self.leave(f"!{finite}({total}) && {either}", "NOSLIP_NONFINITE"))
-        in_range = " && ".join(self.in_range(angle) for angle in self._state_angles(entry))
-        lines.append(f"return {in_range} ? NOSLIP_OK : NOSLIP_RANGE;" if in_range else "return NOSLIP_OK;")
-        head = f"static int {self.function(self._admit_name(entry))}({', '.join(self._admitted(entry).values())})"
-        return "\n".join([*fill(head, ""), "{", body(lines), "}"])
+        return Admission(
+            name,
+            list(declared.values()),
+            [f"{group}->{in_c(one)}" for group, one in given],
+            f"({' || '.join(refused)})" if len(refused) > 1 else refused[0],
+            [self.in_range(angle) for angle in self._state_angles(entry)],
+        )
 
-    def _mathematics(self, entry: Entry) -> str:
-        """Return the static function that computes with checked arguments."""
+    def storage(self, entry: Entry) -> str:
+        """Return the storage class of the function that computes an entry point with checked arguments."""
+        long = entry == GROUND and code_bytes(self.program.entries[entry].roots) > LONG
+        if entry.near or long:
+            return "static NOSLIP_BESIDE"
+        return "NOSLIP_HOT" if entry in (GROUND, WHEELS) else "static"
+
+    def statements_of(self, entry: Entry) -> list[str]:
+        """Return the statements that compute an entry point with checked arguments."""
         program = self.program
         law = program.entries[entry]
         tested = zip(law.singular, ["the test of Phi"] * 2 + ["the test of S'E"] * 2, strict=False)
         used = users([*tested, *self.places(entry)], program.labels)
-        taken, meaning = {*self._arguments(entry), "status"}, lambda node: self.meanings.temporary(node, used(node))
+        taken, meaning = {*self.arguments(entry), "status"}, lambda node: self.meanings.temporary(node, used(node))
         writer = Statements(self.scalar, self.step_given, program.labels, self.leave, taken, meaning)
         self.write(writer, entry, self.places(entry))
         constants = self.meanings.legend(program.constants, writer.lines)
-        unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
-        beside = entry.near or (entry == GROUND and code_bytes(law.roots) > LONG)
-        kind = "static NOSLIP_BESIDE" if beside else "NOSLIP_HOT" if entry in (GROUND, WHEELS) else "static"
-        head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
-        return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
+        unused = [f"(void){name};" for name in self.arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
+        return [*unused, *constants, *writer.lines]
 
     def write(self, writer: Statements, entry: Entry, places: Sequence[tuple[Node, str]]) -> None:
         """Write the statements of an entry point: its tests, and the nodes for their places."""
@@ -533,119 +436,40 @@ class LawC(ProgramC[Program]):
 
     def _near(self, entry: Entry) -> str:
         """Return the call of what takes the place of an entry point within the band of a damped law."""
-        return f"{self.function(entry.within.name)}_law({', '.join(self._arguments(entry))})"
+        return f"{self.function(entry.within.name)}_law({', '.join(self.arguments(entry))})"
 
-    def _entry_point(self, entry: Entry) -> str:
-        """Return the public function: checks, computation into a local object, then safe results, written once."""
-        names = self._arguments(entry)
-        answer, given = names[-1], names[:-1]
-        pieces = self.pieces(entry)
-        if entry.slope:
-            return self._extended_step(entry) if self.extends else self._step(entry, entry.slope)
-        lines = [*self._local(entry), "int status = NOSLIP_NULL;"]
-        lines.append(self.leave(f"{answer} == NULL", "NOSLIP_NULL"))
-        present = " && ".join(f"{name} != NULL" for name in given)
-        lines.append(f"if ({present}) {{\n    status = {self._admission(entry)};\n}}")
-        if entry.takes in (Group.VIRTUAL_INPUT, Group.INPUT):
-            array = f"v, {len(self.law.virtual_input)}" if entry.takes is Group.VIRTUAL_INPUT else f"tau, {self.inputs}"
-            finite = f"{self.scalar.name('noslip_all_finite')}({array})"
-            lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
-        call = f"{self.function(entry.name)}_law({', '.join([*given, 'all' if entry.name == 'evaluate' else 'made'])})"
-        lines += written_once(self.scalar, call, pieces)
-        return "\n".join([*fill(f"NOSLIP_SMALL {self.signature(entry)}", ""), "{", body(lines), "}"])
+    def answers(self, entry: Entry) -> list[str]:
+        """Return the statements that end a public function: results in a local object, checked and written once."""
+        *given, _ = self.arguments(entry)
+        call = f"{self.function(entry.name)}_law({', '.join([*given, 'all' if entry.whole else 'made'])})"
+        return written_once(self.scalar, call, self.pieces(entry))
 
-    def _local(self, entry: Entry) -> list[str]:
-        """Return the declaration of the local array for the results of an entry point; that of evaluate would be too large."""
-        if entry.whole:
-            return []
-        kind, name = self.parameters(entry)[self._arguments(entry)[-1]].split(" ", 1)
-        return [f"{kind} made{name[name.index('[') :]};"]
+    def local_array(self, entry: Entry) -> str:
+        """Return the declaration of the local array for the results of an entry point."""
+        kind, name = self.parameters(entry)[self.arguments(entry)[-1]].split(" ", 1)
+        return f"{kind} made{name[name.index('[') :]}"
 
-    def _step(self, entry: Entry, slope: Entry) -> str:
-        """Return the controller: first the common case, with fewer checks that are sufficient there; else a function for inputs
-        that are beyond a limit and one for errors."""
-        names, function, count = self._arguments(entry), self.function(entry.name), self.inputs
-        before, after = self.ordinary(entry)
-        given = [name for name in names if name != "reference" or any("reference->" in place for place in after)]
-        asked = [f"made_{k}" for k in range(count)]  # by value, so that the results stay in registers
+    def passed(self, entry: Entry) -> list[str]:
+        """Return the arguments that a step hands on where its inputs are to be limited; the inputs follow by value, so that they
+        stay in registers.
+        """
+        _, after = self.ordinary(entry)
+        return [name for name in self.arguments(entry) if name != "reference" or any("reference->" in one for one in after)]
+
+    def limited_parameters(self, entry: Entry) -> list[str]:
+        """Return the declarations of what is handed on."""
         declared = self.parameters(entry, public=True)
-        results = [*(declared[name] for name in given), *(f"{self.scalar.real} {one}" for one in asked)]
-        written = [f"    {place}[{k}] = made[{k}];" for k in range(count) for place in (names[-1], "self->held")]
-        written.append("    return NOSLIP_OK;")
-        limited, beyond = f"{function}_limited", f"{function}_with_grip" if self.grips else f"{function}_limited"
-        fast = [
-            f"status = {function}_law({', '.join([*names[:-1], 'made'])});",
-            "/* Any other input that is not finite shows in the result. */",
-            f"if ({' && '.join(['status == NOSLIP_OK', *after])}) {{",
-            *written,
-            "}",
-            "if (status == NOSLIP_OK) {",
-            f"    return {beyond}({', '.join([*given, *(f'made[{k}]' for k in range(count))])});",
-            "}",
-        ]
-        lines = [f"{self.scalar.real} made[{count}];", "int status = NOSLIP_NULL;"]
-        lines.append(f"if ({' && '.join([*(f'{argument} != NULL' for argument in names), *before])}) {{")
-        lines += [*(f"    {line}" for line in fast), "}", f"return {function}_refused({', '.join([*names, 'status'])});"]
-        texts = [*self._refused(entry), *self._limited(entry, slope, given, asked)]
-        if self.grips:
-            rolls = [*self._within("limit"), *after[count:], self._rolls()]
-            with_grip = [
-                f"const {self.scalar.real} made[{count}] = {{{', '.join(asked)}}};",
-                self._ground,
-                *self._earn(),
-                f"if ({' && '.join(rolls)}) {{",
-                *(f"    {line}" for line in self._expect()),
-                *written,
-                "}",
-                f"return {limited}({', '.join([*given, *asked])});",
-            ]
-            texts.append("/* The step with NOSLIP_GRIP: is each contact within friction? */")
-            texts += [*fill(f"static NOSLIP_BESIDE int {beyond}({', '.join(results)})", ""), "{", body(with_grip), "}", ""]
-        return "\n".join([*texts, *fill(self.signature(entry), ""), "{", body(lines), "}"])
+        return [*(declared[name] for name in self.passed(entry)), *(f"{self.scalar.real} made_{k}" for k in range(self.inputs))]
 
-    def _refused(self, entry: Entry) -> list[str]:
-        """Return the function for a step that cannot be computed; it finds out why."""
-        names = self._arguments(entry)
-        zeros = f"{self.scalar.name('noslip_write_zeros')}({names[-1]}, {self.inputs})"
-        lines = [
-            self.leave(f"{names[-1]} == NULL", "NOSLIP_NULL"),
-            "if (self == NULL || self->ready != NOSLIP_READY) {",
-            f"    {zeros};",
-            "    return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;",
-            "}",
-            f"if ({' && '.join(f'{given} != NULL' for given in names[1:-1])}) {{",
-            f"    const int admitted = {self._admission(entry)};",
-            "    status = admitted == NOSLIP_OK ? status : admitted;",
-            "}",
-            *([f"{self.scalar.name('noslip_expect_nothing')}(&self->earned);"] if self.wheels else []),
-            f"return {self._applied('self->held', names[-1])};",
-        ]
-        declared = [*self.parameters(entry, public=True).values(), "int status"]
-        head = f"static NOSLIP_BESIDE int {self.function(entry.name)}_refused({', '.join(declared)})"
-        return ["/* The step when something is wrong: finds out what. */", *fill(head, ""), "{", body(lines), "}", ""]
+    def finite(self, entry: Entry) -> list[str]:
+        """Return the conditions that the inputs handed on are finite, and what they need not show."""
+        values = [*(f"made_{k}" for k in range(self.inputs)), *self._hidden_besides_headings(entry)]
+        return [f"{self.scalar.name('noslip_is_finite')}({value})" for value in values]
 
-    def _limited(self, entry: Entry, slope: Entry, given: Sequence[str], asked: Sequence[str]) -> list[str]:
-        """Return the function for a step whose inputs are not finite, or are to be limited."""
-        real, name = self.scalar.real, self.scalar.name
-        finite = [f"{name('noslip_is_finite')}({one})" for one in asked]
-        finite += [f"{name('noslip_is_finite')}({place})" for place in self._hidden_besides_headings(entry)]
-        lines = [
-            f"int status = {' && '.join(finite)} ? NOSLIP_OK : NOSLIP_NONFINITE;",
-            *(self._slow(slope) if self.slows else []),
-            *(self._grip(slope) if self.grips else []),
-            f"return {self._applied('made', given[-1])};",
-        ]
-        unused = [f"(void){one};" for one in given if not re.search(rf"\b{one}\b", " ".join(lines))]
-        declared = self.parameters(entry, public=True)
-        parameters = [*(declared[one] for one in given), *(f"{real} {one}" for one in asked)]
-        head = f"static NOSLIP_COLD int {self.function(entry.name)}_limited({', '.join(parameters)})"
-        lines = [f"{real} made[{self.inputs}] = {{{', '.join(asked)}}};", *unused, *lines]
-        return ["/* The step with inputs that are not finite, or beyond a limit. */", *fill(head, ""), "{", body(lines), "}", ""]
-
-    def _applied(self, inputs: str, answer: str) -> str:
-        """Return the call that ends a step with these inputs, written to `answer`."""
-        given = f"status, self->on_error, self->limit, self->held, {inputs}, {answer}, {self.inputs}"
-        return f"{self.scalar.name('noslip_apply_limits')}({given})"
+    def rates_of_wheels(self) -> list[str]:
+        """Return the rates of the wheels by which friction is earned, as C; 0 where a contact has no driven wheel."""
+        wheels, motions = wheels_by_contact(self.system).values(), self.system.quasi_velocities
+        return [self.argument(Group.STATE, motions[wheel.velocity].name) if wheel else "0" for wheel in wheels]
 
     def ordinary(self, entry: Entry) -> tuple[list[str], list[str]]:
         """Return the C conditions before and after the law under which a step needs no further checks: of the result, last of
@@ -659,141 +483,9 @@ class LawC(ProgramC[Program]):
         """Return the C of a member of an argument of an entry point."""
         return f"{group}->{in_c(name)}"
 
-    def _extended_step(self, entry: Entry) -> str:
-        """Return the controller with a dynamic extension: all checks, the states advanced, the law."""
-        name, real, count = self.scalar.name, self.scalar.real, self.extends
-        given = [argument for argument in self.parameters(entry, public=True) if argument not in ("self", "tau")]
-        advanced = [f"    self->extension[{k}] += dt * self->extension_rate[{k}];" for k in range(count)]
-        passed = ["rate" if argument == Result.EXTENSION_RATE.in_c else argument for argument in self._arguments(entry)]
-        finite = f"{name('noslip_all_finite')}"
-        lines = [
-            f"{real} made[{self.inputs}] = {{{', '.join(['0'] * self.inputs)}}};",
-            f"{real} rate[{count}] = {{{', '.join(['0'] * count)}}};",
-            "int status = NOSLIP_NULL;",
-            self.leave("tau == NULL", "NOSLIP_NULL"),
-            "if (self == NULL || self->ready != NOSLIP_READY) {",
-            f"    {name('noslip_write_zeros')}(tau, {self.inputs});",
-            "    return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;",
-            "}",
-            f"if ({' && '.join(f'{one} != NULL' for one in given if one != 'dt')}) {{",
-            f"    status = {self._admission(entry)};",
-            "}",
-            f"if (status == NOSLIP_OK && !{name('noslip_is_finite')}(dt)) {{",
-            "    status = NOSLIP_NONFINITE;",
-            "}",
-            "if (status == NOSLIP_OK && dt < 0) {",
-            "    status = NOSLIP_BAD_PARAMETER;",
-            "}",
-            "if (status == NOSLIP_OK) {",
-            *advanced,
-            f"    status = {self.function(entry.name)}_law({', '.join([*passed[:-1], 'made'])});",
-            "}",
-            f"if (status == NOSLIP_OK && !({finite}(rate, {count}) && {finite}(self->extension, {count}))) {{",
-            "    status = NOSLIP_NONFINITE;",
-            "}",
-            f"status = {name('noslip_apply_limits')}(status, self->on_error, self->limit, self->held, made, tau, {self.inputs});",
-            *[f"self->extension_rate[{k}] = status == NOSLIP_OK ? rate[{k}] : 0;" for k in range(count)],
-            "return status;",
-        ]
-        return "\n".join([*fill(self.signature(entry), ""), "{", body(lines), "}"])
-
-    def _slow(self, slope: Entry) -> list[str]:
-        """Return the statements that bring tau within the limits by reducing the speed."""
-        given = self._arguments(slope)
-        return [
-            "if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {",
-            f"    {self.scalar.real} slope[{self.inputs}];",
-            f"    status = {self.function(slope.name)}_law({', '.join(given)});",
-            "    if (status == NOSLIP_OK) {",
-            f"        status = {self.scalar.name('noslip_slow')}(made, slope, self->limit, {self.inputs});",
-            "    }",
-            "}",
-        ]
-
     def _within(self, limit: str) -> list[str]:
         """Return the C conditions that the inputs made are within an array of the struct."""
         return [f"{self.scalar.name('noslip_within')}(made[{k}], self->{limit}[{k}])" for k in range(self.inputs)]
-
-    def _rolls(self) -> str:
-        """Return the C condition that the inputs made keep every contact within friction; computes `ground`."""
-        holds = self.scalar.name("noslip_holds")
-        parts = [f"{self.function(GROUND.name)}_law(self, state, made, ground) == NOSLIP_OK"]
-        places = [f"&ground[{4 * k}]" if k else "ground" for k in range(self.contacts)]
-        return " && ".join(parts + [f"{holds}({place}, &self->grip)" for place in places])
-
-    @property
-    def _ground(self) -> str:
-        """The declaration of the memory for the forces of a step; it is in the law where wheels are compared with them."""
-        real = self.scalar.real
-        return f"{real} *const ground = self->ground;" if self.wheels else f"{real} ground[{4 * self.contacts}];"
-
-    def _earn(self) -> list[str]:
-        """Return the statements that compare the rates of the wheels with what the last step expects."""
-        if not self.wheels:
-            return []
-        name, wheels = self.scalar.name, wheels_by_contact(self.system)
-        names = [wheel and self.system.quasi_velocities[wheel.velocity].name for wheel in wheels.values()]
-        rates = ", ".join(self.argument(Group.STATE, name) if name else "0" for name in names)
-        ground = f"&self->ground[{4 * first}]" if (first := min(wheels)) else "self->ground"
-        return [
-            "if (self->earned.period > 0) {",
-            f"    const {self.scalar.real} rates[{self.wheels}] = {{{rates}}};",
-            f"    {name('noslip_earn')}(&self->earned, &self->grip, self->wheel, {ground}, rates, {self.wheels});",
-            "}",
-        ]
-
-    def _expect(self, memory: str = "drive") -> list[str]:
-        """Return the statements that keep what the inputs made, with the forces `ground`, let the wheels do; `memory`: an array
-        for 3 numbers for each wheel, of their own or one that is there.
-        """
-        if not self.wheels:
-            return []
-        expect = self.scalar.name("noslip_expect")
-        kept = [
-            f"{expect}(&self->wheel[{k}], &ground[{4 * contact}], &{memory}[{3 * k}]);"
-            for k, (contact, wheel) in enumerate(wheels_by_contact(self.system).items())
-            if wheel
-        ]
-        law = f"{self.function(WHEELS.name)}_law(self, state, made, {memory}) == NOSLIP_OK"
-        return [
-            "if (self->earned.period > 0) {",
-            *([f"    {self.scalar.real} drive[{3 * self.wheels}];"] if memory == "drive" else []),
-            f"    if ({law}) {{",
-            *(f"        {line}" for line in kept),
-            "    }",
-            "}",
-        ]
-
-    def _grip(self, slope: Entry) -> list[str]:
-        """Return the statements that change tau so that the wheels keep rolling, within the limits."""
-        real, name, count = self.scalar.real, self.scalar.name, self.inputs
-        arrays = {"by_inputs": f"[{3 * self.contacts}][{count}]"}
-        calls = [f"{self.function(GROUND.name)}_law(self, state, made, ground)"]
-        calls.append(f"{self.function(GROUND_BY_INPUTS.name)}_law(self, state, by_inputs)")
-        if self.slows:
-            arrays["slope"] = f"[{count}]"
-            calls.append(f"{self.function(slope.name)}_law({', '.join(self._arguments(slope))})")
-        along, rest = "slope" if self.slows else "NULL", f"ground, by_inputs[0], &self->grip, self->limit, {self.contacts}"
-        keep_grip = f"{name('noslip_keep_grip')}(made, {along}, {rest}, work)"
-        arrays["work"] = f"[{3 * self.contacts + (0 if self.plain_grip else count * (count + 3))}]"
-        if self.shapes:
-            arrays["null_inputs"] = f"[{count}][{count}]"
-            calls.append(f"{self.function(NULL_INPUTS.name)}_law(self, state, null_inputs)")
-        if not self.plain_grip:
-            free = "null_inputs[0]" if self.shapes else "NULL"
-            keep_grip = f"{name('noslip_keep_grip_of')}(made, {along}, {free}, {rest}, {count}, work)"
-        return [
-            "if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {",
-            f"    {self._ground}",
-            *(f"    {real} {array}{shape};" for array, shape in arrays.items()),
-            f"    status = {calls[0]};",
-            *(f"    status = status == NOSLIP_OK ? {call} : status;" for call in calls[1:]),
-            "    if (status == NOSLIP_OK) {",
-            f"        status = {keep_grip} && {self._rolls()} ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;",
-            *(f"        {line}" for line in self._expect("work")),
-            "    }",
-            "}",
-        ]
 
     def _state_angles(self, entry: Entry) -> list[str]:
         """Return the entries of the state, as C, whose range an entry point checks: those in a sine or cosine."""
@@ -831,7 +523,7 @@ class LawC(ProgramC[Program]):
 
     # -- parts ---------------------------------------------------------------------------------------------------
 
-    def _init_signature(self) -> str:
+    def init_signature(self) -> str:
         name = self.scalar.name
         types = [
             (f"const {name(self.robot + '_params')}", "params"),
@@ -865,7 +557,7 @@ class LawC(ProgramC[Program]):
             declared["dt"] = f"{real} dt"
         return declared
 
-    def _arguments(self, entry: Entry) -> list[str]:
+    def arguments(self, entry: Entry) -> list[str]:
         return list(self.parameters(entry))
 
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:

@@ -61,8 +61,8 @@ def body(statements: Sequence[str], indent: str = "    ") -> str:
 
 
 def _filled(text: str, indent: str) -> list[str]:
-    """Fill a text unless it is a comment, which is already broken."""
-    return [indent + text] if len(indent + text) <= WIDTH else fill(text, indent)
+    """Fill a text unless it is a line of a block comment."""
+    return [indent + text] if len(indent + text) <= WIDTH or text.startswith(" *") else fill(text, indent)
 
 
 def guard_name(file_name: str) -> str:
