@@ -306,7 +306,7 @@ SLIP_CASES = {
     f"{WET}, {LIMITED}": Case("wet.toml", GIVEN, engine="mujoco"),
     f"{WET}, {NOTICING}": Case("wet.toml", {**GIVEN, "limits.notice_slip": {}}, engine="mujoco"),
 }
-COLOUR_OF = {CUT: FAINT, LIMITED: STOP, EARNED: COLOURS[1], NOTICING: COLOURS[2]}
+COLOUR_OF = {BARE: FAINT, CUT: FAINT, LIMITED: STOP, EARNED: COLOURS[1], NOTICING: COLOURS[2]}
 
 
 def draw_slip(runs: Runs) -> matplotlib.figure.Figure:
@@ -359,6 +359,67 @@ def claims_slip(runs: Runs) -> list[Claim]:
     ]
 
 
+# -- friction that is not what is believed -------------------------------------------------------------------------------
+
+BELIEVED_MU = 0.5
+RATIOS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3)  # of the true friction to the believed one
+FROM_REST = {"initial.speed": 0.0, "simulation.period": PERIOD, "simulation.duration": 12.0, "contact": {"mu": BELIEVED_MU}}
+LIMITERS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: KNOWN, EARNED: {"limits.mode": "grip"}}
+EARNED_CASES = {
+    f"{how}, {ratio:g}": Case(_file("labmate"), {**FROM_REST, "floor": {"mu": ratio * BELIEVED_MU}, **limits}, engine="mujoco")
+    for how, limits in LIMITERS.items()
+    for ratio in RATIOS
+}
+SLIDES = 0.05  # m/s
+
+
+def sliding(run: FigureRun) -> float:
+    """How long a wheel slips faster than SLIDES, s."""
+    assert run.floor
+    return float(np.diff(run.t, append=run.t[-1])[run.floor.slip.max(axis=1) > SLIDES].sum())
+
+
+def reached(run: FigureRun) -> float:
+    """The time from which on the path is nearer than 1 cm, s; infinite if it is not at the end."""
+    last = int(np.flatnonzero(np.abs(run.y[:, 0]) > 0.01)[-1])
+    return float(run.t[last + 1]) if last + 1 < len(run.t) else math.inf
+
+
+def draw_earned(runs: Runs) -> matplotlib.figure.Figure:
+    """Largest slip, and for how long, over the true friction; for how long not of runs that end early, their wheels spinning."""
+    figure, axes = panels("largest slip of a wheel", f"slips faster than {100 * SLIDES:g} cm/s", height=3.6)
+    true = [ratio * BELIEVED_MU for ratio in RATIOS]
+    for how in LIMITERS:
+        own = [runs[f"{how}, {ratio:g}"] for ratio in RATIOS]
+        axes[0].semilogy(true, [100 * max(run.slipping, LEAST) for run in own], "o-", color=COLOUR_OF[how], label=how)
+        axes[1].plot(true, [math.nan if run.stopped else sliding(run) for run in own], "o-", color=COLOUR_OF[how], label=how)
+    for panel, unit in zip(axes, ("cm/s", "s"), strict=True):
+        panel.axvline(BELIEVED_MU, color=EDGE, linestyle=":", label="believed friction")
+        panel.set(xlabel="true friction coefficient", ylabel=unit)
+        legend_below(panel)
+    return figure
+
+
+def claims_earned(runs: Runs) -> list[Claim]:
+    """How much slips where friction is less than believed, and that nothing is lost where it is not."""
+    claims = []
+    for least, most, slip, seconds in ((1.0, 1.3, 0.01, 0.0), (0.8, 1.0, 0.1, 0.04), (0.5, 0.8, 0.3, 0.1)):
+        own, given = ([runs[f"{how}, {ratio:g}"] for ratio in RATIOS if least <= ratio <= most] for how in (EARNED, LIMITED))
+        worst, longest = max(run.slipping for run in own), max(map(sliding, own))
+        claims.append(
+            Claim(
+                f"earned, true friction {least:g} to {most:g} of the believed one: at most {100 * slip:g} cm/s"
+                + (f", above {100 * SLIDES:g} cm/s for at most {seconds:g} s" if seconds else ""),
+                f"{100 * worst:.2g} cm/s, {longest:.2g} s",
+                worst <= slip and longest <= seconds,
+                note=f"given: {100 * max(run.slipping for run in given):.2g} cm/s, {max(map(sliding, given)):.2g} s",
+            )
+        )
+    times = [reached(runs[f"{how}, 1"]) for how in (EARNED, LIMITED)]
+    text = "where friction is as believed, earning it reaches the path at most 1.02 times as late"
+    return [*claims, Claim(text, f"{times[0]:.2f} s, given {times[1]:.2f} s", times[0] <= 1.02 * times[1] < math.inf)]
+
+
 FIGURES = (
     Figure(
         "floor",
@@ -387,5 +448,14 @@ FIGURES = (
         SLIP_CASES,
         draw_slip,
         claims_slip,
+    ),
+    Figure(
+        "earned",
+        "Beyond the paper: friction that is not what is believed",
+        f"The line of the paper from rest at 100 Hz in a physics engine; the controller believes a friction of {BELIEVED_MU:g}.",
+        "",
+        EARNED_CASES,
+        draw_earned,
+        claims_earned,
     ),
 )
