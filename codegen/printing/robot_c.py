@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from ...model.mechanism import Mechanism, Quantity
 from ...model.reduction import ReducedSystem
+from ...readers.templates import render
 from ..derivation.grip import can_grip
 from .layout import c_linkage, comment, guard_name, table, version_check
 from .scalar import Scalar
@@ -117,48 +118,16 @@ def robot_header(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -
 
 def robot_source(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -> str:
     """Return the source of a robot."""
-    mechanism = system.mechanism
-    name, own = mechanism.name, scalar.name
-    defaults = [f"    params->{p.in_c} = {scalar.literal(p.default)};" for p in mechanism.parameters]
-    finite = " &&\n        ".join(f"{own('noslip_is_finite')}(state->{q.in_c})" for q in system.state)
-    params, state = own(f"{name}_params"), own(f"{name}_state")
-    return "\n".join(
-        [
-            comment([f"{own(name)}.c - parameters and state of {name}", *banner]),
-            f'#include "{own(name)}.h"',
-            "",
-            f"int {own(name + '_default_params')}({params} *params)",
-            "{",
-            "    if (params == NULL) {",
-            "        return NOSLIP_NULL;",
-            "    }",
-            *defaults,
-            "    return NOSLIP_OK;",
-            "}",
-            "",
-            f"int {own(name + '_check_params')}(const {params} *params)",
-            "{",
-            "    if (params == NULL) {",
-            "        return NOSLIP_NULL;",
-            "    }",
-            f"    if ({refuse_parameters(scalar, 'params', mechanism.parameters)}) {{",
-            "        return NOSLIP_BAD_PARAMETER;",
-            "    }",
-            "    return NOSLIP_OK;",
-            "}",
-            "",
-            f"int {own(name + '_check_state')}(const {state} *state)",
-            "{",
-            "    if (state == NULL) {",
-            "        return NOSLIP_NULL;",
-            "    }",
-            f"    if (!({finite})) {{",
-            "        return NOSLIP_NONFINITE;",
-            "    }",
-            "    return NOSLIP_OK;",
-            "}",
-            "",
-        ]
+    mechanism, own = system.mechanism, scalar.name
+    return render(
+        __file__,
+        "robot.c",
+        robot=mechanism,
+        own=own,
+        literal=scalar.literal,
+        head=comment([f"{own(mechanism.name)}.c - parameters and state of {mechanism.name}", *banner]),
+        refused=refuse_parameters(scalar, "params", mechanism.parameters),
+        finite=" &&\n        ".join(f"{own('noslip_is_finite')}(state->{q.in_c})" for q in system.state),
     )
 
 
