@@ -65,7 +65,7 @@ _PATH = _chosen(
 _SHIPPED = "tests/codegen/test_codegen.py::test_shipped_files_are_current"
 _CODEGEN = {  # by what else than the shipped C
     "derivation/foot": ("test_codegen test_follow test_verify", "foot_is_enough labmate who_has no_follow any_shape remembered"),
-    "derivation/grip": ("test_codegen test_grip test_verify", "c_is_the_reference rolls_or_says remembered"),
+    "derivation/grip": ("test_codegen test_grip test_verify", "c_is_the_reference rolls_or_says remembered generate-grip"),
     "derivation/stages": ("test_codegen test_extension", "steps_are singular_is masses c_is_the_model"),
     "derivation/taylor": ("test_codegen test_functions", "derivatives in_a_path"),
     "graph": ("test_codegen", "equal_expressions simplifying random_graphs random_c powers tangent functions_without any_name"),
@@ -139,7 +139,7 @@ SOURCES: Mapping[str, Source] = {
         f"runtime_c/noslip_functions.{kind}": Source(_chosen("test_runtime test_functions", "trig_and_roots kinks"))
         for kind in ("h", "inc")
     },
-    "runtime_c/noslip_real.h": Source(_chosen("test_runtime test_odometry", "trig_and_roots finite overflows refused_numbers")),
+    "runtime_c/noslip_real.h": Source(_chosen("test_runtime test_odometry", "trig_and_roots finite overflows refused_numbers add_up")),
     "runtime_c/noslip_watchdog.c": Source(_chosen("test_firmware", "watchdog stuck stop missed null")),
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(

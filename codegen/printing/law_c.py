@@ -21,6 +21,8 @@ from .robot_c import fields, refuse_parameters, struct, written_once
 from .scalar import Scalar
 from .statements import Statements
 
+FRICTION = "mu margin share height period known error coarse lag"  # members of noslip_friction
+
 
 def runtime_types(scalar: Scalar) -> str:
     """Return the types of the C runtime that occur in declarations, for cffi; enums are ints."""
@@ -28,7 +30,7 @@ def runtime_types(scalar: Scalar) -> str:
         scalar.name("noslip_foot"), "Position of the vehicle relative to the foot of P_l on a path.", fields(scalar, FOOT)
     )
     parts = {
-        "friction": "mu margin share height period known error coarse lag",
+        "friction": FRICTION,
         "grip": "weight height",
         "earned": "mu most given weight height period pause frequency rise after error coarse lag",
         "wheel": "rate expected per_mass radius away steps",

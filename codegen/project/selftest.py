@@ -7,7 +7,9 @@ import numpy as np
 
 from ...model.law import ControlLaw
 from ...readers.templates import render
+from ..derivation.grip import can_grip
 from ..files import law_program
+from ..printing.law_c import FRICTION
 from ..printing.scalar import Scalar
 from ..program import FOLLOW, SLOPE
 
@@ -107,6 +109,8 @@ def _law(golden: Golden, scalar: Scalar) -> dict[str, object]:
         "config": _numbers(golden.config, scalar) or "0",
         "gains": _numbers(golden.gains, scalar) or "0",
         "limits": _numbers(golden.limits, scalar),
+        # A compiler of C++ warns of members that are left out.
+        "friction": f", .friction = {{{', '.join('0' for _ in FRICTION.split())}}}" if can_grip(law.system) else "",
         "zeros": _numbers([0.0] * len(law.reference), scalar),
         "digest": f"{golden.digest:08x}",
         "rows": [

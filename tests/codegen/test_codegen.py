@@ -534,6 +534,7 @@ def test_literals_are_the_shortest_that_read_back(scalar):
         [source.integers(0, np.iinfo(bits).max, 3000, bits, True).view(kind), np.arange(-20, 20).astype(kind)]
     )
     values = np.concatenate([values, source.uniform(-10, 10, 1000).astype(kind), [np.finfo(kind).tiny, np.finfo(kind).max]])
+    assert scalar.literal(np.nextafter(float(np.finfo(kind).tiny), 1.0)).startswith(str(np.finfo(kind).tiny)[:6])
     for value in values[np.isfinite(values)]:
         text = scalar.literal(float(value))
         assert re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?f?", text) and ("." in text or "e" in text)

@@ -280,6 +280,22 @@ def test_a_late_pose_after_many_turns_is_refused():
     assert ours.correct("position", **fix, age=2 * DT) == "range" and np.array_equal(ours.state, before)
 
 
+def test_what_was_driven_before_a_late_pose_turns_with_the_heading():
+    """Straight ahead at 0.5 rad; the heading then becomes 0.8 rad: a late position lies behind in that direction."""
+    ours = make(memory=5, gate=1e6)
+    for _ in range(5):
+        ours.tick((0.2, 0.2), DT, 0.0)
+    state, factors = ours.state, list(ours.self.filter.factors)
+    ours.place([*state[:2], state[2] + 0.3, *state[3:]], factors)
+    before, driven = ours.state, 0.2 * sizes()["r"] * 2.5
+    x, y = before[0] - driven * math.cos(0.8), before[1] - driven * math.sin(0.8)
+    fix = {"x": x, "y": y, "heading": 0.0, "sd": 0.01, "heading_sd": 0.02}
+    assert ours.correct("position", **fix, age=2.5 * DT) == "ok"
+    assert np.abs(ours.state - before).max() < 1e-10
+    ours.correct("position", **{**fix, "x": x + 0.001}, age=2.5 * DT)
+    assert np.abs(ours.state - before).max() > 1e-4
+
+
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_pose_and_covariance_are_those_of_the_filter(scalar):
     """What noslip_ekf_pose returns; zeros before init."""

@@ -232,6 +232,12 @@ def test_velocity_drives_stop_together(c):
         last, ticks = command[0], ticks + 1
         assert ticks < 100
     assert loop.state == STOP
+    counts[0] = counts[1] = 2.0 * PERIOD
+    for _ in range(100):  # somebody pushes it
+        assert c.lib.labmate_follower_tick_angles_f(loop.vehicle, counts, PERIOD, command) < 0 and list(command) == [0, 0]
+    assert c.lib.labmate_follower_reset_f(loop.vehicle) == 0
+    assert c.lib.labmate_follower_tick_angles_f(loop.vehicle, counts, PERIOD, command) >= 0
+    assert abs(command[0] - 2.0) <= 15.0 * PERIOD * 1.01, "it goes on as fast as it rolls"
     assert c.lib.labmate_follower_twist_f(FirmwareLoop(c).vehicle, twist) == c.lib.NOSLIP_NOT_READY and list(twist) == [0, 0]
 
 
@@ -319,13 +325,12 @@ def test_an_approach_is_bounded(c):
     for _ in range(500):
         assert loop.tick() >= 0
         reference = loop.vehicle.reference
-        rows.append((reference.distance, reference.distance_acceleration))
-    distance, acceleration = np.array(rows).T
+        rows.append((reference.distance, reference.distance_acceleration, loop.vehicle.path.guide.foot.distance))
+    distance, acceleration, seen = np.array(rows).T
     assert distance[0] == pytest.approx(0.4, abs=1e-3) and abs(distance[-1]) < 0.02
     assert np.abs(acceleration).max() == pytest.approx(0.2, rel=1e-5)
+    assert np.abs(distance - seen).max() > 1e-4, "nor does it begin again each tick"
     pose = loop.vehicle.odometry.pose
-    pose.y += 0.02
-    assert loop.tick() >= 0 and abs(loop.vehicle.reference.distance - distance[-1]) < 1e-3, "nor does it begin again each tick"
     truth = c.new("noslip_pose_f", {"x": pose.x, "y": pose.y + 0.2, "heading": pose.heading})
     assert c.lib.labmate_follower_correct_f(loop.vehicle, truth, c.lib.NOSLIP_RESET) == 0
     assert loop.tick() >= 0 and loop.vehicle.reference.distance == pytest.approx(loop.vehicle.path.guide.foot.distance, abs=1e-6)
@@ -358,6 +363,10 @@ def test_what_is_not_driven_need_not_be_there(c):
     line = c.ffi.new("noslip_segment_f[1]", [{"length": 5.0}])
     loop = FirmwareLoop(c, segments=line, count=1, path__L__1=-c.settings().params.d)
     assert loop.tick() >= 0
+    both = {"params__d": 0.0, "path__L__0": 0.3}
+    assert FirmwareLoop(c, **both, path__L__1=-0.2).tick() >= 0
+    with pytest.raises(SettingsRefused, match="singular"):  # a path in reverse needs the law of that direction, too
+        FirmwareLoop(c, **both, path__L__1=-1e-38)
 
 
 def test_integral_action_removes_a_steady_error(c):

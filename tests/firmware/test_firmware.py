@@ -412,8 +412,10 @@ def test_a_stop_is_for_good_until_somebody_resets(c):
     loop = started(c)
     loop.tick(missed=9)
     assert list(loop.vehicle.torque) == [0, 0]
+    law = bytes(c.ffi.buffer(c.ffi.addressof(loop.vehicle.law)))
     for _ in range(300):
         assert loop.tick() < 0 and list(loop.command) == [0, 0]
+    assert bytes(c.ffi.buffer(c.ffi.addressof(loop.vehicle.law))) == law, "it is not called"
     assert abs(c.lib.rate[0]) < 0.01
     assert loop.drift() < 1e-4
     assert c.lib.labmate_follower_reset_f(loop.vehicle) == 0

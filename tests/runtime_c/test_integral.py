@@ -207,7 +207,7 @@ def test_refused(scalar):
         assert made.status == "bad_parameter" and made.step(1.0) == ("not_ready", 0.0) and made.reset(0.0) == "not_ready"
     made = C(scalar)
     made.step(1.0), made.step(1.0)
-    for error, dt in ((NAN, 0.1), (-INF, 0.1), (1.0, NAN)):
+    for error, dt in ((NAN, 0.1), (-INF, 0.1), (1.0, NAN), (NAN, -0.1), (1.0, -INF)):
         assert made.step(error, dt) == ("nonfinite", 0.5)
     assert made.step(1.0, -0.1) == ("bad_parameter", 0.5)
     assert made.step(0.0, 0.25) == ("ok", 1.0)  # as if there had been none of these

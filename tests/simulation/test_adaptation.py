@@ -147,8 +147,10 @@ def test_a_mass_that_is_twice_as_large_is_learned():
 
 
 def test_in_use_is_never_beyond_the_bounds():
-    used = run(adaptation={"bounds": {"m_c": [30.0, 60.0]}, "noise": 0.2, "rate": 10.0}).learned
-    assert used.max() == 60.0 and used.min() >= 30.0
+    used = run(adaptation={"bounds": {"m_c": [25.0, 60.0]}, "noise": 0.2, "rate": 10.0}).learned
+    assert used.max() == 60.0 and used.min() >= 25.0
+    m_c = next(p.default for p in find_robot("labmate").parameters if p.name == "m_c")
+    assert used[0, 0] == pytest.approx(m_c, rel=1e-12) and 25.0 < m_c < 60.0, "it begins with what was believed"
 
 
 @pytest.mark.nightly

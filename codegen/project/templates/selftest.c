@@ -34,7 +34,7 @@ static uint32_t mixed_bits(uint32_t digest, bits value)
     static const @{ own(law.robot ~ "_params") } params = {@{ law.params }};
     static const @{ own(law.prefix ~ "_config") } config = {@{ law.config }};
     static const @{ own(law.prefix ~ "_gains") } gains = {@{ law.gains }};
-    static const @{ own(law.robot ~ "_options") } options = {.limit = {@{ law.limits }}, .on_error = NOSLIP_ZERO, .on_limit = @{ "NOSLIP_SLOW" if law.slows else "NOSLIP_CUT" }};
+    static const @{ own(law.robot ~ "_options") } options = {.limit = {@{ law.limits }}, .on_error = NOSLIP_ZERO, .on_limit = @{ "NOSLIP_SLOW" if law.slows else "NOSLIP_CUT" }@{ law.friction }};
 {% endmacro %}
 {% for law in laws %}
 {% set step = own(law.prefix ~ "_step") ~ "(&law, &state.value, &reference.value" ~ (", 0" if law.extension else "") ~ ", tau.value)" %}
