@@ -52,11 +52,16 @@ def lines_of(path: Path) -> dict[Test, int]:
     return found
 
 
+def tests_of(*arguments: str) -> set[Test]:
+    """Return the tests of day and night that arguments of pytest choose, but for those of the night alone."""
+    names = collected("not nightly or left", *arguments)
+    return {(named[1], named[2], named[3] or "") for named in map(TEST.fullmatch, names) if named}
+
+
 def always() -> set[Test]:
     """Return the tests by which mutants are looked for, and those of the repository, which run no lines of the product."""
     runs = {source.tests for source in SOURCES.values()} | {("tests/repository",)}
-    names = {name for tests in runs for name in collected("not nightly or left", *tests)}
-    return {(named[1], named[2], named[3] or "") for named in map(TEST.fullmatch, names) if named}
+    return set().union(*(tests_of(*arguments) for arguments in runs))
 
 
 def chosen(times: dict[Test, float], lines: dict[Test, int], always: set[Test]) -> set[Test]:
@@ -92,11 +97,13 @@ def chosen(times: dict[Test, float], lines: dict[Test, int], always: set[Test]) 
 
 
 def main() -> None:
-    times, lines = times_of(Path(sys.argv[1])), lines_of(Path(sys.argv[2]))
+    known, lines = tests_of(), lines_of(Path(sys.argv[2]))
+    times = {test: seconds for test, seconds in times_of(Path(sys.argv[1])).items() if test in known}
     kept = chosen(times, lines, always())
     table = defaultdict[str, dict[str, list[str]]](dict)
     for file, function in sorted({test[:2] for test in times.keys() - kept}):
-        table[file][function] = sorted(test[2] for test in kept if test[:2] == (file, function))
+        stay = kept | (known - times.keys())  # what was not measured stays
+        table[file][function] = sorted(test[2] for test in stay if test[:2] == (file, function))
     (TESTS / "by_day.json").write_text(json.dumps(table, indent=1) + "\n")
     print(f"{len(kept)} of {len(times)} tests stay, {sum(times[t] for t in kept):.0f} of {sum(times.values()):.0f} s")
 

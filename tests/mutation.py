@@ -139,7 +139,9 @@ SOURCES: Mapping[str, Source] = {
         f"runtime_c/noslip_functions.{kind}": Source(_chosen("test_runtime test_functions", "trig_and_roots kinks"))
         for kind in ("h", "inc")
     },
-    "runtime_c/noslip_real.h": Source(_chosen("test_runtime test_odometry", "trig_and_roots finite overflows refused_numbers add_up")),
+    "runtime_c/noslip_real.h": Source(
+        _chosen("test_runtime test_odometry", "trig_and_roots finite overflows refused_numbers add_up")
+    ),
     "runtime_c/noslip_watchdog.c": Source(_chosen("test_firmware", "watchdog stuck stop missed null")),
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(
