@@ -156,7 +156,7 @@ def test_refused(scalar):
             1e-36 if scalar == "float" else 1e-306,
             1,
             1e6,
-        ),  # the acceleration would be off by 1e-4: too few digits of their quotient
+        ),  # too few digits of their quotient
     ):
         assert call("init", acceleration, settling, jerk) == "bad_parameter" and call("start", 1, 0, 0) == "not_ready"
     assert call("init", 0.5, 0.25, 0.0) == "ok"
