@@ -22,32 +22,24 @@ from pathlib import Path
 
 import noslip
 import numpy as np
-from noslip.examples.evidence.figures.floor import PERIOD, ROBOTS
+from noslip.examples.evidence.figures.floor import BELIEVED_MU, LIMITERS, PERIOD, ROBOTS, SLIDES, file_of, sliding
+from noslip.examples.evidence.framework import Case
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
-from noslip.simulation.specification.vary import read_varied
 
-SPECS = Path(noslip.__file__).parent / "examples/specs"
-BELIEVED = 0.5  # friction
-LIMITERS = {
-    "none": {},
-    "given": {"limits.mode": "grip", "limits.friction": "given"},
-    "earned": {"limits.mode": "grip"},
-}
+SPECS = Path(noslip.__file__).parent / "examples/specs/figures"
 PLACE, HEADING = 0.5, 0.8  # m, rad
-SLIDES, REACHED = 0.05, 0.01  # m/s, m
-COLUMNS = ("robot", "true / believed", "friction", "slip, cm/s", "above 5 cm/s, s", "path reached, s", "reached", "stopped")
-
-
-@dataclass(frozen=True)
-class Started:
-    """A robot's SPEC from a start, on a floor whose friction is `ratio` times the believed one."""
-
-    robot: str
-    initial: dict
-    ratio: float
-    limiter: str
-    seconds: float
+REACHED = 0.01  # m
+COLUMNS = (
+    "robot",
+    "true / believed",
+    "limiter",
+    "slip, cm/s",
+    f"above {100 * SLIDES:g} cm/s, s",
+    "path reached, s",
+    "reached",
+    "stopped",
+)
 
 
 @dataclass(frozen=True)
@@ -58,10 +50,6 @@ class Slipped:
     slides: float
     reached: float | None
     stopped: bool
-
-
-def file_of(robot: str) -> Path:
-    return SPECS / ("line.toml" if robot == "labmate" else f"robots/{robot}.toml")
 
 
 def moved(initial: dict, source: random.Random) -> dict:
@@ -77,23 +65,27 @@ def moved(initial: dict, source: random.Random) -> dict:
     return {"point": point, "heading": heading + turn, "speed": part * initial["speed"]}
 
 
-def outcome(case: Started) -> Slipped | None:
+def started(robot: str, initial: dict, ratio: float, limiter: str, seconds: float) -> Case:
+    """Return the run of a robot's SPEC from a start, on a floor whose friction is `ratio` times the believed one."""
+    times = {"simulation.period": PERIOD, "simulation.output_step": PERIOD, "simulation.duration": seconds}
+    floor = {"contact": {"mu": BELIEVED_MU}, "floor": {"mu": ratio * BELIEVED_MU}}
+    return Case(file_of(robot), {"initial": initial, **times, **floor, **LIMITERS[limiter]}, engine="mujoco")
+
+
+def outcome(case: Case) -> Slipped | None:
     """Run a case; None where the law is singular at the start."""
-    changes = {"initial": case.initial, "simulation.period": PERIOD, "simulation.duration": case.seconds}
-    changes |= {"simulation.output_step": PERIOD, "contact": {"mu": BELIEVED}, "floor": {"mu": case.ratio * BELIEVED}}
     try:
-        run = simulate(read_varied(file_of(case.robot), {**changes, **LIMITERS[case.limiter]}), "c", engine="mujoco")
+        run = simulate(case.spec(), "c", engine=case.engine)
     except BadInput as error:
         if "singular" not in str(error):
             raise
         return None
     assert run.floor is not None
-    slip = run.floor.slip.max(axis=1)
     lengths = [k for k, row in enumerate(run.law.output.rows) if row.unit == "m"]
     away = np.flatnonzero((np.abs(run.error[:, lengths]) > REACHED).any(axis=1))
     last = int(away[-1]) + 1 if len(away) else 0
     reached = float(run.t[last]) if last < len(run.t) and not run.stopped else None
-    return Slipped(float(slip.max()), PERIOD * int((slip > SLIDES).sum()), reached, bool(run.stopped))
+    return Slipped(float(run.floor.slip.max()), sliding(run), reached, bool(run.stopped))
 
 
 def row(robot: str, ratio: float, limiter: str, found: Iterable[Slipped | None]) -> str:
@@ -117,11 +109,11 @@ def main() -> None:
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for robot in given.robot:
             source = random.Random(f"18 {robot}")
-            first = tomllib.loads(file_of(robot).read_text(encoding="utf-8"))["initial"]
+            first = tomllib.loads((SPECS / file_of(robot)).read_text(encoding="utf-8"))["initial"]
             starts = [first, *(moved(first, source) for _ in range(given.starts - 1))]
             for ratio in given.ratios:
                 for limiter in LIMITERS:
-                    cases = [Started(robot, start, ratio, limiter, given.seconds) for start in starts]
+                    cases = [started(robot, start, ratio, limiter, given.seconds) for start in starts]
                     print(row(robot, ratio, limiter, pool.map(outcome, cases)), flush=True)
 
 

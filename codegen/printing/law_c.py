@@ -294,6 +294,7 @@ class LawC(ProgramC[Program]):
         return comment(lines) + f"\n{self.set_limits_signature()};"
 
     def set_limits_signature(self) -> str:
+        """Return the signature of the function that changes the limits."""
         return f"int {self.function('set_limits')}({self.type} *self, const {self.scalar.real} limit[{self.inputs}])"
 
     def _update_prototype(self) -> str:
@@ -307,6 +308,7 @@ class LawC(ProgramC[Program]):
         return comment(lines) + f"\n{self.update_signature()};"
 
     def update_signature(self) -> str:
+        """Return the signature of the function that goes on with another law."""
         return f"int {self.function('update')}({self.type} *self, const {self.type} *next)"
 
     # -- source ---------------------------------------------------------------------------------------------------
@@ -328,7 +330,7 @@ class LawC(ProgramC[Program]):
             refuse=partial(refuse_parameters, self.scalar),
             wide=int(self.grips and is_wide(self.system)),
             count=self.inputs,
-            by_value=[f"made_{k}" for k in range(self.inputs)],
+            by_value=self._by_value,
             made=[f"made[{k}]" for k in range(self.inputs)],
             extends=self.extends,
             extension_rate=Result.EXTENSION_RATE.in_c,
@@ -458,15 +460,20 @@ class LawC(ProgramC[Program]):
         _, after = self.ordinary(entry)
         return [name for name in self.arguments(entry) if name != "reference" or any("reference->" in one for one in after)]
 
+    @property
+    def _by_value(self) -> list[str]:
+        """The names of the inputs that are handed on."""
+        return [f"made_{k}" for k in range(self.inputs)]
+
     def limited_parameters(self, entry: Entry) -> list[str]:
         """Return the declarations of what is handed on."""
         declared = self.parameters(entry, public=True)
-        return [*(declared[name] for name in self.passed(entry)), *(f"{self.scalar.real} made_{k}" for k in range(self.inputs))]
+        return [*(declared[name] for name in self.passed(entry)), *(f"{self.scalar.real} {name}" for name in self._by_value)]
 
     def finite(self, entry: Entry) -> list[str]:
         """Return the conditions that the inputs handed on are finite, and what they need not show."""
-        values = [*(f"made_{k}" for k in range(self.inputs)), *self._hidden_besides_headings(entry)]
-        return [f"{self.scalar.name('noslip_is_finite')}({value})" for value in values]
+        finite = self.scalar.name("noslip_is_finite")
+        return [f"{finite}({value})" for value in (*self._by_value, *self._hidden_besides_headings(entry))]
 
     def rates_of_wheels(self) -> list[str]:
         """Return the rates of the wheels by which friction is earned, as C; 0 where a contact has no driven wheel."""
@@ -479,13 +486,13 @@ class LawC(ProgramC[Program]):
         hidden = self._hidden_besides_headings(entry)
         before = ["self->ready == NOSLIP_READY", *(self.in_range(angle) for angle in self._state_angles(entry))]
         seen = [f"{self.scalar.name('noslip_is_finite')}({' + '.join(hidden)})"] if hidden else []
-        return before, [*self._within("clear" if self.grips else "limit"), *seen]
+        return before, [*self.within("clear" if self.grips else "limit"), *seen]
 
     def argument(self, group: Group, name: str) -> str:
         """Return the C of a member of an argument of an entry point."""
         return f"{group}->{in_c(name)}"
 
-    def _within(self, limit: str) -> list[str]:
+    def within(self, limit: str) -> list[str]:
         """Return the C conditions that the inputs made are within an array of the struct."""
         return [f"{self.scalar.name('noslip_within')}(made[{k}], self->{limit}[{k}])" for k in range(self.inputs)]
 
@@ -526,6 +533,7 @@ class LawC(ProgramC[Program]):
     # -- parts ---------------------------------------------------------------------------------------------------
 
     def init_signature(self) -> str:
+        """Return the signature of the function that initializes the law."""
         name = self.scalar.name
         types = [
             (f"const {name(self.robot + '_params')}", "params"),

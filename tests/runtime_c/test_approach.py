@@ -152,11 +152,7 @@ def test_refused(scalar):
         (1, 1, math.nan),
         (1, 1, math.inf),
         (1e10, *((1e10, 1e20) if scalar == "float" else (1e140, 1e40))),  # jerk settling^2 overflows
-        (
-            1e-36 if scalar == "float" else 1e-306,
-            1,
-            1e6,
-        ),  # too few digits of their quotient
+        (1e-36 if scalar == "float" else 1e-306, 1, 1e6),  # their quotient is denormalized
     ):
         assert call("init", acceleration, settling, jerk) == "bad_parameter" and call("start", 1, 0, 0) == "not_ready"
     assert call("init", 0.5, 0.25, 0.0) == "ok"

@@ -6,9 +6,6 @@
 @{ n("apply_limits") }(status, self->on_error, self->limit, self->held, @{ inputs }, @{ answer }, @{ count })
 {%- endmacro %}
 {% macro of_contact(forces, k) %}@{ "&%s[%d]" % (forces, 4 * k) if k else forces }{% endmacro %}
-{% macro within(limit) %}
-{% for k in range(count) %}@{ " && " if k else "" }@{ n("within") }(made[@{ k }], self->@{ limit }[@{ k }]){% endfor %}
-{% endmacro %}
 {% macro mathematics(entry) %}
 @{ law.storage(entry) } int @{ f(entry.name) }_law(@{ law.parameters(entry).values() | join(", ") })
 {
@@ -387,7 +384,7 @@ static NOSLIP_BESIDE int @{ f(entry.name) }_with_grip(@{ limited | join(", ") })
         @{ n("earn") }(&self->earned, &self->grip, self->wheel, @{ of_contact("self->ground", first) }, rates, @{ wheels });
     }
 {% endif %}
-    if (@{ within("limit") }@{ " && %s" % (after[count:] | join(" && ")) if after[count:] else "" } && @{ rolls() }) {
+    if (@{ (law.within("limit") + after[count:] + [rolls()]) | join(" && ") }) {
 {% if wheels %}
         @{ expect("drive") | indent(8) }
 {% endif %}

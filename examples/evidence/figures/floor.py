@@ -14,6 +14,7 @@ from ....readers.robots import find_robot
 from ....simulation.contact import GRAVITY
 from ....simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels
 from ....simulation.engine.measured import SLIPS
+from ....simulation.run import Run
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 from . import circle, composite, line, masses, robots, sensing
 
@@ -208,11 +209,12 @@ def _measured(runs: Runs, *limits: str) -> dict[str, FigureRun]:
 # -- the shipped robots --------------------------------------------------------------------------------------------------
 
 
-def _file(name: str) -> str:
+def file_of(name: str) -> str:
+    """The SPEC of a robot, from the folder of those of figures."""
     return "../line.toml" if name == "labmate" else f"../robots/{name}.toml"
 
 
-ROBOT_CASES = {f"{name}, {_said(floor)}": _on_floor(Case(_file(name)), floor) for floor in FLOORS_OF_ROBOTS for name in ROBOTS}
+ROBOT_CASES = {f"{name}, {_said(floor)}": _on_floor(Case(file_of(name)), floor) for floor in FLOORS_OF_ROBOTS for name in ROBOTS}
 
 
 def reckoning_error(run: FigureRun) -> float | None:
@@ -366,14 +368,14 @@ RATIOS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3)  # of the true frict
 FROM_REST = {"initial.speed": 0.0, "simulation.period": PERIOD, "simulation.duration": 12.0, "contact": {"mu": BELIEVED_MU}}
 LIMITERS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: KNOWN, EARNED: {"limits.mode": "grip"}}
 EARNED_CASES = {
-    f"{how}, {ratio:g}": Case(_file("labmate"), {**FROM_REST, "floor": {"mu": ratio * BELIEVED_MU}, **limits}, engine="mujoco")
+    f"{how}, {ratio:g}": Case(file_of("labmate"), {**FROM_REST, "floor": {"mu": ratio * BELIEVED_MU}, **limits}, engine="mujoco")
     for how, limits in LIMITERS.items()
     for ratio in RATIOS
 }
 SLIDES = 0.05  # m/s
 
 
-def sliding(run: FigureRun) -> float:
+def sliding(run: FigureRun | Run) -> float:
     """How long a wheel slips faster than SLIDES, s."""
     assert run.floor
     return float(np.diff(run.t, append=run.t[-1])[run.floor.slip.max(axis=1) > SLIDES].sum())
