@@ -293,7 +293,8 @@ MILLION = 1_000_000
 def test_float_keeps_small_steps(rates):
     """A million steps of 1 ms, up to 750 m, against the arc in closed form.
 
-    Found: 4e-6 to 6.5e-5 m and 6e-6 rad; plain float sums of the same steps stray by 0.36 to 3.4 m and up to 0.34 rad.
+    Found: 4e-6 to 6.5e-5 m (one ulp at 750 m) and 6e-6 rad; plain float sums of the same steps stray by 0.36 to 3.4 m and up
+    to 0.34 rad.
     """
     made = C("float", start=(0.0, 0.0, 0.3))
     runtime(HEADERS[0]).function("noslip_odometry_differential", "float")(made.options, 0.15, 0.75, 0.3)
@@ -307,8 +308,8 @@ def test_float_keeps_small_steps(rates):
     axle = -made.options.ahead * cmath.exp(1j * start) + MILLION * way * mean * cmath.exp(1j * start)
     point = axle + made.options.ahead * cmath.exp(1j * (start + total))
     x, y, heading = made.look()
-    assert abs(complex(x, y) - point) < 5e-4
-    assert abs(heading - start - total) < 5e-5
+    assert abs(complex(x, y) - point) < 1e-3
+    assert abs(heading - start - total) < 1e-4
     assert _plain_float_sums(way, turn, start, axle, made.options.ahead) > 0.3
 
 
