@@ -133,8 +133,8 @@ def _vehicle(args: argparse.Namespace) -> VehicleNumbers:
     if args.output:
         raise BadInput(f"--output {args.output[0]}: the SPEC says what is exported; leave it out")
     from ..readers.errors import naming
+    from ..simulation.firmware.numbers import vehicle_of
     from ..simulation.specification.spec import read_spec
-    from ..simulation.vehicle import vehicle_of
 
     spec = read_spec(args.robot)
     with naming(args.robot):

@@ -13,6 +13,7 @@ from ..readers.errors import BadInput
 from .contact import contact_forces, grip
 from .controllers.controller import ON_TARGET
 from .engine.measured import FloorMeasurements
+from .firmware.run import run_of_firmware, runs_as_firmware
 from .guidance import distances, outputs, vehicle_motion
 from .integrate import continuous, sampled
 from .loop import Loop, make_loop
@@ -39,6 +40,8 @@ def simulate(
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
     loop = make_loop(spec)
+    if not engine and runs_as_firmware(spec, loop.law):
+        return run_of_firmware(spec, loop, progress)
     floor = None
     if engine:
         from .engine.on_floor import OnFloor  # MuJoCo is optional

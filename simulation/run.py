@@ -183,7 +183,7 @@ class Run(Outputs):
         return np.hstack([self.q, self.nu])
 
     def csv(self) -> str:
-        """Return the run as CSV, with 17 significant digits."""
+        """Return the run as CSV, with 17 significant digits, and 0 for either zero."""
         names, columns = zip(*self._columns, strict=True)
-        texts = [[v if isinstance(v, str) else f"{v:.17g}" for v in values.tolist()] for values in columns]
+        texts = [[v if isinstance(v, str) else f"{v + 0.0:.17g}" for v in values.tolist()] for values in columns]
         return "\n".join(map(",".join, [names, *zip(*texts, strict=True)])) + "\n"

@@ -20,6 +20,7 @@ from ...codegen.project.vehicle import VehicleNumbers, example, vehicle_files
 from ...codegen.targets import BOARDS
 from ...model.law import ControlLaw
 from ...readers.errors import BadInput
+from ...simulation import noise
 from ...simulation.controllers.compiled import CompiledController, library
 from ...simulation.controllers.controller import STATUS, Limits
 from ...simulation.controllers.runtime import load
@@ -56,6 +57,7 @@ def project_files(
     files["loop.c"] = (project.follower_loop if follows else project.loop)(laws[0], SCALARS[scalar])
     if follows:
         files |= vehicle_files(laws[0], SCALARS[scalar], vehicle or example(laws[0]))
+        files |= {f"selftest/{file}": text for file, text in noise.source().items()}
     files = _needed(files)
     files["Makefile"] = project.makefile(robot, board, drives=follows)
     files["CMakeLists.txt"] = project.cmake(robot, board)
@@ -90,10 +92,10 @@ def _board(name: str, target: Target) -> project.Board:
 
 
 def _needed(files: dict[str, str]) -> dict[str, str]:
-    """Return the files without the board's headers that no file includes."""
+    """Return the files without the headers of boards and self-tests that no file includes."""
 
     def needed(name: str) -> bool:
-        return not (name.startswith("board/") and name.endswith(".h")) or any(
+        return not (name.startswith(("board/", "selftest/")) and name.endswith(".h")) or any(
             f'"{Path(name).name}"' in text for text in files.values()
         )
 

@@ -1,7 +1,7 @@
-"""The numbers of a vehicle in a follower's project, and its drive along its path with the dynamics as the floor."""
+"""The numbers of a vehicle in a follower's project, and its drive along its path in a test, without hardware."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -9,18 +9,39 @@ from ...model.law import ControlLaw
 from ...model.segments import Segment
 from ...model.vehicle import steered_axle
 from ...readers.templates import render
-from ..printing.scalar import Scalar
+from ..derivation.grip import can_grip
+from ..follower.follower import placed_names
+from ..printing.scalar import DOUBLE, Scalar
+from .plant import PlantC
 
-STEPS = 10  # of the plant, by Runge and Kutta's method of order 4, in a period
+IN_A_LINE = 8  # names of columns
 
 
 @dataclass(frozen=True)
 class VelocityDrives:
-    """Drives whose own loop follows velocities: `omega` (1/s), `delay` (s), largest acceleration of each wheel (rad/s^2)."""
+    """Drives whose own loop follows velocities: `omega` (1/s), largest acceleration of each wheel (rad/s^2)."""
 
     omega: float
-    delay: float
     acceleration: Sequence[float]
+
+
+@dataclass(frozen=True)
+class FloorNumbers:
+    """What is known of the floor: friction, the part of the weight on the robot's contacts, height of the centre of mass (m)."""
+
+    mu: float
+    share: float
+    height: float
+
+
+@dataclass(frozen=True)
+class NoiseNumbers:
+    """Normal noise of the two wheels' rates, rad/s, drawn anew every `period` (s; 0: at every tick)."""
+
+    seed: int
+    mean: Sequence[float]
+    deviation: Sequence[float]
+    period: float
 
 
 @dataclass(frozen=True)
@@ -28,8 +49,11 @@ class VehicleNumbers:
     """What a follower and its drive are given, SI.
 
     `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by
-    member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member. `delay` (s) from a tick until its
-    command reaches the drives, less than a period. `assumed`: for the reader, which numbers are assumptions, and `warnings`.
+    member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member; `arm` (m, forward and left): from the
+    place of the coordinates to the vehicle's point, empty where they are the same. `late`: the time from a tick until its
+    command moves the robot, as whole periods and the rest (s). `integrals`: which of distance and speed have integral action.
+    A row is recorded every `output_step`, s; `tolerance` is that of the robot's motion, relative and absolute. `assumed`: for
+    the reader, which numbers are assumptions, and `warnings`.
     """
 
     config: Mapping[str, Any]
@@ -37,8 +61,14 @@ class VehicleNumbers:
     plant: Mapping[str, float]
     start: Mapping[str, float]
     duration: float
-    delay: float = 0.0
+    output_step: float
+    tolerance: float = 1e-8
+    arm: Sequence[float] = ()
+    late: tuple[int, float] = (0, 0.0)
     drives: VelocityDrives | None = None
+    floor: FloorNumbers | None = None
+    noise: NoiseNumbers | None = None
+    integrals: Sequence[int] = ()
     assumed: Sequence[str] = field(default_factory=tuple)
     warnings: Sequence[str] = field(default_factory=tuple)
 
@@ -60,41 +90,93 @@ def example(law: ControlLaw) -> VehicleNumbers:
     }
     plant = {p.in_c: p.default for p in law.parameters}
     line = Segment(0.0, 0.0, 0.0, 0.0, 5.0)
-    return VehicleNumbers(config, [line], plant, {}, 15.0, assumed=["all numbers: put in yours"])
+    return VehicleNumbers(config, [line], plant, {}, 15.0, 0.01, assumed=["all numbers: put in yours"])
 
 
 def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> dict[str, str]:
     """Return file name -> text of the config, and of the drive that tests it."""
-    system = law.system
-    coordinates = [q.in_c for q in system.mechanism.coordinates]
-    angles = [system.mechanism.coordinates[places[0]].in_c for places in system.coordinates_by_velocity]
-    period = vehicle.config["period"]
-    lag = vehicle.delay + (vehicle.drives.delay if vehicle.drives else 0.0)
+    system, mechanism = law.system, law.system.mechanism
+    state = [q.in_c for q in system.state]
+    contacts = [each.name for each in mechanism.standing] if vehicle.floor else []
+    placed = {name: state.index(name) for name in (*placed_names(system), *(v.in_c for v in system.quasi_velocities))}
+    made = PlantC(law, vehicle.drives is not None)
     values = {
-        "robot": system.mechanism.name,
+        "robot": mechanism.name,
         "own": scalar.name,
         "real": scalar.real,
-        "literal": scalar.literal,
+        "exact": DOUBLE.literal,
         "members": {name: initializer(value, scalar) for name, value in _present(vehicle.config).items()},
-        "counts": initializer(vehicle.config["counts_per_turn"], scalar),
         "segments": [initializer(asdict(segment), scalar) for segment in vehicle.segments],
         "count": len(vehicle.segments),
-        "plant": initializer(vehicle.plant, scalar),
-        "start": initializer(vehicle.start, scalar),
-        "coordinates": coordinates,
-        "velocities": [q.in_c for q in system.quasi_velocities],
-        "angles": angles,
-        "inputs": [i.in_c for i in system.mechanism.inputs],
+        "counts": _numbers(vehicle.config["counts_per_turn"]),
+        "period": vehicle.config["period"],
+        "duration": vehicle.duration,
+        "output_step": vehicle.output_step,
+        "rows": math.ceil(vehicle.duration / vehicle.output_step - 1e-9),
+        "tolerance": vehicle.tolerance,
+        "late": vehicle.late,
+        "made": made,
+        "parameters": [p.in_c for p in mechanism.parameters],
+        "plant": initializer(vehicle.plant, DOUBLE)[1:-1],
+        "start": _numbers(vehicle.start.get(name, 0.0) for name in state),
+        "state": state,
+        "inputs": [i.in_c for i in mechanism.inputs],
+        "forces": len(mechanism.constraint_names),
+        "angles": [places[0] for places in system.coordinates_by_velocity],
+        "placed": placed,
+        "spot": [placed[name] for name in placed_names(system)],
+        "arm": _numbers(vehicle.arm),
+        "config": [c.name for c in law.config],
+        "places": [_numbers(place) for place in places(law, vehicle)],
         "drives": vehicle.drives is not None,
-        "omega": scalar.literal(vehicle.drives.omega) if vehicle.drives else "",
-        "most": initializer(list(vehicle.drives.acceleration), scalar) if vehicle.drives else "",
+        "omega": vehicle.drives.omega if vehicle.drives else 0.0,
+        "most": _numbers(vehicle.drives.acceleration) if vehicle.drives else [],
+        "noise": vehicle.noise,
+        "mean": _numbers(vehicle.noise.mean) if vehicle.noise else [],
+        "deviation": _numbers(vehicle.noise.deviation) if vehicle.noise else [],
+        "contacts": contacts,
+        "mu": vehicle.floor.mu if vehicle.floor else 0.0,
+        "loads": made.loads(vehicle.floor.share, vehicle.floor.height) if vehicle.floor else "",
+        "earned": can_grip(system) and "friction" in vehicle.config.get("limits", {}),
+        "integrals": vehicle.integrals,
         "assumed": vehicle.assumed,
-        "steps": STEPS,
-        "ticks": math.ceil(vehicle.duration / period - 1e-9),
-        "late": round(lag / period * STEPS),
     }
-    names = {"vehicle.h": "vehicle.h", "vehicle.c": "vehicle.c", "selftest/drive.c": "drive.c"}
-    return {file: render(__file__, template, **values) for file, template in names.items()}
+    names = columns(law, vehicle)
+    values["columns"] = [",".join(names[k : k + IN_A_LINE]) for k in range(0, len(names), IN_A_LINE)]
+    files = {"vehicle.h": "vehicle.h", "vehicle.c": "vehicle.c", "selftest/drive.h": "drive.h", "selftest/drive.c": "drive.c"}
+    return {file: render(__file__, template, **values) for file, template in files.items()}
+
+
+def columns(law: ControlLaw, vehicle: VehicleNumbers) -> list[str]:
+    """Return the names of the columns that a drive prints: those of `noslip simulate` for the same vehicle."""
+    system, outputs = law.system, law.output.rows
+    mechanism, state = system.mechanism, [q.name for q in system.state]
+    grips = can_grip(system) and "friction" in vehicle.config.get("limits", {})
+    return [
+        *("t", *state, *(i.name for i in mechanism.inputs)),
+        *(*(f"y{k + 1}" for k in range(len(outputs))), "status"),
+        *(f"lambda_{k + 1}" for k in range(len(mechanism.constraint_names))),
+        *(f"use_{each.name.replace(' ', '_')}" for each in mechanism.standing if vehicle.floor),
+        *(f"seen_{name}" for name in state),
+        *(f"integral_{outputs[k].name}" for k in vehicle.integrals),
+        *(f"command_{v.name}" for v in system.quasi_velocities if vehicle.drives),
+        *(["believed_mu"] if grips else []),
+        "piece",
+    ]
+
+
+def places(law: ControlLaw, vehicle: VehicleNumbers) -> list[list[float]]:
+    """Return the configuration of the law on each segment, with the L of its direction."""
+    L = vehicle.config["path"]["L"]
+    rows = [
+        {"L": L[bool(s.backward)], "x_s": s.x, "y_s": s.y, "direction": s.heading, "curvature": s.curvature}
+        for s in vehicle.segments
+    ]
+    return [[float(row[c.name]) for c in law.config] for row in rows]
+
+
+def _numbers(values: Iterable[float]) -> list[str]:
+    return [DOUBLE.literal(float(value)) for value in values]
 
 
 def initializer(value: Any, scalar: Scalar) -> str:

@@ -14,9 +14,13 @@ from noslip.cli.main import main
 from noslip.codegen.printing.scalar import SCALARS
 from noslip.codegen.project.vehicle import vehicle_files
 from noslip.readers.errors import BadInput
+from noslip.simulation import noise
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.contact import contact_forces
+from noslip.simulation.firmware.numbers import vehicle_of
+from noslip.simulation.guidance import outputs
+from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import spec_of
-from noslip.simulation.vehicle import vehicle_of
 from noslip.tests.tools import skip_without
 
 AGV = """
@@ -41,6 +45,8 @@ VARIANTS = {  # what is replaced, or added before the first line
     "cut": {'mode = "slow"': 'mode = "cut"'},
     "integral": {"kv = 2.0 }": "kv = 2.0, ki_distance = 0.8, ki_speed = 0.5 }", "torque = 8.0": "torque = 8.0, integral = 0.4"},
     "grip": {'mode = "slow"': 'mode = "grip"', "robot =": "contact = { mu = 0.4, height = 0.2 }\nrobot ="},
+    "noise": {"counts = 4096": "counts = 4096, noise = { mean = [0.02, -0.01], sd = [0.1, 0.2] }, seed = 5, period = 0.03"},
+    "rows between ticks": {"output_step = 0.01": "output_step = 0.007"},
     "late velocity": {
         'limits = { torque = 8.0, mode = "slow" }': VELOCITY,
         "period = 0.01, output": "period = 0.01, delay = 0.008, output",
@@ -66,7 +72,7 @@ sensors = {{ counts = 8192, pose = "reckoned" }}
 simulation = {{ duration = 9.0, period = 0.01, output_step = 0.01 }}
 """
 TORQUES = 'limits = {{ torque = [{}, {}], mode = "slow" }}'
-WITHIN = 4e-3  # m: the follower begins without the rates of the wheels, and the plant has fixed steps in float
+WITHIN = 4e-3  # m: the follower begins without the rates of the wheels, and computes in float
 
 
 def variant(name: str) -> str:
@@ -95,9 +101,16 @@ def driven(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def off(rows: list[dict[str, str]], text: str, names: tuple[str, str] = ("x_c", "y_c")) -> float:
-    """How far the vehicle is from where `noslip simulate` has it, at most, m."""
+def same_as_simulated(folder: Path, text: str) -> Run:
+    """The run of `noslip simulate` in float, whose bytes the drive of a project printed."""
     run = simulate(spec_of(text, "agv.toml"), "cf")
+    assert (folder / "build/run.csv").read_text() == run.csv()
+    return run
+
+
+def off(rows: list[dict[str, str]], text: str, names: tuple[str, str] = ("x_c", "y_c")) -> float:
+    """How far the vehicle is, at most, from where the loop of `noslip simulate` in double has it, stage by stage in Python, m."""
+    run = simulate(spec_of(text, "agv.toml"), "c")
     assert len(rows) == len(run.t) and np.ptp(run.q[:, 0]) > 2.5  # it has driven
     return max(math.dist([float(row[name]) for name in names], q[:2]) for row, q in zip(rows, run.q, strict=True))
 
@@ -106,7 +119,9 @@ def of_variant(project: Path, folder: Path, text: str) -> Path:
     """A copy of the project with the numbers of another SPEC."""
     shutil.copytree(project, folder, ignore=shutil.ignore_patterns("build", "*.run"))
     law, vehicle = vehicle_of(spec_of(text, "agv.toml"))
-    for name, content in vehicle_files(law, SCALARS["float"], vehicle).items():
+    files = vehicle_files(law, SCALARS["float"], vehicle)
+    files |= {f"selftest/{name}": text for name, text in noise.source().items()} if vehicle.noise else {}
+    for name, content in files.items():
         (folder / name).write_text(content)
     return folder
 
@@ -114,7 +129,23 @@ def of_variant(project: Path, folder: Path, text: str) -> Path:
 @pytest.mark.parametrize("name", VARIANTS)
 def test_it_drives_as_simulated(name, project, tmp_path):
     text = variant(name)
-    assert off(driven(of_variant(project, tmp_path / "agv", text)), text) < WITHIN
+    folder = of_variant(project, tmp_path / "agv", text)
+    assert off(driven(folder), text) < WITHIN
+    shows_the_model(same_as_simulated(folder, text))
+
+
+def shows_the_model(run: Run) -> None:
+    """What the rows show beside the state is that of the model, which Python evaluates."""
+    x, plant, scale = run.x, run.plant, np.abs(run.forces).max()
+    assert run.y == pytest.approx(outputs(run.law)(x.T, plant.parameters, run.config.T).full().T, abs=1e-12)
+    assert run.forces == pytest.approx(plant.constraint_forces(x, run.tau), abs=1e-11 * scale)
+    for contact in contact_forces(plant, x, run.tau, run.spec.contact) if run.spec.contact else ():
+        assert run.use[contact.name] == pytest.approx(contact.use, rel=1e-10)
+    simulation = run.spec.simulation
+    if not run.command.size and simulation.delay == 0 and simulation.output_step == simulation.period:
+        for k in (5, 60, 250):  # from row to row nothing but held torques moves it
+            after, error = plant.step(x[k], run.tau[k], simulation.period, 1e-12)
+            assert error < 1 and x[k + 1] == pytest.approx(after, abs=1e-8)
 
 
 @pytest.mark.parametrize("drives", ["torque", "velocity"])
@@ -127,6 +158,16 @@ def test_a_steered_vehicle_drives_as_simulated(robot, drives, tmp_path):
     (tmp_path / "vehicle.toml").write_text(text)
     assert main(["export", str(tmp_path / "vehicle.toml"), "--firmware", "generic", "-o", str(tmp_path / "vehicle")]) == 0
     assert off(driven(tmp_path / "vehicle"), text, ("x", "y")) < WITHIN
+    shows_the_model(same_as_simulated(tmp_path / "vehicle", text))
+
+
+def test_a_vehicle_that_is_stopped(project, tmp_path):
+    text = AGV.replace("torque = 8.0", "torque = 0.02").replace("0.08, speed = 0.0", "1.2, speed = 0.6")
+    folder = of_variant(project, tmp_path / "agv", text)
+    done = subprocess.run(["make", "-s", "-C", folder, "test"], capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert done.returncode != 0 and "astray" in done.stdout
+    run = same_as_simulated(folder, text)
+    assert run.stopped == "astray" and run.t[-1] < 1 and not run.tau[-1].any()
 
 
 def test_the_numbers_are_those_of_the_spec(project):
@@ -136,7 +177,7 @@ def test_the_numbers_are_those_of_the_spec(project):
         assert float(members[name]) == pytest.approx(value, rel=1e-6)
     assert ".counts_per_turn = {4096.0f, 4096.0f}" in text and ".limit = {8.0f, 8.0f}" in text
     assert text.count("Assumed:") == 4
-    assert ".m_c = 44.0f" in (project / "selftest/drive.c").read_text()  # the true mass is that of the plant
+    assert ".m_c = 44.0" in (project / "selftest/drive.c").read_text()  # the true mass is that of the plant
 
 
 @pytest.mark.parametrize(
@@ -157,7 +198,8 @@ def test_the_same_rows_on_every_target(target, project, tmp_path):
     skip_without(FIRMWARE[target].missing("make"))
     (tmp_path / "agv.toml").write_text(AGV)
     assert main(["export", str(tmp_path / "agv.toml"), "--firmware", target, "-o", str(tmp_path / "agv")]) == 0
-    assert driven(tmp_path / "agv") == driven(project)
+    driven(tmp_path / "agv")
+    same_as_simulated(tmp_path / "agv", AGV)
 
 
 @pytest.mark.parametrize(

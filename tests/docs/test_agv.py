@@ -1,5 +1,6 @@
 """docs/agv.md: its commands, one after the other, give a SPEC, a run, margins and firmware that drives the vehicle."""
 
+import csv
 import json
 import re
 import shlex
@@ -36,7 +37,9 @@ def test_the_commands(vehicle, tmp_path, monkeypatch, capsys):
     assert picture.stat().st_size > 10_000
     done = subprocess.run(shlex.split(commands[-1]), capture_output=True, text=True, stdin=subprocess.DEVNULL)
     assert done.returncode == 0 and "selftest: pass" in done.stdout
-    assert (tmp_path / shlex.split(commands[-1])[2] / "build/run.csv").read_text().splitlines()[-1].endswith(",arrived")
+    with (tmp_path / shlex.split(commands[-1])[2] / "build/run.csv").open() as file:
+        *_, last = csv.DictReader(file)
+    assert last["status"] == "ok" and last["piece"] == "2" and abs(float(last["y2"])) < 0.01  # it stands on the last segment
 
 
 def test_its_velocity_drives(tmp_path):

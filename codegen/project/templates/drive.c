@@ -1,196 +1,445 @@
 {% macro n(name) %}@{ own("noslip_" ~ name) }{% endmacro %}
 {% macro r(name) %}@{ own(robot ~ "_" ~ name) }{% endmacro %}
+{% set M = state | length %}
 /*
- * drive.c - drives the vehicle of vehicle.c along its path, on this processor: the follower, and the dynamics of the robot
- * in place of its wheels. Prints a row at each tick, as CSV in SI; the exit code is 0 unless the watchdog stopped it, as it
- * does where the vehicle is farther from the path than it may be.
+ * drive.c - drives the vehicle of vehicle.c along its path, on this processor: the follower, and the robot in place of its
+ * wheels. Prints what `noslip simulate` writes, byte for byte, where the SPEC has `backend = "cf"`: CSV, in SI. The exit code is 0
+ * unless the watchdog stopped the vehicle, as it does where it is farther from the path than it may be.
  *
- * Between two ticks the dynamics are integrated by @{ steps } steps of Runge and Kutta's method of order 4@{ ", with the loops of the drives" if drives }.
+ * Between two ticks the robot's equations of motion are integrated in double, by the method of order 5 of Dormand and Prince with
+ * steps that keep its error within TOLERANCE.
  */
+#include "drive.h"
+
 #include "console.h"
+#include "decimal.h"
+{% if noise %}
+#include "noise.h"
+{% endif %}
+#include "noslip_trig.h"
 #include "vehicle.h"
 
-#define STEPS @{ steps }      /* of the integration, in a tick */
-#define TICKS @{ ticks }u
-#define LATE @{ late }       /* steps from a command until it acts */
-#define WAITING (LATE / STEPS + 2) /* commands that have not acted yet, and the one that acts */
+#define PERIOD @{ exact(period) }      /* s: between two ticks */
+#define OUTPUT_STEP @{ exact(output_step) } /* s: between two rows */
+#define DURATION @{ exact(duration) }
+#define TOLERANCE @{ exact(tolerance) }  /* of the integration, relative and absolute */
+#define SHORTEST 1e-9      /* s: a step shorter than this meets a number that is not finite */
+#define ROWS @{ rows }          /* before the one at DURATION */
+#define LATE @{ late[0] }             /* whole periods from a tick until its command acts, */
+#define LATER @{ exact(late[1]) }        /* and the rest of that time, s */
+#define WAITING (LATE + 2) /* most commands that have not acted yet */
+#define SLACK (1e-9 * (PERIOD < OUTPUT_STEP ? PERIOD : OUTPUT_STEP)) /* s: a row this near to a tick belongs to the tick */
+#define STATES @{ M }
+#define STAGES 7
 
-typedef union {
-    @{ r("state") } value;
-    @{ real } member[sizeof(@{ r("state") }) / sizeof(@{ real })];
-} state;
+static const struct {
+    double @{ parameters | join(", ") };
+} robot = {@{ plant }};
 
-#define MEMBERS ((int)(sizeof(@{ r("state") }) / sizeof(@{ real })))
-#define COORDINATES @{ coordinates | length }
+/* -- the robot --------------------------------------------------------------------------------------------------------- */
 
-typedef struct {
-    state x;
-    @{ r("dynamics") } dynamics;
-    @{ real } given[WAITING][2];
-} plant;
-
-static const @{ real } turn = @{ literal(6.283185307179586) };
-
-/* Returns the rate of the state under a command. */
-static int rate(const plant *self, const state *x, const @{ real } command[2], state *dx)
-{
 {% if drives %}
-    static const @{ real } none[2] = {0, 0}, most[2] = @{ most };
-    const int status = @{ r("dynamics_acceleration") }(&self->dynamics, &x->value, none, dx->member, dx->member + COORDINATES);
+/* The rates of the wheels that the loops of the drives cause. */
+static void driven(const double x[STATES], const double command[2], double nudot[2])
+{
+    static const double most[2] = {@{ most | join(", ") }}; /* rad/s^2 */
     int i;
     for (i = 0; i < 2; i++) {
-        const @{ real } wanted = @{ omega } * (command[i] - x->member[COORDINATES + i]);
-        dx->member[COORDINATES + i] = wanted > most[i] ? most[i] : wanted < -most[i] ? -most[i] : wanted;
+        const double wanted = @{ exact(omega) } * (command[i] - x[STATES - 2 + i]);
+        nudot[i] = wanted > most[i] ? most[i] : wanted < -most[i] ? -most[i] : wanted;
     }
-    return status;
+}
+
+static void torques(const double x[STATES], const double nudot[2], double tau[@{ inputs | length }])
+{
+@{ made.torque }
+}
+
+static void rate(const double x[STATES], const double given[2], double xdot[STATES])
+{
+    double nudot[2];
+    driven(x, given, nudot);
+    {
+@{ made.rate }
+    }
+}
 {% else %}
-    return @{ r("dynamics_acceleration") }(&self->dynamics, &x->value, command, dx->member, dx->member + COORDINATES);
+/* The rate of the state (11). */
+static void rate(const double x[STATES], const double tau[2], double xdot[STATES])
+{
+@{ made.rate }
+}
 {% endif %}
+
+/* Outputs (14) on a piece of the path. */
+static void outputs(const double x[STATES], const double place[@{ places[0] | length }], double y[2])
+{
+@{ made.outputs }
 }
 
-/* Integrates one step of h seconds. */
-static int step(plant *self, const @{ real } command[2], @{ real } h)
+/* Constraint forces, lambda of (8). */
+static void constraint_forces(const double x[STATES], const double tau[@{ inputs | length }], double force[@{ forces }])
 {
-    static const @{ real } part[4] = {0, @{ literal(0.5) }, @{ literal(0.5) }, 1}, weight[4] = {1, 2, 2, 1};
-    state sum, slope, at;
-    int i, k, status = NOSLIP_OK;
-    for (i = 0; i < MEMBERS; i++) {
-        sum.member[i] = 0;
-        slope.member[i] = 0;
+@{ made.forces }
+}
+{% if contacts %}
+
+/* The part of friction that each contact uses: its force over mu times its load; infinite without load. */
+static void friction_use(const double x[STATES], const double tau[@{ inputs | length }], double use[@{ contacts | length }])
+{
+    double load[3 * @{ contacts | length }];
+    noslip_bits infinite;
+    int i;
+    infinite.bits = UINT64_C(0x7ff0000000000000);
+    {
+@{ loads }
     }
-    for (k = 0; k < 4 && status >= 0; k++) {
-        for (i = 0; i < MEMBERS; i++) {
-            at.member[i] = self->x.member[i] + part[k] * h * slope.member[i];
+    for (i = 0; i < @{ contacts | length }; i++) {
+        const double *at = load + 3 * i;
+        const double force = noslip_sqrt(at[0] * at[0] + at[1] * at[1]);
+        use[i] = at[2] > 0 ? force / at[2] / @{ exact(mu) } : infinite.value;
+    }
+}
+{% endif %}
+
+/* -- its motion -------------------------------------------------------------------------------------------------------- */
+
+/* Takes a step of h seconds; returns the square of its error: 1 is the tolerance. */
+static double step(const double x[STATES], const double given[2], double h, double after[STATES])
+{
+    static const double weight[STAGES - 1][STAGES - 1] = {
+        {1.0 / 5},
+        {3.0 / 40, 9.0 / 40},
+        {44.0 / 45, -56.0 / 15, 32.0 / 9},
+        {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
+        {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
+        {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
+    };
+    static const double difference[STAGES] = {71.0 / 57600,      0,           -71.0 / 16695, 71.0 / 1920,
+                                              -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
+    double slope[STAGES][STATES], error = 0;
+    int i, k, m;
+    rate(x, given, slope[0]);
+    for (k = 1; k < STAGES; k++) {
+        for (i = 0; i < STATES; i++) {
+            double sum = 0;
+            for (m = 0; m < k; m++) {
+                sum += weight[k - 1][m] * slope[m][i];
+            }
+            after[i] = x[i] + h * sum;
         }
-        status = rate(self, &at, command, &slope);
-        for (i = 0; i < MEMBERS; i++) {
-            sum.member[i] += weight[k] * slope.member[i];
+        rate(after, given, slope[k]);
+    }
+    for (i = 0; i < STATES; i++) {
+        const double size = noslip_abs(x[i]) > noslip_abs(after[i]) ? noslip_abs(x[i]) : noslip_abs(after[i]);
+        double sum = 0;
+        for (k = 0; k < STAGES; k++) {
+            sum += difference[k] * slope[k][i];
         }
+        sum = h * sum / (TOLERANCE * (1 + size));
+        error += sum * sum;
     }
-    for (i = 0; i < MEMBERS; i++) {
-        self->x.member[i] += h / 6 * sum.member[i];
-    }
-    return status;
+    return error / STATES;
 }
 
-/* Integrates a tick: the command of `tick` acts LATE steps after its beginning. */
-static int move(plant *self, unsigned tick, const @{ real } command[2], @{ real } period)
+/* Moves the robot for a duration with what the drives are given held. */
+static int hold(double x[STATES], const double given[2], double duration)
 {
-    int k, i, status = NOSLIP_OK;
-    for (i = 0; i < 2; i++) {
-        self->given[tick % WAITING][i] = command[i];
+    double left = duration, h = duration, after[STATES];
+    int i;
+    while (left > 0) {
+        double error;
+        h = h < left ? h : left;
+        error = step(x, given, h, after);
+        if (!(error <= 1)) {
+            if (h <= SHORTEST) {
+                return NOSLIP_NONFINITE;
+            }
+            h *= 0.5;
+            continue;
+        }
+        for (i = 0; i < STATES; i++) {
+            x[i] = after[i];
+        }
+        left -= h;
+        h *= error < 1e-4 ? 2 : 1;
     }
-    for (k = 0; k < STEPS && status >= 0; k++) {
-        const unsigned age = k >= LATE % STEPS ? LATE / STEPS : LATE / STEPS + 1;
-        status = step(self, self->given[(tick + WAITING - age) % WAITING], period / STEPS);
-    }
-    return status;
+    return NOSLIP_OK;
 }
 
-/* Returns the counter of a wheel at an angle. */
-static uint32_t counter(@{ real } angle, @{ real } counts_per_turn, int bits)
-{
-    const @{ real } counts = angle / turn * counts_per_turn;
-    const int32_t whole = (int32_t)counts;
-    return (uint32_t)(whole - (counts < (@{ real })whole)) & (UINT32_MAX >> (32 - bits));
-}
+/* -- the drive --------------------------------------------------------------------------------------------------------- */
 
-/* -- rows -------------------------------------------------------------------------------------------------------------- */
+static const double counts_per_turn[2] = {@{ counts | join(", ") }};
+static const double place[][@{ places[0] | length }] = { /* of each piece: @{ config | join(", ") } */
+{% for each in places %}
+    {@{ each | join(", ") }},
+{% endfor %}
+};
 
 typedef struct {
-    char text[400];
-    int length;
-} row;
+    double when; /* s */
+    double given[2];
+} command_given;
 
-static void put(row *to, char letter)
+typedef struct {
+    double t, x[STATES], held[2]; /* held: what the drives are given */
+{% if noise %}
+    double before[2], turned[2], noise[2]; /* rad: the wheels at the last tick, and as their encoders turned; rad/s: of their rates */
+    double sample;                         /* of the noise */
+    uint64_t draws;
+{% endif %}
+    command_given waiting[WAITING];
+    int first, count;             /* of those that wait */
+    long rows;                    /* that have been taken */
+    drive_row row;
+} run;
+
+/* Returns the largest integer not above a number. */
+static int32_t floor_of(double number)
 {
-    if (to->length < (int)sizeof to->text - 1) {
-        to->text[to->length++] = letter;
-        to->text[to->length] = 0;
-    }
+    const int32_t whole = (int32_t)number;
+    return whole - (number < (double)whole);
 }
 
-static void put_whole(row *to, uint32_t number, int digits)
+/* Returns the whole counts of a wheel at an angle. */
+static int32_t counts_of(double angle, double per_turn)
 {
-    uint32_t unit = 1;
-    while (digits > 1 || number / unit >= 10) {
-        unit *= 10;
-        digits--;
-    }
-    for (; unit > 0; unit /= 10) {
-        put(to, (char)('0' + number / unit % 10));
-    }
+    return floor_of(angle / (6.283185307179586 / per_turn));
 }
 
-/* Adds a number with six decimals, and what follows it; those too large for 32 bits as they are printed then. */
-static void put_real(row *to, @{ real } number, char after)
+{% if noise %}
+/* Draws the noise of the wheels' rates. */
+static void draw(run *self)
 {
-    const @{ real } size = @{ n("abs") }(number);
-    const uint32_t whole = size < @{ literal(4.0e9) } ? (uint32_t)size : UINT32_MAX;
-    uint32_t decimals = size < @{ literal(4.0e9) } ? (uint32_t)((size - (@{ real })whole) * 1000000 + @{ literal(0.5) }) : 0;
-    const uint32_t carried = decimals >= 1000000 ? 1 : 0;
-    decimals -= carried * 1000000;
-    if (number < 0) {
-        put(to, '-');
-    }
-    put_whole(to, whole + carried, 1);
-    put(to, '.');
-    put_whole(to, decimals, 6);
-    put(to, after);
-}
-
-static void say_row(const plant *self, const @{ r("follower") } *follower, @{ real } t, const @{ real } command[2], int status)
-{
-    const char *name = noslip_status_name(status);
-    row to;
+    static const double mean[2] = {@{ mean | join(", ") }}, deviation[2] = {@{ deviation | join(", ") }}; /* rad/s */
+    double normal[2];
     int i;
-    to.length = 0;
-    put_real(&to, t, ',');
-    for (i = 0; i < MEMBERS; i++) {
-        put_real(&to, self->x.member[i], ',');
+    noise_normal(UINT64_C(@{ noise.seed }), self->draws++, 2, normal);
+    for (i = 0; i < 2; i++) {
+        self->noise[i] = mean[i] + deviation[i] * normal[i];
     }
-    put_real(&to, command[0], ',');
-    put_real(&to, command[1], ',');
-    put_real(&to, follower->path.guide.foot.distance, ',');
-    while (*name) {
-        put(&to, *name++);
+}
+
+/* Turns the encoders with the wheels, and by the noise of their rates since the last tick. */
+static void read(run *self)
+{
+    const double angle[2] = {self->x[@{ angles[0] }], self->x[@{ angles[1] }]};
+    const double sample = @{ "floor_of(self->t / " ~ exact(noise.period) ~ " + 1e-9)" if noise.period else "self->t" };
+    int i;
+    for (i = 0; i < 2; i++) {
+        self->turned[i] += angle[i] - self->before[i] + self->noise[i] * (self->t > 0 ? PERIOD : 0);
+        self->before[i] = angle[i];
     }
-    put(&to, '\n');
-    say(to.text);
+    if (sample > self->sample) {
+        draw(self);
+        self->sample = sample;
+    }
+}
+{% endif %}
+
+/* Calls the follower with the counters of the wheels, and notes what it sees. */
+static int tick(run *self, @{ r("follower") } *follower, int bits)
+{
+    drive_row *row = &self->row;
+{% set turned = ["self->turned[0]", "self->turned[1]"] if noise else ["self->x[" ~ angles[0] ~ "]", "self->x[" ~ angles[1] ~ "]"] %}
+    const int32_t whole[2] = {counts_of(@{ turned[0] }, counts_per_turn[0]), counts_of(@{ turned[1] }, counts_per_turn[1])};
+    const uint32_t mask = UINT32_MAX >> (32 - bits), counts[2] = {(uint32_t)whole[0] & mask, (uint32_t)whole[1] & mask};
+    command_given *last = &self->waiting[(self->first + self->count) % WAITING];
+    @{ real } command[2];
+    int i, status = @{ r("follower_tick") }(follower, counts, 0, command);
+    for (i = 0; i < STATES; i++) {
+        row->seen[i] = self->x[i];
+    }
+{% for name, k in placed.items() %}
+    row->seen[@{ k }] = (double)follower->state.@{ name };
+{% endfor %}
+{% if arm %}
+    { /* from the vehicle's point to its coordinates */
+        double sine, cosine;
+        noslip_sincos(row->seen[@{ spot[2] }], &sine, &cosine);
+        row->seen[@{ spot[0] }] -= @{ arm[0] } * cosine - @{ arm[1] } * sine;
+        row->seen[@{ spot[1] }] -= @{ arm[0] } * sine + @{ arm[1] } * cosine;
+    }
+{% endif %}
+    for (i = 0; i < 2; i++) {
+        row->integral[i] = (double)follower->integrals[i].z;
+        last->given[i] = (double)command[i];
+    }
+    row->seen[@{ angles[0] }] = whole[0] * (6.283185307179586 / counts_per_turn[0]);
+    row->seen[@{ angles[1] }] = whole[1] * (6.283185307179586 / counts_per_turn[1]);
+    row->desired[0] = (double)follower->reference.distance;
+    row->desired[1] = (double)follower->reference.speed;
+    row->believed = @{ "(double)follower->law.earned.mu" if earned else "0" };
+    row->piece = follower->path.guide.segment;
+    row->status = status == NOSLIP_ARRIVED ? follower->last : status;
+    self->count++;
+    return follower->watchdog.state == NOSLIP_WATCHDOG_STOP ? row->status : NOSLIP_OK;
+}
+
+/* Gives a row at the present state to `take`; with an error that ended the drive, no torque. */
+static void show(run *self, int status, double t, void (*take)(const drive_row *row, void *to), void *to)
+{
+    drive_row *row = &self->row;
+    int i;
+    row->t = t;
+    row->status = status < 0 ? status : row->status;
+    for (i = 0; i < STATES; i++) {
+        row->x[i] = self->x[i];
+    }
+    for (i = 0; i < 2; i++) {
+        row->command[i] = status < 0 ? 0 : self->held[i];
+    }
+{% if drives %}
+    {
+        double nudot[2];
+        driven(row->x, row->command, nudot);
+        torques(row->x, nudot, row->tau);
+        for (i = 0; i < @{ inputs | length }; i++) {
+            row->tau[i] = status < 0 ? 0 : row->tau[i];
+        }
+    }
+{% else %}
+    for (i = 0; i < 2; i++) {
+        row->tau[i] = row->command[i];
+    }
+{% endif %}
+    outputs(row->x, place[row->piece], row->y);
+    constraint_forces(row->x, row->tau, row->force);
+{% if contacts %}
+    friction_use(row->x, row->tau, row->use);
+{% else %}
+    row->use[0] = 0;
+{% endif %}
+    take(row, to);
+}
+
+/* Moves from a tick to the next, with the commands that begin to act and the rows in between; 1 after the last row. */
+static int move(run *self, double end, void (*take)(const drive_row *row, void *to), void *to)
+{
+    while (self->t < end) {
+        double last = end;
+        while (self->count > 0 && self->waiting[self->first].when <= self->t) {
+            self->held[0] = self->waiting[self->first].given[0];
+            self->held[1] = self->waiting[self->first].given[1];
+            self->first = (self->first + 1) % WAITING;
+            self->count--;
+        }
+        if (self->count > 0 && self->waiting[self->first].when < end) {
+            last = self->waiting[self->first].when;
+        }
+        while (self->t < last) {
+            const double row = self->rows < ROWS ? (double)self->rows * OUTPUT_STEP : DURATION;
+            const int due = row < last - SLACK;
+            const double until = due ? row : last;
+            const int status = hold(self->x, self->held, until - self->t);
+            self->t = self->t > until ? self->t : until;
+            if (status < 0) {
+                show(self, status, self->t, take, to);
+                return status;
+            }
+            if (due) {
+                show(self, NOSLIP_OK, row, take, to);
+                if (self->rows++ == ROWS) {
+                    return 1;
+                }
+            }
+        }
+    }
+    return 0;
+}
+
+int drive(void (*take)(const drive_row *row, void *to), void *to)
+{
+    static const double start[STATES] = {@{ start | join(", ") }};
+    const @{ r("follower_config") } *config = vehicle_config();
+    @{ r("follower") } follower;
+    run self;
+    long k;
+    int i, status = @{ r("follower_init") }(&follower, config);
+    if (status < 0) {
+        return 1;
+    }
+    self.t = 0;
+    self.first = self.count = 0;
+    self.rows = 0;
+    for (i = 0; i < STATES; i++) {
+        self.x[i] = start[i];
+    }
+    for (i = 0; i < 2; i++) {
+        self.held[i] = @{ "start[STATES - 2 + i]" if drives else "0" };
+    }
+{% if noise %}
+    self.draws = 0;
+    self.sample = 0;
+    draw(&self);
+    for (i = 0; i < 2; i++) {
+        self.before[i] = self.turned[i] = start[i == 0 ? @{ angles[0] } : @{ angles[1] }];
+    }
+{% endif %}
+    for (k = 0; status == NOSLIP_OK; k++) {
+        const double end = (double)(k + 1) * PERIOD, acts = (double)(k + LATE) * PERIOD + LATER, latest = end + LATE * PERIOD;
+        self.waiting[(self.first + self.count) % WAITING].when = acts < latest ? acts : latest;
+{% if noise %}
+        read(&self);
+{% endif %}
+        status = tick(&self, &follower, config->counter_bits);
+        if (status < 0) {
+            show(&self, status, self.t, take, to);
+        } else {
+            status = move(&self, end, take, to);
+        }
+    }
+    return status < 0;
+}
+
+/* -- rows as CSV ------------------------------------------------------------------------------------------------------- */
+
+static void say_numbers(const double *numbers, int count)
+{
+    char text[DECIMAL_SIZE];
+    int i;
+    for (i = 0; i < count; i++) {
+        decimal_write(text, numbers[i]);
+        say(",");
+        say(text);
+    }
+}
+
+static void say_row(const drive_row *row, void *to)
+{
+    char text[DECIMAL_SIZE];
+    const double piece = row->piece;
+    (void)to;
+    decimal_write(text, row->t);
+    say(text);
+    say_numbers(row->x, STATES);
+    say_numbers(row->tau, @{ inputs | length });
+    say_numbers(row->y, 2);
+    say(",");
+    say(noslip_status_name(row->status));
+    say_numbers(row->force, @{ forces });
+{% if contacts %}
+    say_numbers(row->use, @{ contacts | length });
+{% endif %}
+    say_numbers(row->seen, STATES);
+{% for k in integrals %}
+    say_numbers(row->integral + @{ k }, 1);
+{% endfor %}
+{% if drives %}
+    say_numbers(row->command, 2);
+{% endif %}
+{% if earned %}
+    say_numbers(&row->believed, 1);
+{% endif %}
+    say_numbers(&piece, 1);
+    say("\n");
 }
 
 int main(void)
 {
-    static const @{ r("params") } params = @{ plant };
-    static const @{ r("state") } start = @{ start };
-    static const @{ real } counts_per_turn[2] = @{ counts };
-    const @{ r("follower_config") } *config = vehicle_config();
-    @{ r("follower") } follower;
-    plant on;
-    uint32_t counts[2];
-    @{ real } command[2];
-    unsigned tick, i;
-    int at_tick;
-    int status = @{ r("follower_init") }(&follower, config);
-    if (status >= 0) {
-        status = @{ r("dynamics_init") }(&on.dynamics, &params);
-    }
-    on.x.value = start;
-    for (i = 0; i < WAITING; i++) {
-        on.given[i][0] = @{ "start." ~ velocities[0] if drives else "0" };
-        on.given[i][1] = @{ "start." ~ velocities[1] if drives else "0" };
-    }
-    say("t,@{ (coordinates + velocities) | join(",") },command_@{ velocities[0] if drives else inputs[0] },command_@{ velocities[1] if drives else inputs[1] },distance,status\n");
-    for (tick = 0; tick <= TICKS && status >= 0 && follower.watchdog.state != NOSLIP_WATCHDOG_STOP; tick++) {
-        counts[0] = counter(on.x.value.@{ angles[0] }, counts_per_turn[0], config->counter_bits);
-        counts[1] = counter(on.x.value.@{ angles[1] }, counts_per_turn[1], config->counter_bits);
-        at_tick = @{ r("follower_tick") }(&follower, counts, 0, command);
-        say_row(&on, &follower, (@{ real })tick * config->period, command, at_tick);
-        status = move(&on, tick, command, config->period);
-    }
-    if (status < 0) {
-        say(noslip_status_name(status));
-        say("\n");
-    }
-    return status < 0 || follower.watchdog.state == NOSLIP_WATCHDOG_STOP;
+{% for part in columns %}
+    say("@{ part }@{ "," if not loop.last }");
+{% endfor %}
+    say("\n");
+    return drive(say_row, NULL);
 }

@@ -7,20 +7,21 @@ from dataclasses import asdict, replace
 import casadi as ca
 import numpy as np
 
-from ..codegen.follower.follower import is_followers, why_no_follower
-from ..codegen.loop.stages import check
-from ..codegen.project.vehicle import VehicleNumbers, VelocityDrives
-from ..model.law import ControlLaw
-from ..model.mechanism import Quantity
-from ..model.vehicle import SteeredAxle, steered_axle
-from ..readers.errors import BadInput
-from .controllers.controller import Limits
-from .controllers.odometry import vehicle_wheels
-from .controllers.tracking import TrackerOptions
-from .drive import command_limits
-from .guidance import Direct, vehicle_motion
-from .loop import Loop, make_loop
-from .specification.spec import Spec
+from ...codegen.follower.follower import is_followers, why_no_follower
+from ...codegen.loop.stages import check
+from ...codegen.project.vehicle import FloorNumbers, NoiseNumbers, VehicleNumbers, VelocityDrives
+from ...model.law import ControlLaw
+from ...model.mechanism import Quantity
+from ...model.vehicle import SteeredAxle, steered_axle
+from ...readers.errors import BadInput
+from ..controllers.controller import Limits
+from ..controllers.odometry import arm_function, has_arm, vehicle_wheels
+from ..controllers.tracking import TrackerOptions
+from ..drive import command_limits, whole_periods
+from ..guidance import Direct, vehicle_motion
+from ..loop import Loop, make_loop
+from ..plant import Plant
+from ..specification.spec import ContactSection, Sensors, Spec
 
 EXPORT = "export --firmware"  # in the table of stages
 COUNTER_BITS = 16
@@ -37,11 +38,16 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
     `make_loop` does.
     """
     check(spec, EXPORT)
-    assert spec.sensors and spec.sensors.counts and spec.output.path, "by the table of stages"
     loop = make_loop(replace(spec, simulation=replace(spec.simulation, backend="cf")))
+    if not is_followers(loop.law):
+        raise BadInput(f"--firmware: {why_no_follower(loop.law.system)}")
+    return loop.law, numbers_of(spec, loop)
+
+
+def numbers_of(spec: Spec, loop: Loop) -> VehicleNumbers:
+    """Return the numbers of a follower for the vehicle of a SPEC, which has one, and its loop."""
+    assert spec.sensors and spec.sensors.counts and spec.output.path, "by the table of stages"
     law, system = loop.law, loop.law.system
-    if not is_followers(law):
-        raise BadInput(f"--firmware: {why_no_follower(system)}")
     route, period = loop.route, spec.simulation.period
     assert route is not None, "a composite path is followed"
     options = route.options
@@ -80,9 +86,35 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
         "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are stuck",
         *([f"a steering angle beyond {STEERING:g} rad is misread; its counter is 0 straight ahead"] if axle else []),
     ]
-    plant, begins = _named(law.parameters, loop.plant.parameters), _named(system.state, loop.start)
-    duration, late = spec.simulation.duration, spec.simulation.delay
-    return law, VehicleNumbers(config, spec.output.segments, plant, begins, duration, late, follows, assumed, loop.warnings)
+    late = spec.simulation.delay + (spec.drive.delay if spec.drive and follows else 0.0)
+    return VehicleNumbers(
+        config=config,
+        segments=spec.output.segments,
+        plant=_named(law.parameters, loop.plant.parameters),
+        start=_named(system.state, loop.start),
+        duration=spec.simulation.duration,
+        output_step=spec.simulation.output_step,
+        tolerance=spec.simulation.tolerance,
+        arm=arm_function(system)(loop.believed).full().ravel().tolist() if has_arm(system) else (),
+        late=whole_periods(late, period),
+        drives=follows,
+        floor=_floor(spec.contact, loop.plant) if spec.contact else None,
+        noise=_noise(spec.sensors),
+        integrals=[OUTPUTS.index(name) for name in loop.integral.rows],
+        assumed=assumed,
+        warnings=loop.warnings,
+    )
+
+
+def _noise(sensors: Sensors) -> NoiseNumbers | None:
+    """Return the noise of the wheels' rates, None if there is none."""
+    mean, sd = (np.broadcast_to(values, 2).tolist() for values in (sensors.noise.mean, sensors.noise.sd))
+    return NoiseNumbers(sensors.seed % 2**64, mean, sd, sensors.period) if any((*mean, *sd)) else None
+
+
+def _floor(contact: ContactSection, plant: Plant) -> FloorNumbers:
+    """Return what the SPEC says of the floor, and the robot where it says nothing."""
+    return FloorNumbers(contact.mu, contact.share, contact.height or plant.height)
 
 
 def _named(quantities: Iterable[Quantity], values: Iterable[float]) -> dict[str, float]:
@@ -138,4 +170,4 @@ def _drives(spec: Spec, loop: Loop) -> tuple[dict[str, object], VelocityDrives |
     limits = command_limits(drive, loop.law.system, spec.simulation.period)
     members = zip(limits.speed, limits.acceleration, limits.band, strict=True)
     velocity = [dict(zip(("speed", "acceleration", "band"), each, strict=True)) for each in members]
-    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}, VelocityDrives(drive.omega, drive.delay, limits.acceleration)
+    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}, VelocityDrives(drive.omega, limits.acceleration)
