@@ -101,7 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
                 shown(t, spec.simulation.duration, "s simulated")
 
             def simulated() -> "Run":
-                return simulate(spec, progress=progress, engine=arguments.engine)
+                stages = arguments.sample is not None or arguments.record is not None  # those of a sweep, or that are recorded
+                return simulate(spec, progress=progress, engine=arguments.engine, stages=stages)
 
             completed, record = _recorded(spec, simulated) if arguments.record else (simulated(), "")
         drawn: dict[str, str | bytes] = {**_pictures(completed, arguments)}

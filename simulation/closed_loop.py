@@ -31,17 +31,18 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     engine: str | None = None,
     most: int = MOST_ROWS,
+    stages: bool = False,
 ) -> Run:
     """Simulate the closed loop of a SPEC and return the Run; `backend` replaces that of the SPEC; `progress` receives the
     time reached; a run in continuous time may take `most` steps. With the `engine` "mujoco" the robot is on a floor where its
-    wheels may slip; otherwise it rolls.
+    wheels may slip; otherwise it rolls. What `runs_as_firmware` is run so unless its `stages` are asked for, as a sweep has them.
 
     Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
+    if not (engine or stages) and runs_as_firmware(spec):
+        return run_of_firmware(spec, progress)
     loop = make_loop(spec)
-    if not engine and runs_as_firmware(spec, loop.law):
-        return run_of_firmware(spec, loop, progress)
     floor = None
     if engine:
         from .engine.on_floor import OnFloor  # MuJoCo is optional

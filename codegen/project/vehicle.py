@@ -143,7 +143,7 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
     }
     names = columns(law, vehicle)
     values["columns"] = [",".join(names[k : k + IN_A_LINE]) for k in range(0, len(names), IN_A_LINE)]
-    files = {"vehicle.h": "vehicle.h", "vehicle.c": "vehicle.c", "selftest/drive.h": "drive.h", "selftest/drive.c": "drive.c"}
+    files = {"vehicle.h": "vehicle.h", "vehicle.c": "vehicle.c", "selftest/drive.c": "drive.c"}
     return {file: render(__file__, template, **values) for file, template in files.items()}
 
 

@@ -54,7 +54,7 @@ class Simulated:
 
     def _of_sample(self, row: np.ndarray) -> list[float]:
         try:
-            found = self._outcomes(simulate(self._inputs.spec_of(row.tolist())))
+            found = self._outcomes(simulate(self._inputs.spec_of(row.tolist()), stages=True))
         except (BadInput, ModelError):
             found = {"status": self._number("bad_parameter"), "t_end": 0.0}
         return [found.get(name, np.nan) for name in self.outcomes]

@@ -9,8 +9,6 @@
  * Between two ticks the robot's equations of motion are integrated in double, by the method of order 5 of Dormand and Prince with
  * steps that keep its error within TOLERANCE.
  */
-#include "drive.h"
-
 #include "console.h"
 #include "decimal.h"
 {% if noise %}
@@ -169,6 +167,23 @@ static int hold(double x[STATES], const double given[2], double duration)
 
 /* -- the drive --------------------------------------------------------------------------------------------------------- */
 
+/* A row, SI. */
+typedef struct {
+    double t;
+    double x[@{ state | length }];       /* the true state: @{ state | join(", ") } */
+    double tau[@{ inputs | length }];     /* inputs of the robot: @{ inputs | join(", ") } */
+    double y[2];       /* true outputs: distance, speed */
+    double desired[2];
+    double force[@{ forces }];   /* constraint forces, lambda of (8) */
+    double seen[@{ state | length }];    /* the state that the follower sees */
+    double integral[2];
+    double command[2]; /* to velocity drives */
+    double believed;   /* friction */
+    double use[@{ contacts | length or 1 }];     /* of friction, by each contact */
+    int piece;         /* of the path */
+    int status;        /* of the follower's law, or its error */
+} drive_row;
+
 static const double counts_per_turn[2] = {@{ counts | join(", ") }};
 static const double place[][@{ places[0] | length }] = { /* of each piece: @{ config | join(", ") } */
 {% for each in places %}
@@ -193,6 +208,50 @@ typedef struct {
     long rows;                    /* that have been taken */
     drive_row row;
 } run;
+
+static void say_numbers(const double *numbers, int count)
+{
+    char text[DECIMAL_SIZE];
+    int i;
+    for (i = 0; i < count; i++) {
+        decimal_write(text, numbers[i]);
+        say(",");
+        say(text);
+    }
+}
+
+/* Prints a row as CSV. */
+static void say_row(const drive_row *row)
+{
+    char text[DECIMAL_SIZE];
+    const double piece = row->piece;
+    decimal_write(text, row->t);
+    say(text);
+    say_numbers(row->x, STATES);
+    say_numbers(row->tau, @{ inputs | length });
+    say_numbers(row->y, 2);
+    say(",");
+    say(noslip_status_name(row->status));
+    say_numbers(row->force, @{ forces });
+{% if contacts %}
+    say_numbers(row->use, @{ contacts | length });
+{% endif %}
+    say_numbers(row->seen, STATES);
+{% for k in integrals %}
+    say_numbers(row->integral + @{ k }, 1);
+{% endfor %}
+{% if drives %}
+    say_numbers(row->command, 2);
+{% endif %}
+{% if earned %}
+    say_numbers(&row->believed, 1);
+{% endif %}
+    say_numbers(&piece, 1);
+#if defined(DRIVE_DESIRED) /* for `noslip simulate` */
+    say_numbers(row->desired, 2);
+#endif
+    say("\n");
+}
 
 /* Returns the largest integer not above a number. */
 static int32_t floor_of(double number)
@@ -276,8 +335,8 @@ static int tick(run *self, @{ r("follower") } *follower, int bits)
     return follower->watchdog.state == NOSLIP_WATCHDOG_STOP ? row->status : NOSLIP_OK;
 }
 
-/* Gives a row at the present state to `take`; with an error that ended the drive, no torque. */
-static void show(run *self, int status, double t, void (*take)(const drive_row *row, void *to), void *to)
+/* Prints a row at the present state; with an error that ended the drive, no torque. */
+static void show(run *self, int status, double t)
 {
     drive_row *row = &self->row;
     int i;
@@ -310,11 +369,11 @@ static void show(run *self, int status, double t, void (*take)(const drive_row *
 {% else %}
     row->use[0] = 0;
 {% endif %}
-    take(row, to);
+    say_row(row);
 }
 
 /* Moves from a tick to the next, with the commands that begin to act and the rows in between; 1 after the last row. */
-static int move(run *self, double end, void (*take)(const drive_row *row, void *to), void *to)
+static int move(run *self, double end)
 {
     while (self->t < end) {
         double last = end;
@@ -334,11 +393,11 @@ static int move(run *self, double end, void (*take)(const drive_row *row, void *
             const int status = hold(self->x, self->held, until - self->t);
             self->t = self->t > until ? self->t : until;
             if (status < 0) {
-                show(self, status, self->t, take, to);
+                show(self, status, self->t);
                 return status;
             }
             if (due) {
-                show(self, NOSLIP_OK, row, take, to);
+                show(self, NOSLIP_OK, row);
                 if (self->rows++ == ROWS) {
                     return 1;
                 }
@@ -348,7 +407,7 @@ static int move(run *self, double end, void (*take)(const drive_row *row, void *
     return 0;
 }
 
-int drive(void (*take)(const drive_row *row, void *to), void *to)
+int main(void)
 {
     static const double start[STATES] = {@{ start | join(", ") }};
     const @{ r("follower_config") } *config = vehicle_config();
@@ -356,7 +415,13 @@ int drive(void (*take)(const drive_row *row, void *to), void *to)
     run self;
     long k;
     int i, status = @{ r("follower_init") }(&follower, config);
+{% for part in columns %}
+    say("@{ part }@{ "," if not loop.last }");
+{% endfor %}
+    say("\n");
     if (status < 0) {
+        say(noslip_status_name(status));
+        say("\n");
         return 1;
     }
     self.t = 0;
@@ -384,62 +449,10 @@ int drive(void (*take)(const drive_row *row, void *to), void *to)
 {% endif %}
         status = tick(&self, &follower, config->counter_bits);
         if (status < 0) {
-            show(&self, status, self.t, take, to);
+            show(&self, status, self.t);
         } else {
-            status = move(&self, end, take, to);
+            status = move(&self, end);
         }
     }
     return status < 0;
-}
-
-/* -- rows as CSV ------------------------------------------------------------------------------------------------------- */
-
-static void say_numbers(const double *numbers, int count)
-{
-    char text[DECIMAL_SIZE];
-    int i;
-    for (i = 0; i < count; i++) {
-        decimal_write(text, numbers[i]);
-        say(",");
-        say(text);
-    }
-}
-
-static void say_row(const drive_row *row, void *to)
-{
-    char text[DECIMAL_SIZE];
-    const double piece = row->piece;
-    (void)to;
-    decimal_write(text, row->t);
-    say(text);
-    say_numbers(row->x, STATES);
-    say_numbers(row->tau, @{ inputs | length });
-    say_numbers(row->y, 2);
-    say(",");
-    say(noslip_status_name(row->status));
-    say_numbers(row->force, @{ forces });
-{% if contacts %}
-    say_numbers(row->use, @{ contacts | length });
-{% endif %}
-    say_numbers(row->seen, STATES);
-{% for k in integrals %}
-    say_numbers(row->integral + @{ k }, 1);
-{% endfor %}
-{% if drives %}
-    say_numbers(row->command, 2);
-{% endif %}
-{% if earned %}
-    say_numbers(&row->believed, 1);
-{% endif %}
-    say_numbers(&piece, 1);
-    say("\n");
-}
-
-int main(void)
-{
-{% for part in columns %}
-    say("@{ part }@{ "," if not loop.last }");
-{% endfor %}
-    say("\n");
-    return drive(say_row, NULL);
 }

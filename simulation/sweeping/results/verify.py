@@ -66,7 +66,7 @@ def _differences(file: str, sample: int) -> tuple[float, bool]:
 
     text, row, outcome = sample_of(file, sample)
     spec = sample_spec(text, row)
-    run = simulate(replace(spec, simulation=replace(spec.simulation, tolerance=TOLERANCE)))
+    run = simulate(replace(spec, simulation=replace(spec.simulation, tolerance=TOLERANCE)), stages=True)
     same = run.status[-1] == outcome["status"] and abs(run.t[-1] - outcome["t_end"]) <= TIME
     if run.stopped:
         return 0.0, bool(same)
