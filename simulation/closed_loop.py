@@ -13,7 +13,6 @@ from ..readers.errors import BadInput
 from .contact import contact_forces, grip
 from .controllers.controller import ON_TARGET
 from .engine.measured import FloorMeasurements
-from .firmware.run import run_of_firmware, runs_as_firmware
 from .guidance import distances, outputs, vehicle_motion
 from .integrate import continuous, sampled
 from .loop import Loop, make_loop
@@ -40,8 +39,12 @@ def simulate(
     Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
-    if not (engine or stages) and runs_as_firmware(spec):
-        return run_of_firmware(spec, progress)
+    if not (engine or stages) and spec.simulation.backend in SINGLE:
+        from .firmware.run import run_of_firmware, runs_as_firmware  # slow to import
+
+        if runs_as_firmware(spec):
+            done = run_of_firmware(spec, progress)
+            return replace(done, warnings=(*done.warnings, *_unused(spec)))
     loop = make_loop(spec)
     floor = None
     if engine:
@@ -51,10 +54,7 @@ def simulate(
         loop, steps = floor.loop, floor.rows()
     else:
         steps = sampled(loop, spec.simulation) if spec.simulation.period else continuous(loop, spec.simulation, most)
-        for section in ("floor", "scene"):
-            if getattr(spec, section):
-                unused = f"[{section}] has no effect without --engine mujoco: the wheels roll"
-                loop = replace(loop, warnings=(*loop.warnings, unused))
+        loop = replace(loop, warnings=(*loop.warnings, *_unused(spec)))
     rows = []
     for row in steps:
         rows.append(row)
@@ -94,6 +94,12 @@ def simulate(
         disturbance_rows=loop.observers.rows,
         distance=distances(law, x, loop.plant.parameters, config) if law.output.foot else np.zeros(0),
     )
+
+
+def _unused(spec: Spec) -> list[str]:
+    """Return a warning for each section that only a physics engine reads."""
+    given = [section for section in ("floor", "scene") if getattr(spec, section)]
+    return [f"[{section}] has no effect without --engine mujoco: the wheels roll" for section in given]
 
 
 def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: FloorMeasurements | None) -> dict[str, np.ndarray]:

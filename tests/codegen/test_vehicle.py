@@ -5,6 +5,7 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import contact_forces
 from noslip.simulation.controllers import ON_TARGET
 from noslip.simulation.firmware.numbers import vehicle_of
+from noslip.simulation.firmware.run import runs_as_firmware
 from noslip.simulation.guidance import outputs
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import spec_of
@@ -216,12 +218,26 @@ def test_the_same_rows_on_every_target(target, project, tmp_path):
         ("L = 0.21", "L = 0.21, W = 0.05", "a follower does not have it"),
         ("deceleration = 0.6", "deceleration = 0.6, approach = { acceleration = 0.4 }", "a follower leads the distance alone"),
         ('limits = { torque = 8.0, mode = "slow" }', "", "requires [limits] torque"),
+        ("plant =", 'push = [{ time = 1.0, on = "thetadot_r", impulse = 0.05 }]\nplant =', "does not push the vehicle"),
     ],
 )  # fmt: skip
 def test_what_a_follower_does_not_have_is_refused(old, new, says):
     assert AGV.count(old) == 1
     with pytest.raises(BadInput, match=re.escape(says)):
         vehicle_of(spec_of(AGV.replace(old, new), "agv.toml"))
+
+
+def test_what_a_follower_does_not_have_is_run_stage_by_stage():
+    pushed = f'{AGV}[[push]]\ntime = 1.0\non = "thetadot_r"\nimpulse = 0.05\n'
+    for text, as_firmware in ((AGV, True), (pushed, False), (AGV.replace("L = 0.21", "L = 0.21, W = 0.05"), False)):
+        spec = spec_of(text, "agv.toml")
+        assert runs_as_firmware(replace(spec, simulation=replace(spec.simulation, backend="cf"))) == as_firmware
+        assert not runs_as_firmware(spec)  # in double
+
+
+def test_what_only_an_engine_reads_is_said():
+    (warning,) = simulate(spec_of(f"{AGV}[floor]\nmu = 0.3\n", "agv.toml"), "cf").warnings
+    assert warning == "[floor] has no effect without --engine mujoco: the wheels roll"
 
 
 def test_a_robot_without_a_follower_is_refused():
