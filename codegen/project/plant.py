@@ -8,6 +8,7 @@ from ...model.contacts import GRAVITY, ground
 from ...model.law import ControlLaw, symbols
 from ...model.mechanism import Quantity, quantity
 from ..graph import Graph, Group, Leaf, Node, free_name, from_casadi, reachable
+from ..printing.layout import body
 from ..printing.scalar import DOUBLE
 from ..printing.statements import Statements
 
@@ -70,17 +71,17 @@ class PlantC:
         printed.plan(roots)
         for k, node in enumerate(roots):
             printed.assign(f"{array}[{k}]", node)
+
+        def number(leaf: Leaf) -> int:
+            return [q.name for q in groups[leaf.group]].index(leaf.name)
+
         needed = [leaf for leaf in reachable(roots) if isinstance(leaf, Leaf) and leaf.group is not Group.PARAMS]
         places = {Group.STATE: "x", Group.INPUT: "tau", Group.VIRTUAL_INPUT: "nudot", Group.CONFIG: "place"}
-        read = [f"const double {names[leaf]} = {places[leaf.group]}[{_place(groups[leaf.group], leaf)}];" for leaf in needed]
-        return "\n".join(f"    {line}" for part in (*read, *printed.lines) for line in part.splitlines())
+        read = [f"const double {names[leaf]} = {places[leaf.group]}[{number(leaf)}];" for leaf in needed]
+        return body([*read, *printed.lines])
 
     @property
     def _groups(self) -> dict[Group, Sequence[Quantity]]:
         mechanism = self._system.mechanism
         own = {Group.PARAMS: mechanism.parameters, Group.STATE: self._system.state, Group.INPUT: mechanism.inputs}
         return {**own, Group.VIRTUAL_INPUT: self._nudot, Group.CONFIG: self._law.config}
-
-
-def _place(members: Sequence[Quantity], leaf: Leaf) -> int:
-    return [q.name for q in members].index(leaf.name)

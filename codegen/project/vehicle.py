@@ -127,7 +127,7 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
         "spot": [placed[name] for name in placed_names(system)],
         "arm": _numbers(vehicle.arm),
         "config": [c.name for c in law.config],
-        "places": [_numbers(place) for place in places(law, vehicle)],
+        "places": [_numbers(place) for place in places(law, vehicle.segments, vehicle.config["path"]["L"])],
         "drives": vehicle.drives is not None,
         "omega": vehicle.drives.omega if vehicle.drives else 0.0,
         "most": _numbers(vehicle.drives.acceleration) if vehicle.drives else [],
@@ -165,12 +165,10 @@ def columns(law: ControlLaw, vehicle: VehicleNumbers) -> list[str]:
     ]
 
 
-def places(law: ControlLaw, vehicle: VehicleNumbers) -> list[list[float]]:
-    """Return the configuration of the law on each segment, with the L of its direction."""
-    L = vehicle.config["path"]["L"]
+def places(law: ControlLaw, segments: Sequence[Any], L: Sequence[float]) -> list[list[float]]:
+    """Return the configuration of the law on each segment; `L` (m) is that of driving forward, and in reverse."""
     rows = [
-        {"L": L[bool(s.backward)], "x_s": s.x, "y_s": s.y, "direction": s.heading, "curvature": s.curvature}
-        for s in vehicle.segments
+        {"L": L[bool(s.backward)], "x_s": s.x, "y_s": s.y, "direction": s.heading, "curvature": s.curvature} for s in segments
     ]
     return [[float(row[c.name]) for c in law.config] for row in rows]
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...codegen.follower.follower import placed_names
+from ...codegen.project.vehicle import places
 from ...model.reduction import ReducedSystem
 from ...model.segments import Segment
 from ...model.vehicle import SteeredAxle, steered_axle
@@ -75,7 +76,7 @@ def run_of(start: Start, vehicle: FollowerInC, where: str) -> Run:
         forces=plant.constraint_forces(x, tau),
         seen=np.hstack([q, records["rate"]]),
         piece=np.array(records["segment"]),
-        config=_placed(law.config, spec.output, segments, records["segment"]),
+        config=np.array(places(law, segments, _directions(spec.output)))[np.clip(records["segment"], 0, len(segments) - 1)],
         integral=empty,
         extension=empty,
         noticed=empty,
@@ -174,14 +175,9 @@ def _initial(system: ReducedSystem, pose: Any) -> Initial:
     return Initial(q=tuple(at.get(q.in_c, 0.0) for q in system.mechanism.coordinates), nu=(0.0,) * system.dof)
 
 
-def _placed(parameters: Sequence[Any], output: OutputSection, segments: Sequence[Any], piece: np.ndarray) -> np.ndarray:
-    """Return the config of the law in each row: the current segment, and the L that it is followed with."""
-    rows = []
-    for segment in segments:
-        L = output.L_backward if segment.backward and output.L_backward is not None else output.L
-        values = {"L": L, "x_s": segment.x, "y_s": segment.y, "direction": segment.heading, "curvature": segment.curvature}
-        rows.append([values[p.name] for p in parameters])
-    return np.array(rows)[np.clip(piece, 0, len(rows) - 1)]
+def _directions(output: OutputSection) -> tuple[float, float]:
+    """Return L driving forward, and in reverse, m."""
+    return output.L, output.L if output.L_backward is None else output.L_backward
 
 
 def table(start: Start, run: Run) -> list[Written]:

@@ -2,12 +2,12 @@
 {% macro r(name) %}@{ own(robot ~ "_" ~ name) }{% endmacro %}
 {% set M = state | length %}
 /*
- * drive.c - drives the vehicle of vehicle.c along its path, on this processor: the follower, and the robot in place of its
- * wheels. Prints what `noslip simulate` writes, byte for byte, where the SPEC has `backend = "cf"`: CSV, in SI. The exit code is 0
- * unless the watchdog stopped the vehicle, as it does where it is farther from the path than it may be.
+ * drive.c - drives the vehicle of vehicle.c along its path, on this processor: the follower, and the robot in place of
+ * its wheels. Prints what `noslip simulate` writes, byte for byte, where the SPEC has `backend = "cf"`: CSV, in SI. The
+ * exit code is 0 unless the watchdog stopped the vehicle, as it does where it is farther from the path than it may be.
  *
- * Between two ticks the robot's equations of motion are integrated in double, by the method of order 5 of Dormand and Prince with
- * steps that keep its error within TOLERANCE.
+ * Between two ticks the robot's equations of motion are integrated in double, by the method of order 5 of Dormand and
+ * Prince with steps that keep its error within TOLERANCE.
  */
 #include "console.h"
 #include "decimal.h"
@@ -17,18 +17,18 @@
 #include "noslip_trig.h"
 #include "vehicle.h"
 
-#define PERIOD @{ exact(period) }      /* s: between two ticks */
+#define PERIOD @{ exact(period) } /* s: between two ticks */
 #define OUTPUT_STEP @{ exact(output_step) } /* s: between two rows */
-#define DURATION @{ exact(duration) }
-#define TOLERANCE @{ exact(tolerance) }  /* of the integration, relative and absolute */
-#define SHORTEST 1e-9      /* s: a step shorter than this meets a number that is not finite */
-#define ROWS @{ rows }          /* before the one at DURATION */
-#define LATE @{ late[0] }             /* whole periods from a tick until its command acts, */
-#define LATER @{ exact(late[1]) }        /* and the rest of that time, s */
+#define DURATION @{ exact(duration) } /* s */
+#define ROWS @{ rows } /* before the one at DURATION */
+#define TOLERANCE @{ exact(tolerance) } /* of the integration, relative and absolute */
+#define SHORTEST 1e-9 /* s: where a step as short as this has too large an error, a number is not finite */
+#define LATE @{ late[0] } /* whole periods from a tick until its command acts, */
+#define LATER @{ exact(late[1]) } /* and the rest of that time, s */
 #define WAITING (LATE + 2) /* most commands that have not acted yet */
-#define SLACK (1e-9 * (PERIOD < OUTPUT_STEP ? PERIOD : OUTPUT_STEP)) /* s: a row this near to a tick belongs to the tick */
+#define SLACK (1e-9 * (PERIOD < OUTPUT_STEP ? PERIOD : OUTPUT_STEP)) /* s: a row this near to a tick belongs to it */
 #define STATES @{ M }
-#define STAGES 7
+#define STAGES 7 /* of the integration */
 
 static const struct {
     double @{ parameters | join(", ") };
@@ -48,7 +48,7 @@ static void driven(const double x[STATES], const double command[2], double nudot
     }
 }
 
-static void torques(const double x[STATES], const double nudot[2], double tau[@{ inputs | length }])
+static void torques(const double x[STATES], const double nudot[2], double tau[2])
 {
 @{ made.torque }
 }
@@ -76,14 +76,14 @@ static void outputs(const double x[STATES], const double place[@{ places[0] | le
 }
 
 /* Constraint forces, lambda of (8). */
-static void constraint_forces(const double x[STATES], const double tau[@{ inputs | length }], double force[@{ forces }])
+static void constraint_forces(const double x[STATES], const double tau[2], double force[@{ forces }])
 {
 @{ made.forces }
 }
 {% if contacts %}
 
 /* The part of friction that each contact uses: its force over mu times its load; infinite without load. */
-static void friction_use(const double x[STATES], const double tau[@{ inputs | length }], double use[@{ contacts | length }])
+static void friction_use(const double x[STATES], const double tau[2], double use[@{ contacts | length }])
 {
     double load[3 * @{ contacts | length }];
     noslip_bits infinite;
@@ -170,18 +170,20 @@ static int hold(double x[STATES], const double given[2], double duration)
 /* A row, SI. */
 typedef struct {
     double t;
-    double x[@{ state | length }];       /* the true state: @{ state | join(", ") } */
-    double tau[@{ inputs | length }];     /* inputs of the robot: @{ inputs | join(", ") } */
-    double y[2];       /* true outputs: distance, speed */
+    double x[STATES]; /* the true state: @{ state | join(", ") } */
+    double tau[2];    /* inputs of the robot: @{ inputs | join(", ") } */
+    double y[2];      /* true outputs: distance, speed */
     double desired[2];
-    double force[@{ forces }];   /* constraint forces, lambda of (8) */
-    double seen[@{ state | length }];    /* the state that the follower sees */
+    double force[@{ forces }]; /* constraint forces, lambda of (8) */
+    double seen[STATES]; /* the state that the follower sees */
     double integral[2];
-    double command[2]; /* to velocity drives */
+    double command[2]; /* what the drives are given */
     double believed;   /* friction */
-    double use[@{ contacts | length or 1 }];     /* of friction, by each contact */
-    int piece;         /* of the path */
-    int status;        /* of the follower's law, or its error */
+{% if contacts %}
+    double use[@{ contacts | length }]; /* of friction, by each contact */
+{% endif %}
+    int piece;  /* of the path */
+    int status; /* of the follower's law, or its error */
 } drive_row;
 
 static const double counts_per_turn[2] = {@{ counts | join(", ") }};
@@ -199,13 +201,14 @@ typedef struct {
 typedef struct {
     double t, x[STATES], held[2]; /* held: what the drives are given */
 {% if noise %}
-    double before[2], turned[2], noise[2]; /* rad: the wheels at the last tick, and as their encoders turned; rad/s: of their rates */
-    double sample;                         /* of the noise */
+    double before[2], turned[2]; /* rad: the wheels at the last tick; their encoders */
+    double noise[2];             /* rad/s: of the rates */
+    double sample;               /* its number, or its time */
     uint64_t draws;
 {% endif %}
     command_given waiting[WAITING];
-    int first, count;             /* of those that wait */
-    long rows;                    /* that have been taken */
+    int first, count; /* of those that wait */
+    long rows;        /* that have been printed */
     drive_row row;
 } run;
 
@@ -228,7 +231,7 @@ static void say_row(const drive_row *row)
     decimal_write(text, row->t);
     say(text);
     say_numbers(row->x, STATES);
-    say_numbers(row->tau, @{ inputs | length });
+    say_numbers(row->tau, 2);
     say_numbers(row->y, 2);
     say(",");
     say(noslip_status_name(row->status));
@@ -353,7 +356,7 @@ static void show(run *self, int status, double t)
         double nudot[2];
         driven(row->x, row->command, nudot);
         torques(row->x, nudot, row->tau);
-        for (i = 0; i < @{ inputs | length }; i++) {
+        for (i = 0; i < 2; i++) {
             row->tau[i] = status < 0 ? 0 : row->tau[i];
         }
     }
@@ -366,8 +369,6 @@ static void show(run *self, int status, double t)
     constraint_forces(row->x, row->tau, row->force);
 {% if contacts %}
     friction_use(row->x, row->tau, row->use);
-{% else %}
-    row->use[0] = 0;
 {% endif %}
     say_row(row);
 }
@@ -442,7 +443,8 @@ int main(void)
     }
 {% endif %}
     for (k = 0; status == NOSLIP_OK; k++) {
-        const double end = (double)(k + 1) * PERIOD, acts = (double)(k + LATE) * PERIOD + LATER, latest = end + LATE * PERIOD;
+        const double end = (double)(k + 1) * PERIOD, latest = end + LATE * PERIOD;
+        const double acts = (double)(k + LATE) * PERIOD + LATER;
         self.waiting[(self.first + self.count) % WAITING].when = acts < latest ? acts : latest;
 {% if noise %}
         read(&self);
