@@ -192,7 +192,7 @@ SHIPPED: dict[str, tuple[int, tuple[bool | None, ...], str]] = {
 }
 UNSEEN: dict[str, tuple[Callable[[], Mechanism | Kinematics], int, tuple[bool | None, ...], str]] = {
     "coin": (coin, 0, (YES, YES, NO, YES), BRM),
-    "coin that is only rolled": (lambda: coin(steer=False), 0, (NO, NO, NO, OPEN), "its turning stays as it is"),
+    "coin that is only rolled": (lambda: coin(steer=False), 0, (NO, NO, NO, NO), "its turning stays as it is"),
     "coin that is only steered": (lambda: coin(roll=False), 0, (NO, NO, NO, NO), "its rolling stays as it is"),
     "blade under the centre of mass": (
         lambda: blade(0.0),
@@ -200,7 +200,7 @@ UNSEEN: dict[str, tuple[Callable[[], Mechanism | Kinematics], int, tuple[bool | 
         (NO, NO, NO, NO),
         "Neimark, Fufaev 1972: its speed stays as it is",
     ),
-    "blade with a rotor": (lambda: blade(0.2, rotor=True), 0, (YES, NO, NO, OPEN), LEWIS),
+    "blade with a rotor": (lambda: blade(0.2, rotor=True), 0, (YES, NO, NO, NO), f"{LEWIS}; {ONE_INPUT}"),
     "bicycle": (bicycle, 0, (YES, YES, NO, YES), FLAT),
     "trailers with kingpins": (kingpins, 0, (YES, YES, NO, NO), FLAG),
     "trailer with a kingpin": (hitched, 0, (YES, YES, NO, YES), f"{FLAT}: the general trailer system with one trailer"),
