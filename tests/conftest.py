@@ -89,7 +89,8 @@ def legible():
         write(figure, *args, **options)
         if figure not in seen:  # it is the same in each kind of file
             seen.add(figure)
-            assert unreadable(figure) == []
+            hidden = unreadable(figure)
+            assert not hidden, hidden
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(matplotlib.figure.Figure, "savefig", checked)

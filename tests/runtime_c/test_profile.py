@@ -272,6 +272,15 @@ def test_it_stands_at_a_cusp():
             assert profile.along(k, on) == pytest.approx(max(math.sqrt(square), 0.01), rel=1e-9), (k, on)
 
 
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_a_slow_line(scalar):
+    """v^2 = 2 a s where that is small, too: a line has no arc's angle, which is v^2 over the largest number."""
+    slow = replace(LIMITS, acceleration=1e-3, deceleration=1e-3)
+    profile = SpeedProfile(joined((2.0, 0.0)), TrackerOptions(speed=1.0, L=(0.1, 0.1)), slow, scalar)
+    for on in np.linspace(0.2, 1.8, 9):
+        assert profile.along(0, on) == pytest.approx(math.sqrt(2e-3 * min(on, 2.0 - on)), rel=1e-5), on
+
+
 def test_a_closed_path_repeats():
     """The laps of a stadium: its profile at the start is that at the end, and its bends limit it."""
     stadium = joined((2.0, 0.0), (math.pi, 1.0), (2.0, 0.0), (math.pi, 1.0))
