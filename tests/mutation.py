@@ -106,7 +106,7 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_approach.inc": Source(
         _chosen("test_approach", "bounded at_rest overshoot c_is fastest refused within -specs")
     ),
-    "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats derivative cusp")),
+    "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats derivative cusp slow_line")),
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
