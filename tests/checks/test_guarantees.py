@@ -45,12 +45,15 @@ def test_a_tool_that_does_not_end_is_a_failure(monkeypatch):
 
 
 @pytest.mark.nightly
-def test_eva_proves_damped_laws_and_finds_what_is_wrong_within_the_band(tmp_path):
+@pytest.mark.parametrize("planted", [False, True])
+def test_eva_proves_damped_laws_and_finds_what_is_wrong_within_the_band(planted, tmp_path):
     need("frama-c")
     task, law = Task(tmp_path, more=MORE), f"labmate_{MORE[0]}"
     program, source = eva.AnalysedProgram("law", "float", law), task.law_file(f"{law}_f.c")
-    proved, wrong = eva.analyse(task, program)
-    assert proved > 10 and not wrong
+    if not planted:
+        proved, wrong = eva.analyse(task, program)
+        assert proved > 10 and not wrong
+        return
     head, within, body = source.read_text().rpartition(f"{law}_step_near_f_law(const")
     assert head and "tau[1] =" in body
     source.write_text(head + within + body.replace("tau[1] =", "tau[2] =", 1))
