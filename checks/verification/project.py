@@ -15,9 +15,8 @@ from ...analysis.exact.extended import evaluate
 from ...codegen.packages.packages import package
 from ...codegen.printing.scalar import SCALARS
 from ...codegen.project import project
-from ...codegen.project.selftest import ExpectedStep, Golden, digest, digests, selftest, slows
+from ...codegen.project.selftest import ExpectedStep, Golden, digest, digests, headers, selftest, slows
 from ...codegen.project.vehicle import VehicleNumbers, example, vehicle_files
-from ...codegen.targets import BOARDS
 from ...model.law import ControlLaw
 from ...readers.errors import BadInput
 from ...simulation import noise
@@ -49,8 +48,7 @@ def project_files(
     board = _board(name, target)
     files = {f"noslip/{file}": text for file, text in sources.items()}
     files |= {f"board/{file}": text for file, text in target.files().items()}
-    headers = sorted((BOARDS.parent / "selftest").glob("*.h"))
-    files |= {f"selftest/{path.name}": path.read_text(encoding="utf-8") for path in headers}
+    files |= {f"selftest/{file}": text for file, text in headers().items()}
     golden = [_golden(law, scalar) for law in laws]
     files["selftest/selftest.c"] = selftest(golden, SCALARS[scalar], _digests(golden, sources, scalar))
     follows = f"{SCALARS[scalar].name(f'{robot}_follower')}.h" in sources
@@ -176,7 +174,7 @@ def _digests(golden: Sequence[Golden], sources: dict[str, str], scalar: str) -> 
     names = digests(golden, SCALARS[scalar])
     ffi.cdef("".join(f"uint32_t {name}(void);\n" for name in names))
     text = selftest(golden, SCALARS[scalar]).replace("static uint32_t", "uint32_t")
-    own = {path.name: path.read_text(encoding="utf-8") for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
+    own = headers()
     own["route.h"] = own["route.h"].replace("static uint32_t", "uint32_t")
     laws = {name: text for name, text in sources.items() if not name.startswith("noslip_")}
     lib = load(ffi, {**laws, **own, "selftest.c": text})

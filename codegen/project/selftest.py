@@ -12,8 +12,14 @@ from ..files import law_program
 from ..printing.law_c import FRICTION
 from ..printing.scalar import Scalar
 from ..program import FOLLOW, SLOPE
+from ..targets import BOARDS
 
 BITS = {"float": (np.float32, np.uint32, 8), "double": (np.float64, np.uint64, 16)}  # scalar, bits, hexadecimal digits
+
+
+def headers() -> dict[str, str]:
+    """Return the headers of the programs that test firmware, those of firmware/selftest: file name -> text."""
+    return {path.name: path.read_text(encoding="utf-8") for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
 
 
 Numbers = Sequence[float] | np.ndarray

@@ -49,8 +49,7 @@ class VehicleNumbers:
     """What a follower and its drive are given, SI.
 
     `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by
-    member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member; `arm` (m, forward and left): from the
-    place of the coordinates to the vehicle's point, empty where they are the same. `late`: the time from a tick until its
+    member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member. `late`: the time from a tick until its
     command moves the robot, as whole periods and the rest (s). `integrals`: which of distance and speed have integral action.
     A row is recorded every `output_step`, s; `tolerance` is that of the robot's motion, relative and absolute. `assumed`: for
     the reader, which numbers are assumptions, and `warnings`.
@@ -63,7 +62,6 @@ class VehicleNumbers:
     duration: float
     output_step: float
     tolerance: float = 1e-8
-    arm: Sequence[float] = ()
     late: tuple[int, float] = (0, 0.0)
     drives: VelocityDrives | None = None
     floor: FloorNumbers | None = None
@@ -99,7 +97,7 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
     state = [q.in_c for q in system.state]
     contacts = [each.name for each in mechanism.standing] if vehicle.floor else []
     placed = {name: state.index(name) for name in (*placed_names(system), *(v.in_c for v in system.quasi_velocities))}
-    made = PlantC(law, vehicle.drives is not None)
+    made, names = PlantC(law, vehicle.drives is not None), columns(law, vehicle)
     values = {
         "robot": mechanism.name,
         "own": scalar.name,
@@ -124,8 +122,6 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
         "forces": len(mechanism.constraint_names),
         "angles": [places[0] for places in system.coordinates_by_velocity],
         "placed": placed,
-        "spot": [placed[name] for name in placed_names(system)],
-        "arm": _numbers(vehicle.arm),
         "config": [c.name for c in law.config],
         "places": [_numbers(place) for place in places(law, vehicle.segments, vehicle.config["path"]["L"])],
         "drives": vehicle.drives is not None,
@@ -137,12 +133,11 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
         "contacts": contacts,
         "mu": vehicle.floor.mu if vehicle.floor else 0.0,
         "loads": made.loads(vehicle.floor.share, vehicle.floor.height) if vehicle.floor else "",
-        "earned": can_grip(system) and "friction" in vehicle.config.get("limits", {}),
+        "earned": "believed_mu" in names,
+        "columns": [",".join(names[k : k + IN_A_LINE]) for k in range(0, len(names), IN_A_LINE)],
         "integrals": vehicle.integrals,
         "assumed": vehicle.assumed,
     }
-    names = columns(law, vehicle)
-    values["columns"] = [",".join(names[k : k + IN_A_LINE]) for k in range(0, len(names), IN_A_LINE)]
     files = {"vehicle.h": "vehicle.h", "vehicle.c": "vehicle.c", "selftest/drive.c": "drive.c"}
     return {file: render(__file__, template, **values) for file, template in files.items()}
 

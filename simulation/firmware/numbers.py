@@ -10,12 +10,11 @@ import numpy as np
 from ...codegen.follower.follower import is_followers, why_no_follower
 from ...codegen.loop.stages import check
 from ...codegen.project.vehicle import FloorNumbers, NoiseNumbers, VehicleNumbers, VelocityDrives
-from ...model.law import ControlLaw
 from ...model.mechanism import Quantity
 from ...model.vehicle import SteeredAxle, steered_axle
 from ...readers.errors import BadInput
 from ..controllers.controller import Limits
-from ..controllers.odometry import arm_function, has_arm, vehicle_wheels
+from ..controllers.odometry import vehicle_wheels
 from ..controllers.tracking import TrackerOptions
 from ..drive import command_limits, whole_periods
 from ..guidance import Direct, vehicle_motion
@@ -31,8 +30,8 @@ STEERING = 1.3  # rad, largest steering angle
 OUTPUTS = ("distance", "speed")  # in the order of the follower's integral action
 
 
-def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
-    """Return the law and the numbers of a follower for the vehicle of a SPEC, SI.
+def vehicle_of(spec: Spec) -> tuple[Loop, VehicleNumbers]:
+    """Return the loop of a SPEC in float, and the numbers of a follower for its vehicle, SI.
 
     Raises BadInput for options that a follower does not have, by the table of stages, for a robot that has none, and as
     `make_loop` does.
@@ -41,10 +40,10 @@ def vehicle_of(spec: Spec) -> tuple[ControlLaw, VehicleNumbers]:
     loop = make_loop(replace(spec, simulation=replace(spec.simulation, backend="cf")))
     if not is_followers(loop.law):
         raise BadInput(f"--firmware: {why_no_follower(loop.law.system)}")
-    return loop.law, numbers_of(spec, loop)
+    return loop, _numbers(spec, loop)
 
 
-def numbers_of(spec: Spec, loop: Loop) -> VehicleNumbers:
+def _numbers(spec: Spec, loop: Loop) -> VehicleNumbers:
     """Return the numbers of a follower for the vehicle of a SPEC, which has one, and its loop."""
     assert spec.sensors and spec.sensors.counts and spec.output.path, "by the table of stages"
     law, system = loop.law, loop.law.system
@@ -95,7 +94,6 @@ def numbers_of(spec: Spec, loop: Loop) -> VehicleNumbers:
         duration=spec.simulation.duration,
         output_step=spec.simulation.output_step,
         tolerance=spec.simulation.tolerance,
-        arm=arm_function(system)(loop.believed).full().ravel().tolist() if has_arm(system) else (),
         late=whole_periods(late, period),
         drives=follows,
         floor=_floor(spec.contact, loop.plant) if spec.contact else None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,19 +11,19 @@ import numpy as np
 from ...codegen.files import has_follower, robot_files
 from ...codegen.loop.stages import broken
 from ...codegen.printing.scalar import FLOAT
+from ...codegen.project.selftest import headers
 from ...codegen.project.vehicle import VehicleNumbers, columns, places, vehicle_files
-from ...codegen.targets import BOARDS, STANDARD
+from ...codegen.targets import STANDARD
 from ...model.law import ControlLaw
 from ...readers.errors import BadInput
 from ...readers.robots import find_robot, law_of
 from ..controllers import ON_TARGET
 from ..controllers.build import QUICK, built, compiler, with_runtime
 from ..controllers.targets import CONSOLE, HOST, TARGETS, Target, require
-from ..loop import make_loop
 from ..noise import source
 from ..run import Run
 from ..specification.spec import Spec
-from .numbers import EXPORT, numbers_of
+from .numbers import EXPORT, vehicle_of
 
 ON = {"cf": HOST, **{backend: TARGETS[name] for backend, name in ON_TARGET.items()}}  # backend -> target
 STOPPED = 1  # exit code where the watchdog stopped the vehicle
@@ -41,10 +40,10 @@ def run_of_firmware(spec: Spec, progress: Callable[[float], None] | None = None)
     """Return the run of a SPEC that `runs_as_firmware`; `progress` receives the time reached. Its rows are those that the test
     of the exported project prints.
 
-    Raises BadInput as `make_loop`, where a tool is missing, and if the firmware rejects its numbers.
+    Raises BadInput as `vehicle_of`, where a tool is missing, and if the firmware rejects its numbers.
     """
-    loop = make_loop(replace(spec, simulation=replace(spec.simulation, backend="cf")))
-    law, vehicle = loop.law, numbers_of(spec, loop)
+    loop, vehicle = vehicle_of(spec)
+    law = loop.law
     named = _rows(law, vehicle, ON[spec.simulation.backend], progress)
     system, outputs = law.system, law.output.rows
     state, inputs = [q.name for q in system.state], [i.name for i in system.mechanism.inputs]
@@ -110,7 +109,7 @@ def _program(law: ControlLaw, vehicle: VehicleNumbers, target: Target) -> Path:
         require(target.compiler, *target.machine[:1])
     own = {Path(name).name: text for name, text in vehicle_files(law, FLOAT, vehicle).items()}
     own |= {name: text for name, text in robot_files(law.system, [law], (FLOAT.real,)).items() if "_telemetry" not in name}
-    own |= {name: (BOARDS.parent / "selftest" / name).read_text(encoding="utf-8") for name in HEADERS}
+    own |= {name: text for name, text in headers().items() if name in HEADERS}
     files = {**with_runtime({**own, **source()}), **target.files()}
     sources = [name for name in files if name.endswith(".c") and (name not in target.files() or name in target.start)]
     command = target.compile() if target.compiler else compiler()

@@ -121,8 +121,8 @@ def off(rows: list[dict[str, str]], text: str, names: tuple[str, str] = ("x_c", 
 def of_variant(project: Path, folder: Path, text: str) -> Path:
     """A copy of the project with the numbers of another SPEC."""
     shutil.copytree(project, folder, ignore=shutil.ignore_patterns("build", "*.run"))
-    law, vehicle = vehicle_of(spec_of(text, "agv.toml"))
-    files = vehicle_files(law, SCALARS["float"], vehicle)
+    loop, vehicle = vehicle_of(spec_of(text, "agv.toml"))
+    files = vehicle_files(loop.law, SCALARS["float"], vehicle)
     files |= {f"selftest/{name}": text for name, text in noise.source().items()} if vehicle.noise else {}
     for name, content in files.items():
         (folder / name).write_text(content)

@@ -6,6 +6,7 @@ Both describe one robot, so that every number that does not name the coordinates
 
 import cmath
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from noslip.cli.main import main
 from noslip.model.vehicle import point_on_body
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.firmware.run import runs_as_firmware
 from noslip.simulation.specification.spec import read_spec
 from noslip.simulation.sweeping.batch import Batch
 from noslip.simulation.telemetry.vehicle import follower_in_c
@@ -169,6 +171,18 @@ def test_a_follower_is_that_of_the_labmate(twin, scalar):
                 assert away == pytest.approx((0.3 + 0.2j) * turned, abs=1e-6)
         runs.append(rows)
     np.testing.assert_allclose(*runs, rtol=0, atol=1e-9 if scalar == "double" else 1e-2)
+
+
+def test_firmware_is_that_of_the_labmate(twin, tmp_path):
+    """The place that its rows show as seen is that of the coordinates, near the true one; the arm is 0.36 m long."""
+    counted = '[sensors]\npose = "reckoned"\ncounts = 8192\n[limits]\ntorque = 20.0\n'
+    specs = [replace(spec, simulation=replace(spec.simulation, backend="cf")) for spec in both(twin, tmp_path, counted)]
+    assert all(map(runs_as_firmware, specs))
+    one, other = map(simulate, specs)
+    assert len(one.t) == len(other.t) == 301 and one.stopped is other.stopped is None
+    np.testing.assert_allclose(one.q[:, 2:], other.q[:, 2:], rtol=0, atol=1e-3)
+    for run in (one, other):
+        assert np.linalg.norm(run.seen[:, :2] - run.q[:, :2], axis=1).max() < 2e-3
 
 
 def test_reckoned_columns_are_coordinates_on_a_floor(twin, tmp_path):

@@ -186,7 +186,7 @@ typedef struct {
     int status; /* of the follower's law, or its error */
 } drive_row;
 
-static const double counts_per_turn[2] = {@{ counts | join(", ") }};
+static const double per_count[2] = {6.283185307179586 / @{ counts[0] }, 6.283185307179586 / @{ counts[1] }}; /* rad */
 static const double place[][@{ places[0] | length }] = { /* of each piece: @{ config | join(", ") } */
 {% for each in places %}
     {@{ each | join(", ") }},
@@ -263,12 +263,6 @@ static int32_t floor_of(double number)
     return whole - (number < (double)whole);
 }
 
-/* Returns the whole counts of a wheel at an angle. */
-static int32_t counts_of(double angle, double per_turn)
-{
-    return floor_of(angle / (6.283185307179586 / per_turn));
-}
-
 {% if noise %}
 /* Draws the noise of the wheels' rates. */
 static void draw(run *self)
@@ -304,7 +298,7 @@ static int tick(run *self, @{ r("follower") } *follower, int bits)
 {
     drive_row *row = &self->row;
 {% set turned = ["self->turned[0]", "self->turned[1]"] if noise else ["self->x[" ~ angles[0] ~ "]", "self->x[" ~ angles[1] ~ "]"] %}
-    const int32_t whole[2] = {counts_of(@{ turned[0] }, counts_per_turn[0]), counts_of(@{ turned[1] }, counts_per_turn[1])};
+    const int32_t whole[2] = {floor_of(@{ turned[0] } / per_count[0]), floor_of(@{ turned[1] } / per_count[1])};
     const uint32_t mask = UINT32_MAX >> (32 - bits), counts[2] = {(uint32_t)whole[0] & mask, (uint32_t)whole[1] & mask};
     command_given *last = &self->waiting[(self->first + self->count) % WAITING];
     @{ real } command[2];
@@ -315,20 +309,12 @@ static int tick(run *self, @{ r("follower") } *follower, int bits)
 {% for name, k in placed.items() %}
     row->seen[@{ k }] = (double)follower->state.@{ name };
 {% endfor %}
-{% if arm %}
-    { /* from the vehicle's point to its coordinates */
-        double sine, cosine;
-        noslip_sincos(row->seen[@{ spot[2] }], &sine, &cosine);
-        row->seen[@{ spot[0] }] -= @{ arm[0] } * cosine - @{ arm[1] } * sine;
-        row->seen[@{ spot[1] }] -= @{ arm[0] } * sine + @{ arm[1] } * cosine;
-    }
-{% endif %}
     for (i = 0; i < 2; i++) {
         row->integral[i] = (double)follower->integrals[i].z;
         last->given[i] = (double)command[i];
     }
-    row->seen[@{ angles[0] }] = whole[0] * (6.283185307179586 / counts_per_turn[0]);
-    row->seen[@{ angles[1] }] = whole[1] * (6.283185307179586 / counts_per_turn[1]);
+    row->seen[@{ angles[0] }] = whole[0] * per_count[0];
+    row->seen[@{ angles[1] }] = whole[1] * per_count[1];
     row->desired[0] = (double)follower->reference.distance;
     row->desired[1] = (double)follower->reference.speed;
     row->believed = @{ "(double)follower->law.earned.mu" if earned else "0" };
