@@ -115,7 +115,8 @@ def run(args: argparse.Namespace) -> int:
         os.replace(folder, target)
     robot = robot_name(generated)
     goal, does = (" test", "self-test") if args.firmware else ("", "example")
-    then = f"`make -C {shlex.quote(args.out)}{goal}` builds the library and runs {robot}'s {does}"
+    driven = f", then drives the vehicle of {args.robot}" if vehicle else ""
+    then = f"`make -C {shlex.quote(args.out)}{goal}` builds the library and runs {robot}'s {does}{driven}"
     if args.package:
         then = "README.md says how to use them"
     show(

@@ -28,7 +28,7 @@ ACCESSIBLE = {  # what the theme leaves out for keyboards and screen readers
     "<pre>": '<pre tabindex="0">',
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
     "</head>": "<style>@media (max-width: 45em) { article p:has(> img) { overflow-x: auto } "  # text of pictures stays legible
-    "article img:is([src*='/figure_'], [src$='.png']) { max-width: none; width: 60rem } }</style></head>",
+    "article p > img { max-width: 60rem } }</style></head>",
     "<p><img ": '<p tabindex="0"><img ',
     '<div class="math-wrapper': '<div tabindex="0" class="math-wrapper',
 }

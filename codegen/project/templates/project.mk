@@ -47,7 +47,7 @@ test: @{ image }@{ " " ~ drive if drives }
 {% if drives %}
 	@mkdir -p build
 	$(DRIVE) > build/run.csv || { tail -n 1 build/run.csv; exit 1; }
-	@echo "build/run.csv: $$(wc -l < build/run.csv) rows, the last: $$(tail -n 1 build/run.csv)"
+	@echo "build/run.csv: the vehicle along its path, to t = $$(tail -n 1 build/run.csv | cut -d , -f 1) s"
 {% endif %}
 
 budget: loop.o@{ " vehicle.o" if drives } lib@{ robot }.a
