@@ -92,9 +92,14 @@ def spec_page() -> str:
 
 
 def _sections(schema: Mapping[str, Any], name: str) -> Iterator[str]:
-    """A table of the entries, then a section for each entry that is a table."""
+    """A table of the entries, then a section for each entry that is a table, of which the table has the first sentence."""
     entries = {key: value for key, value in schema["properties"].items() if value}
-    rows = [f"| `{key}` | {_allowed(value)} | {_cell(value.get('description', ''))} |" for key, value in entries.items()]
+    rows = []
+    for key, value in entries.items():
+        meaning, entry = _cell(value.get("description", "")), f"`{key}`"
+        if "properties" in value:
+            meaning, entry = meaning.partition(". ")[0].rstrip("."), f"[{entry}](#{name.replace('.', '')}{key})"
+        rows.append(f"| {entry} | {_allowed(value)} | {meaning} |")
     yield "\n".join(["| entry | value | meaning |", "|---|---|---|", *rows])
     for kind in schema.get("allOf", ()):
         if value := kind["if"]["properties"]["kind"].get("const"):
