@@ -74,7 +74,7 @@ FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts a
 }
 # functions of which one interval says enough, so that no states are kept apart in them
 MERGED = {"noslip_limit": 0, "noslip_abs": 0}
-MERGED_IN_GRIP = {"noslip_earn": 0, "noslip_shown": 0, "noslip_friction_ok": 0, "noslip_grip_init": 0}
+MERGED_IN_GRIP = {"noslip_earn": 0, "noslip_compare": 0, "noslip_shown": 0, "noslip_friction_ok": 0, "noslip_grip_init": 0}
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
 MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}

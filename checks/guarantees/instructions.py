@@ -16,6 +16,8 @@ KINDS = {
     "cut": "cuts a torque",
     "slowed": "gives up speed",
     "rolling": "answers, with NOSLIP_GRIP",
+    "earning": "answers, where friction is earned",
+    "noticing": "answers, where a wheel does not do what is expected",
     "gripped": "keeps the wheels rolling",
     "refused": "refuses",
 }

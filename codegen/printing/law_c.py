@@ -33,7 +33,7 @@ def runtime_types(scalar: Scalar) -> str:
         "friction": FRICTION,
         "grip": "weight height",
         "earned": "mu most given weight height period pause frequency rise after error coarse lag",
-        "wheel": "rate expected per_mass radius away steps",
+        "wheel": "rate expected per_mass rim away steps",
     }
     floor = [
         struct(

@@ -189,8 +189,8 @@ NOSLIP_SMALL int labmate_type_iv_line_init(labmate_type_iv_line *self, const lab
         static const double none[2] = {0, 0};
         double drive[6];
         status = labmate_type_iv_line_wheels_law(self, NULL, none, drive);
-        noslip_wheel_init(&self->wheel[0], &drive[0]);
-        noslip_wheel_init(&self->wheel[1], &drive[3]);
+        noslip_wheel_init(&self->wheel[0], &drive[0], &self->earned);
+        noslip_wheel_init(&self->wheel[1], &drive[3], &self->earned);
     }
     noslip_write_zeros(self->ground, 8);
     self->ready = NOSLIP_READY;

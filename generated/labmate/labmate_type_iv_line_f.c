@@ -192,8 +192,8 @@ NOSLIP_SMALL int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const
         static const float none[2] = {0, 0};
         float drive[6];
         status = labmate_type_iv_line_wheels_f_law(self, NULL, none, drive);
-        noslip_wheel_init_f(&self->wheel[0], &drive[0]);
-        noslip_wheel_init_f(&self->wheel[1], &drive[3]);
+        noslip_wheel_init_f(&self->wheel[0], &drive[0], &self->earned);
+        noslip_wheel_init_f(&self->wheel[1], &drive[3], &self->earned);
     }
     noslip_write_zeros_f(self->ground, 8);
     self->ready = NOSLIP_READY;

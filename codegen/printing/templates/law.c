@@ -107,7 +107,7 @@ NOSLIP_SMALL @{ law.init_signature() }
         @{ real } drive[@{ 3 * wheels }];
         status = @{ f(of_wheels.name) }_law(self, NULL, none, drive);
 {% for k in range(wheels) %}
-        @{ n("wheel_init") }(&self->wheel[@{ k }], &drive[@{ 3 * k }]);
+        @{ n("wheel_init") }(&self->wheel[@{ k }], &drive[@{ 3 * k }], &self->earned);
 {% endfor %}
     }
     @{ n("write_zeros") }(self->ground, @{ 4 * contacts });
