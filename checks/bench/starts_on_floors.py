@@ -1,12 +1,12 @@
-"""Slip of the shipped robots in the physics engine where friction is not what is believed: given, earned, and without limiter.
+"""Slip of robots in the physics engine where friction is not what is believed: given, earned, and without limiter.
 
-    python checks/bench/starts_on_floors.py [--starts N] [--ratios R ...] [--seconds S] [--robot NAME ...]
+    python checks/bench/starts_on_floors.py [--starts N] [--ratios R ...] [--seconds S] [--robot NAME|SPEC.toml ...]
 
 Prints, for each robot, each ratio of the true friction to the believed one and each limiter, of all starts: the largest slip of
 a wheel and for how long a run slips faster than SLIDES at most, the time from which on all errors in m stay within REACHED
-(median of the runs that end so, and their number), and the runs that stopped: the wheels spin, or the loop is singular. The first
-start is that of the robot's SPEC; others move the place by up to 0.5 m, turn the heading by up to 0.8 rad and multiply what the
-robot has of speed by up to 1. Starts that are singular are left out.
+(median of the runs that end so, and their number), the runs that stopped: the wheels spin, or the loop is singular, and those of
+them that reach the path without limiter. The first start is that of the SPEC; others move the place by up to 0.5 m, turn the
+heading by up to 0.8 rad and multiply what the robot has of speed by up to 1. Starts that are singular are left out.
 """
 
 import argparse
@@ -15,14 +15,14 @@ import os
 import random
 import statistics
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import noslip
 import numpy as np
-from noslip.examples.evidence.figures.floor import BELIEVED_MU, LIMITERS, PERIOD, ROBOTS, SLIDES, file_of, sliding
+from noslip.examples.evidence.figures.floor import BARE, BELIEVED_MU, LIMITERS, PERIOD, ROBOTS, SLIDES, file_of, sliding
 from noslip.examples.evidence.framework import Case
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
@@ -39,6 +39,7 @@ COLUMNS = (
     "path reached, s",
     "reached",
     "stopped",
+    "lost",
 )
 
 
@@ -65,11 +66,16 @@ def moved(initial: dict, source: random.Random) -> dict:
     return {"point": point, "heading": heading + turn, "speed": part * initial["speed"]}
 
 
+def spec_of(robot: str) -> str:
+    """Return the SPEC of a shipped robot, or that which is named, from the folder of those of figures."""
+    return file_of(robot) if robot in ROBOTS else str(Path(robot).resolve())
+
+
 def started(robot: str, initial: dict, ratio: float, limiter: str, seconds: float) -> Case:
     """Return the run of a robot's SPEC from a start, on a floor whose friction is `ratio` times the believed one."""
     times = {"simulation.period": PERIOD, "simulation.output_step": PERIOD, "simulation.duration": seconds}
     floor = {"contact": {"mu": BELIEVED_MU}, "floor": {"mu": ratio * BELIEVED_MU}}
-    return Case(file_of(robot), {"initial": initial, **times, **floor, **LIMITERS[limiter]}, engine="mujoco")
+    return Case(spec_of(robot), {"initial": initial, **times, **floor, **LIMITERS[limiter]}, engine="mujoco")
 
 
 def outcome(case: Case) -> Slipped | None:
@@ -88,14 +94,16 @@ def outcome(case: Case) -> Slipped | None:
     return Slipped(float(run.floor.slip.max()), sliding(run), reached, bool(run.stopped))
 
 
-def row(robot: str, ratio: float, limiter: str, found: Iterable[Slipped | None]) -> str:
-    """Return the row of a table for all starts."""
+def row(robot: str, ratio: float, limiter: str, found: Sequence[Slipped | None], without: Sequence[Slipped | None]) -> str:
+    """Return the row of a table for all starts; `without` are the same without limiter."""
     runs = [one for one in found if one is not None]
-    times = [one.reached for one in runs if one.reached is not None]
+    lost = sum(bool(a and b and a.stopped and b.reached is not None) for a, b in zip(found, without, strict=True))
+    times, stopped = [one.reached for one in runs if one.reached is not None], sum(one.stopped for one in runs)
     slip, slides = max(one.slip for one in runs), max(one.slides for one in runs)
     median = f"{statistics.median(times):.2f}" if times else "-"
-    counts = [f"{number} of {len(runs)}" for number in (len(times), sum(one.stopped for one in runs))]
-    return f"| {' | '.join([f'`{robot}`', f'{ratio:g}', limiter, f'{100 * slip:.2g}', f'{slides:.2g}', median, *counts])} |"
+    counts = [f"{number} of {len(runs)}" for number in (len(times), stopped, lost)]
+    numbers = [f"{ratio:g}", limiter, f"{100 * slip:.2g}", f"{slides:.2g}", median]
+    return f"| {' | '.join([f'`{Path(robot).stem}`', *numbers, *counts])} |"
 
 
 def main() -> None:
@@ -109,12 +117,16 @@ def main() -> None:
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for robot in given.robot:
             source = random.Random(f"18 {robot}")
-            first = tomllib.loads((SPECS / file_of(robot)).read_text(encoding="utf-8"))["initial"]
+            first = tomllib.loads((SPECS / spec_of(robot)).read_text(encoding="utf-8"))["initial"]
             starts = [first, *(moved(first, source) for _ in range(given.starts - 1))]
             for ratio in given.ratios:
-                for limiter in LIMITERS:
-                    cases = [started(robot, start, ratio, limiter, given.seconds) for start in starts]
-                    print(row(robot, ratio, limiter, pool.map(outcome, cases)), flush=True)
+                found = {
+                    limiter: pool.map(outcome, [started(robot, start, ratio, limiter, given.seconds) for start in starts])
+                    for limiter in LIMITERS
+                }
+                runs = {limiter: list(each) for limiter, each in found.items()}
+                for limiter, each in runs.items():
+                    print(row(robot, ratio, limiter, each, runs[BARE]), flush=True)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from noslip.checks.verification.sampling import random_plants
 from noslip.codegen.derivation.grip import is_wide
+from noslip.codegen.printing.scalar import SCALARS
 from noslip.codegen.program import ENTRIES
 from noslip.model.law import symbols
 from noslip.readers.errors import BadInput
@@ -640,6 +641,36 @@ def test_wrong_masses_and_coarse_rates():
         assert (np.diff(mu) >= 0).all() and mu[-1] > 0.4 and slip.max() == 0
         mu, slip = straight_on("c", friction, 0.4, counts, mass, torque)
         assert slip.max() < 0.5 and np.mean(slip > 0.05) < 0.2
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_rates_within_the_least_bound_are_compared_in_a_few_instructions(scalar):
+    """With the bits of the whole comparison, for wheels near that bound, away from before, after a pause, and at any rates."""
+    c, random, counts = runtime("noslip_grip.h"), np.random.default_rng(80), np.zeros(2, int)
+    for _ in range(4000):
+        size = 10.0 ** random.integers(-2, 2)
+        friction = c.new("noslip_friction", scalar, {"mu": 0.5, "period": 0.01, "lag": random.choice([0, 0.02])})
+        earned, grip = c.new("noslip_earned", scalar), c.new("noslip_grip", scalar)
+        c.function("noslip_grip_init", scalar)(earned, grip, friction, 2)
+        c.function("noslip_believe", scalar)(earned, grip, random.choice([0.01, 0.3, 0.4999, 0.5]))
+        earned.pause = random.choice([0, 0, -0.003, 0.01])
+        wheels = c.ffi.new(f"{SCALARS[scalar].name('noslip_wheel')}[2]")
+        for wheel in wheels:
+            c.function("noslip_wheel_init", scalar)(c.ffi.addressof(wheel), c.array(scalar, [0, 2.0, 0.15]), earned)
+            wheel.expected, wheel.rate = random.normal(0, size), random.normal(0, 1)
+            wheel.away, wheel.steps = random.choice([*[(0, 0)] * 6, (0.5, 1), (-0.2, 3)])
+        beyond = earned.error * grip.weight / 4 * random.choice([1, 1 + 1e-7, 0.9, 0.5, 3], 2) * random.choice([-1, 1], 2)
+        rates = [wheel.rate + (wheel.expected + each) / wheel.rim for wheel, each in zip(wheels, beyond, strict=True)]
+        ground = c.array(scalar, random.normal(0, 30, 8))
+        answers = []
+        for name in ("noslip_earn", "noslip_compare"):
+            copies = [c.ffi.new(c.ffi.typeof(each), each[0]) for each in (earned, grip)]
+            own = c.ffi.new(c.ffi.typeof(wheels), list(wheels))
+            c.function(name, scalar)(*copies, own, ground, c.array(scalar, rates), 2)
+            answers.append(b"".join(bytes(c.ffi.buffer(each)) for each in (*copies, own)))
+        assert answers[0] == answers[1]
+        counts[int(max(abs(beyond)) < earned.error * grip.weight / 4 and earned.pause <= 0)] += 1
+    assert min(counts) > 200
 
 
 def test_what_is_believed_stays_within_what_is_given():
