@@ -56,6 +56,7 @@ PART = re.compile(r" \d+ of \d+$")  # in the name of such a step
 SEEDS, OF_C, OF_CODEGEN = ("39", "1936"), "4", "2"  # of mutation: not the seed that tests were written for; mutants for each
 # Files whose tests integrate, linearize and plan: they pass with the kernels of other processors too.
 NUMERICAL = "guidance simulate outer_loop outer_design planning integral analyse shape redundancy".split()
+SHORT = re.compile(r"::test_(guarantee|bits)\[")  # short versions of the guarantees and of `make bits`
 COMPILES = re.compile(r'HOST_CC|COMPILERS|"gcc"')  # in a test file: its tests run a compiler of this host
 OTHER_TOOLS = re.compile(r"clang|lld|ld\.lld|llvm|arm-none|riscv|qemu|cppcheck|frama|cbmc|chromium|node|emcc")  # than gcc
 
@@ -96,7 +97,7 @@ def steps(folder: Path) -> list[Step]:
     # The tests of the day, by which the margins are measured.
     found = [target("margins", cores=os.cpu_count() or 1)]
     found += [target("lint"), target("types"), target("check-generated"), target("bits"), target("firmware-test")]
-    found += [target("figures", "ALL=--all")]
+    found += [target("figures")]
     found += [Step(name, _pytest(folder, name, "-m", "nightly", *tests)) for name, tests in _of_the_night()]
     for choice, environment in choices().items():
         command = _pytest(folder, f"kernels {choice}", *(f"test_{name}" for name in NUMERICAL))
@@ -125,10 +126,10 @@ def _pytest(folder: Path, name: str, *arguments: str) -> list[str]:
 
 
 def _of_the_night() -> Iterator[tuple[str, list[str]]]:
-    """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a part of one. The short
-    versions of the guarantees are left out, which steps of their own run whole.
+    """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a part of one. Left out
+    are short versions of what other steps run whole.
     """
-    tests = [test for test in collected("nightly", "tests") if "::test_guarantee[" not in test]
+    tests = [test for test in collected("nightly", "tests") if not SHORT.search(test)]
     for file in sorted({re.split(r"[/.]", test)[2] for test in tests}):
         own, name = [test for test in tests if f"/{file}.py::" in test], f"night {file}"
         count = min(len(own), math.ceil(ABOUT.get(name, 1) / PIECE))
