@@ -36,6 +36,7 @@ COMPLETE = {  # attributes that have no default in URDF, by element
     "mesh": ("filename",),
 }
 ELEMENTS = {"inertial": ("mass", "inertia"), "joint": ("parent", "child"), "visual": ("geometry",), "collision": ("geometry",)}
+ONCE = ("inertial", "mass", "inertia", "origin", "axis", "parent", "child", "geometry", "limit", "mimic")  # in an element
 VECTORS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3}  # attributes with several numbers
 NUMBERS = {*COMPLETE["inertia"], "radius", "length", "value", "multiplier", "offset", "lower", "upper", "effort", "velocity"}
 UNUSED = ("material", "gazebo", "transmission", "ros2_control", "dynamics", "calibration", "safety_controller")
@@ -209,7 +210,7 @@ def _refuse_unexpanded(file: str, root: Any) -> None:
 
 def _checked(file: str, root: Any) -> tuple[str, ...]:
     """Check every number of links and joints and make angles such as 1.57 exact. Return notes about these. Raises BadInput."""
-    rounded: list[str] = []
+    rounded, repeated = list[str](), list[str]()
     named: dict[str, set[str]] = {"link": set(), "joint": set()}
     _check_complete(file, root)
     for owner in [e for kind in named for e in root.iterfind(kind)]:
@@ -219,12 +220,16 @@ def _checked(file: str, root: Any) -> tuple[str, ...]:
         named[owner.tag].add(owner.get("name"))
         for element in owner.iter():
             _check_complete(where, element)
+            tags = [child.tag for child in element]
+            repeated += [f"<{tag}> of {owner.tag} {owner.get('name')}" for tag in ONCE if tags.count(tag) > 1]
             for attribute in element.attrib:
                 _check_numbers(where, element, attribute)
             if element.tag == "origin" and _make_exact(element):
                 rounded.append(f"{owner.tag} {owner.get('name')}")
-    names = ", ".join(dict.fromkeys(rounded))
-    return (f"rounded multiples of a quarter turn, such as 1.57, are taken as exact in rpy of {names}",) if names else ()
+    exact = "rounded multiples of a quarter turn, such as 1.57, are taken as exact in rpy of"
+    first = "warning: given more than once, of which the first counts, as in ROS:"
+    said = {exact: ", ".join(dict.fromkeys(rounded)), first: ", ".join(repeated)}
+    return tuple(f"{what} {names}" for what, names in said.items() if names)
 
 
 def _check_complete(where: str, element: Any) -> None:
@@ -250,7 +255,7 @@ def _check_complete(where: str, element: Any) -> None:
 def _check_numbers(where: str, element: Any, attribute: str) -> None:
     """Raise BadInput for an attribute that should be numbers and is not."""
     count = VECTORS.get(attribute, 1 if attribute in NUMBERS else 0)
-    if not count:
+    if not count or (element.tag, attribute) == ("axis", "rpy"):  # which nobody reads
         return
     text = element.get(attribute)
     try:

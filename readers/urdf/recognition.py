@@ -387,13 +387,13 @@ class _Recognition:
         massless = [n for n in document.links if not document.inertial(n) and (self.has_shape(n) or n in document.weightless)]
         on_wheels = {wheel.link: document.subtree(wheel.link) for wheel in wheels}
         lost = [link for link, links in on_wheels.items() if not any(map(document.inertial, links))]
-        beside = {*(link for links in on_wheels.values() for link in links), *self.castors}
+        carriers = {document.joints[wheel.joint].parent for wheel in fixed}
+        beside = {*(link for links in on_wheels.values() for link in links), *self.castors} - carriers
         body = [name for name in document.links if name not in beside]
 
         def mass(links: Iterable[str]) -> float:
             return sum(own.mass for link in links if (own := document.inertial(link)))
 
-        carriers = {document.joints[wheel.joint].parent for wheel in fixed}
         suspects = {name for name in massless if {name} == carriers}
         if mass(body) < mass(link for links in on_wheels.values() for link in links):
             suspects |= carriers | {max(body, key=lambda name: span(document, name))}

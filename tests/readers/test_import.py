@@ -413,6 +413,35 @@ def test_an_inertia_that_no_body_has_is_noted(tmp_path, capsys):
     )
 
 
+def test_a_chassis_that_stands_on_a_ball_of_its_own(tmp_path, capsys):
+    """It is no castor apart, and its part of the weight is there; of two <inertial> the first counts, as in ROS, and is said."""
+
+    def solid(mass: float, shape: str, more: str = "") -> str:
+        inertial = (
+            f'<inertial><mass value="{mass}"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>'
+        )
+        return f"{inertial}{more}<collision>{shape}</collision>"
+
+    disc = '<geometry><cylinder radius="0.05" length="0.01"/></geometry>'
+    ball = '<collision><origin xyz="-0.1 0 0.02"/><geometry><sphere radius="0.02"/></geometry></collision>'
+    axle = {
+        side: f'<joint name="{side}" type="continuous"><origin xyz="0.02 {y} 0.05" rpy="-1.5707963267948966 0 0"/>'
+        f'<parent link="base"/><child link="{side}_wheel"/><axis xyz="0 0 1" rpy="0 0"/></joint>'
+        f'<link name="{side}_wheel">{solid(0.1, disc)}</link>'
+        for side, y in (("left", 0.1), ("right", -0.1))
+    }
+    box = '<origin xyz="0 0 0.06"/><geometry><box size="0.2 0.2 0.05"/></geometry>'
+    base = f'<link name="base">{solid(3.0, box, solid(9.0, disc).partition("<collision>")[0])}{ball}</link>'
+    (tmp_path / "cart.urdf").write_text(f'<robot name="cart">{base}{"".join(axle.values())}</robot>')
+    assert main(["import", str(tmp_path / "cart.urdf"), "-o", str(tmp_path / "cart.py")]) == 0
+    out, err = capsys.readouterr()
+    assert "warning: given more than once, of which the first counts, as in ROS: <inertial> of link base\n" in err
+    robot = find_robot(f"{tmp_path / 'cart.py'}:cart")
+    size = {p.name: p.default for p in robot.parameters}
+    assert size["m"] == pytest.approx(3.2) and "castors base carry" in out
+    assert size["load_c1"] == pytest.approx(3.0 * 0.02 / 0.12 / 3.2) and size["d"] == pytest.approx(-3.0 * 0.02 / 3.2)
+
+
 def test_what_stands_on_the_ground_is_no_arm(tmp_path, bad_input):
     """Nor is the joint of a castor's swivel, nor one that carries the vertical joint of a trailer's wheels."""
     castor, truck = two_wheels(), trailers(2)
