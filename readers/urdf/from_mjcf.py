@@ -11,6 +11,9 @@ from ..errors import BadInput, library, naming
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 ELLIPSOID = 4  # mjtGeom
+OF_JOINT, OF_TENDON = 0, 3  # mjtTrn
+SUMMED = 1  # mjtWrap: a joint whose angle a fixed tendon adds up
+HOLDS = ("armature", "damping", "frictionloss", "limited", "stiffness")  # with which a tendon acts of itself
 SHAPES = {2: "sphere", 3: "cylinder", ELLIPSOID: "mesh", 5: "cylinder", 6: "box", 7: "mesh"}  # a capsule counts as its cylinder
 
 
@@ -45,7 +48,7 @@ class _Scene:
         if len(free) != 1:
             said = ", ".join(repr(self.bodies[k]) for k in free) or "none"
             raise BadInput(f"{self.file}: the robot is the body with a <freejoint/>; with one are: {said}; give it to one body")
-        if model.neq or model.ntendon:
+        if model.neq or any(getattr(model, f"tendon_{name}").any() for name in HOLDS):
             raise BadInput(f"{self.file}: equality constraints and tendons cannot be described as a tree; remove them")
         root = etree.Element("robot", name=model.names.partition(b"\0")[0].decode())
         anchors = {free[0]: np.zeros(3)}
@@ -56,9 +59,18 @@ class _Scene:
                     continue
                 anchors[k] = self._joint(root, k, parent, anchors[parent])
             self._link(root, k, anchors[k])
-        for joint in {int(model.actuator_trnid[k, 0]) for k in range(model.nu) if model.actuator_trntype[k] == 0}:
+        for joint in sorted({joint for k in range(model.nu) for joint in self._driven(k)}):
             etree.SubElement(etree.SubElement(root, "transmission"), "joint", name=self.joints[joint])
         return root
+
+    def _driven(self, k: int) -> list[int]:
+        """Return the joints that actuator k drives, itself or by a tendon that is a sum of their angles."""
+        model, kind, own = self.model, int(self.model.actuator_trntype[k]), int(self.model.actuator_trnid[k, 0])
+        if kind != OF_TENDON:
+            return [own] if kind == OF_JOINT else []
+        parts = slice(model.tendon_adr[own], model.tendon_adr[own] + model.tendon_num[own])
+        joints = zip(model.wrap_type[parts].tolist(), model.wrap_objid[parts].tolist(), strict=True)
+        return [joint for kind, joint in joints if kind == SUMMED]
 
     def _joint(self, root: Any, k: int, parent: int, before: np.ndarray) -> np.ndarray:
         """Add the joint that carries body k; return the place of its link's origin in the body, m."""

@@ -12,7 +12,7 @@ from ..errors import BadInput, suggestion
 from .document import NO_BODY, Document
 from .inertial import Inertial, merged
 from .parts import UP, Layout, LinkWheel, Options, Part, ahead_and_left
-from .rims import ALIGNED, ON_LINE, ROUND, NotRound, Rim, lowest, rim, span
+from .rims import ALIGNED, ON_LINE, ROUND, NotRound, Rim, bottoms, rim, span
 from .rollers import rollers_of, steerable, wheel_with_rollers
 from .statics import shares
 from .straight import straightened
@@ -115,6 +115,7 @@ class _Recognition:
                     f"joint {wheel.joint!r} is a wheel with rollers on the vertical joint {turning!r}; make that fixed"
                 )
         self.castors = {w.link: w.centre for w in wheels if w.joint not in named and self.is_castor(w, wheels)}
+        self.castor_links = {link: link for link in self.castors}  # by the name of a castor
         wheels = [wheel for wheel in wheels if wheel.link not in self.castors]
         extra = [wheel for wheel in wheels if options.wheels and wheel.joint not in options.wheels]
         if extra:
@@ -345,24 +346,34 @@ class _Recognition:
         return abs(float(arm[0] * axle[1] - arm[1] * axle[0]))
 
     def fixed_castors(self, wheels: list[LinkWheel]) -> dict[str, np.ndarray]:
-        """Return links that stand on the ground without a wheel: those named so, and spheres. Raises BadInput for a name."""
-        document, castors = self.document, {}
+        """Return what stands on the ground without a wheel: links named so, and spheres. A second place of a link, farther from
+        the first than the radius of a wheel, is a castor of its own. Raises BadInput for a name.
+        """
+        document, castors, radius = self.document, {}, wheels[0].radius
         named = {document.joints[n].child if n in document.joints else n for n in self.options.castors} - self.castors.keys()
         rims = {link for wheel in wheels for link in document.subtree(wheel.link)}
         for name, link in document.links.items():
             spheres = any(s.geometry.sphere is not None for s in (*link.collisions, *link.visuals))
             if name in rims or not (spheres or CASTOR.search(name) or name in named):
                 continue
-            place = lowest(document, name)
-            if place is None and name in named and self.has_shape(name):
+            places = bottoms(document, name)
+            if not places and name in named and self.has_shape(name):
                 self.notes.append(f"--castors: no shape of link {name} can be read; it is taken to stand below its origin")
-                place = self.ground, document.pose(name)[:3, 3]
-            height = place[0] - self.ground if place else math.inf
-            if place and abs(height) <= GROUND * wheels[0].radius:
-                castors[name] = place[1]
-                if abs(height) > RAISED * wheels[0].radius:
-                    self.notes.append(f"link {name}: the castor is {height:.3g} m above the ground; it is taken to touch it")
-        standing = {*castors, *self.castors}
+                places = [(self.ground, document.pose(name)[:3, 3])]
+            height = places[0][0] - self.ground if places else math.inf
+            if abs(height) > GROUND * radius:
+                continue
+            if abs(height) > RAISED * radius:
+                self.notes.append(f"link {name}: the castor is {height:.3g} m above the ground; it is taken to touch it")
+            standing = [place for at, place in places if at <= places[0][0] + RAISED * radius]
+            while standing:
+                near = [np.linalg.norm((place - standing[0])[:2]) < radius for place in standing]
+                count = sum(link == name for link in self.castor_links.values())
+                own = f"{name} {count + 1}" if count else name
+                castors[own] = np.mean([place for place, same in zip(standing, near, strict=True) if same], axis=0)
+                self.castor_links[own] = name
+                standing = [place for place, same in zip(standing, near, strict=True) if not same]
+        standing = {*self.castor_links.values()}
         lost = {name for name in named if not standing.intersection(document.subtree(name))}
         if lost:
             raise self.wrong(f"--castors: link {min(lost)!r} has no shape that reaches the ground")
@@ -388,7 +399,7 @@ class _Recognition:
         on_wheels = {wheel.link: document.subtree(wheel.link) for wheel in wheels}
         lost = [link for link, links in on_wheels.items() if not any(map(document.inertial, links))]
         carriers = {document.joints[wheel.joint].parent for wheel in fixed}
-        beside = {*(link for links in on_wheels.values() for link in links), *self.castors} - carriers
+        beside = {*(link for links in on_wheels.values() for link in links), *self.castor_links.values()} - carriers
         body = [name for name in document.links if name not in beside]
 
         def mass(links: Iterable[str]) -> float:
@@ -537,7 +548,7 @@ class _Recognition:
         """Return the joints of the arm, each after those that carry it. Raises BadInput for one that is not vertical, or that
         carries what stands on the ground.
         """
-        standing = {link: f"castor {link!r}" for link in self.castors}
+        standing = {link: f"castor {name!r}" for name, link in self.castor_links.items()}
         standing |= {link: f"wheel {wheel.link!r}" for wheel in wheels for link in self.document.subtree(wheel.link)}
         carries = {joint.name: what for link, what in reversed(standing.items()) for joint in self.joints_above(link)}
         for name in self.options.arm:
@@ -569,7 +580,7 @@ class _Recognition:
         if self.castors:
             names = ", ".join(self.castors)
             self.notes.append(f"castors slide without friction, and their mass stays on the body: links {names}")
-        of_castors = {joint.name for link in self.castors for joint in self.joints_above(link)}
+        of_castors = {joint.name for link in self.castor_links.values() for joint in self.joints_above(link)}
         used = {*used, *groups, *of_castors, *self.placing}
         held = [joint for joint in document.joints.values() if joint.type != "fixed" and joint.name not in used]
         for joint in held:

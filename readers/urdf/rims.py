@@ -70,9 +70,9 @@ def rim(document: Document, joint: Any) -> Rim:
     return Rim(*rims[0], next((radius for radius, *_, other in rims if other != kind), 0.0))
 
 
-def lowest(document: Document, link: str) -> tuple[float, np.ndarray] | None:
-    """Return height (m) and place (3) of the lowest point of a link's sphere, box or cylinder, or of its mesh, if that can be
-    read; None without any. The place is the middle of what is lowest.
+def bottoms(document: Document, link: str) -> list[tuple[float, np.ndarray]]:
+    """Return height (m) and place (3) of the lowest point of each of a link's spheres, boxes, cylinders, and meshes that can be
+    read; the lowest first. The place is the middle of what is lowest.
     """
     points = []
     for kind in ("collision", "visual"):
@@ -86,7 +86,7 @@ def lowest(document: Document, link: str) -> tuple[float, np.ndarray] | None:
                 points.append((float(at[:, 2].min()), (bottom.min(axis=0) + bottom.max(axis=0)) / 2))
         if points:
             break
-    return min(points, key=lambda pair: pair[0]) if points else None
+    return sorted(points, key=lambda pair: pair[0])
 
 
 def touches(document: Document, link: str, kind: str, axis: np.ndarray, turn: float) -> tuple[float, float]:

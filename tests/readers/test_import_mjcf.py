@@ -129,6 +129,39 @@ def test_what_is_said_of_a_scene(tmp_path, capsys):
     assert float(system.mechanism.parameter_values({})[1]) == pytest.approx(12 + 2 * 0.8 + 0.2 + 0.3)  # no table
 
 
+SUM = "".join(
+    f'<fixed name="{name}"><joint joint="left_axle" coef="{left}"/><joint joint="right_axle" coef="0.5"/></fixed>'
+    for name, left in (("ahead", 0.5), ("turn", -0.5))
+)
+MIXED = CART.replace('<motor joint="left_axle"/><motor joint="right_axle"/>', '<motor tendon="ahead"/><motor tendon="turn"/>')
+MIXED = MIXED.replace("<actuator>", f"<tendon>{SUM}</tendon><actuator>")
+
+
+def test_motors_may_drive_sums_of_joints(tmp_path, capsys):
+    """By tendons that hold nothing themselves: the wheels are driven as by motors of their own."""
+    direct, mixed = (system_of(find_robot(imported(tmp_path, text))) for text in (CART, MIXED))
+    assert [i.name for i in mixed.mechanism.inputs] == [i.name for i in direct.mechanism.inputs] == ["tau_r", "tau_l"]
+    assert mixed.mechanism.parameter_values({}) == direct.mechanism.parameter_values({})
+
+
+@pytest.mark.parametrize("ahead", [0.1, -0.1])
+def test_a_body_may_stand_on_two_balls_of_its_own(ahead, tmp_path, capsys):
+    """One in front and one behind: the loads are those of equal springs at four places, of which the wheels are two."""
+    balls = "".join(f'<geom type="sphere" size="0.03" pos="{x} 0 -0.07" mass="0"/>' for x in (0.25, -0.25))
+    text = CART.replace('pos="0.05 0 0.02" mass="12"', f'pos="{ahead} 0 0.02" mass="12"')
+    body = text[text.index('<body name="ball"') : text.index('<body name="lidar"')]
+    lidar = text[text.index('<body name="lidar"') : text.index("    </body>\n  </worldbody>")]
+    name = imported(tmp_path, text.replace(body, balls).replace(lidar, ""))
+    assert "castors base, base 2 carry 50%" in capsys.readouterr().out
+    robot = find_robot(name)
+    size, places = {p.name: p.default for p in robot.parameters}, np.array([0.0, 0.0, 0.25, -0.25])
+    centre = 12 * ahead / size["m"]
+    assert size["d"] == pytest.approx(centre)
+    expected = 0.25 + centre * places / (places @ places)
+    assert [size[f"load_c{k}"] for k in (1, 2)] == pytest.approx(expected[2:].tolist())
+    assert [size["a_c1"], size["a_c2"]] == [0.25, -0.25] and size["load"] == pytest.approx(0.25)
+
+
 def test_angles_are_those_of_the_rotation():
     random = np.random.default_rng(3)
     turns = [
@@ -156,6 +189,7 @@ BAD = {
         CART.replace("<actuator>", '<equality><joint joint1="left_axle" joint2="right_axle"/></equality><actuator>'),
         "equality constraints and tendons",
     ),
+    "a spring": (MIXED.replace('<fixed name="turn">', '<fixed name="turn" stiffness="3">'), "equality constraints and tendons"),
     "no wheels": (CART.replace('axis="0 1 0"', 'axis="0 0 1"').replace('axis="0 -1 0"', 'axis="0 0 1"'), "no wheel found"),
 }
 
