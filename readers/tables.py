@@ -48,7 +48,8 @@ SHOWN = 12  # names in a message
 class Column:
     """Entries of a column, None or "" where there is none, with the unit that its header gives, if any;
     `where` names file and column, `rows` are the numbers of its rows in the file. `topic`: that of its
-    messages; `sign`: a factor of all numbers; `problem`: why it cannot be used.
+    messages; `sign`: a factor of all numbers; `problem`: why it cannot be used; `others`: `where` of columns
+    that it is made of, too.
     """
 
     entries: Sequence[Any]
@@ -58,6 +59,7 @@ class Column:
     topic: str = ""
     sign: float = 1.0
     problem: str = ""
+    others: Sequence[str] = ()
 
     def numbers(self, unit: str | None = "") -> np.ndarray:
         """Return the column as floats in SI, NaN where an entry is empty. `unit`: the SI unit of the
@@ -122,7 +124,8 @@ class Table(dict[str, Column]):
                 f"with - for one that is not used, or give --map {quantity}=NUMBER"
             )
         near = suggestion(column, self).partition("; known are")[0]
-        speeds = ", ".join(name for name in self if SPEED.fullmatch(name))
+        turns = {part for parts in _quaternions(self).values() for part in parts}
+        speeds = ", ".join(name for name in self if SPEED.fullmatch(name) and name not in turns)
         return BadInput(
             f"{self.file}: column {column!r} is missing{near}; there are {listed(self)}; say which it is: "
             f"--map {quantity}=COLUMN, or --map '{quantity}=COLUMN [UNIT]' if it is not in SI units"
@@ -248,11 +251,29 @@ def _pairs_of_times(table: Mapping[str, Column]) -> dict[tuple[str, str], Column
     return found
 
 
+def _quaternions(table: Mapping[str, Column]) -> dict[str, tuple[str, ...]]:
+    """Return the columns x, y, z and w of each quaternion, by what is before these: pose.orientation of pose.orientation.w."""
+    stems = [name[:-1] for name in table if name.endswith("w")]
+    each = {stem.rstrip("._/"): tuple(f"{stem}{part}" for part in "xyzw") for stem in stems if stem}
+    return {name: parts for name, parts in each.items() if name not in table and all(part in table for part in parts)}
+
+
+def _yaw(parts: Sequence[Column]) -> Column:
+    """Return the yaw, rad, of a quaternion (x, y, z, w), not one where that is zero. Raises BadInput as `numbers`."""
+    x, y, z, w = (replace(part, unit=None).numbers() for part in parts)
+    yaw = [math.atan2(2 * (d * c + a * b), d * d + a * a - b * b - c * c) for a, b, c, d in zip(x, y, z, w, strict=True)]
+    none = x * x + y * y + z * z + w * w == 0
+    return replace(parts[0], entries=np.where(none, math.nan, yaw).tolist(), unit="rad", others=[part.where for part in parts])
+
+
 def _chosen(text: str, quantity: str, table: Table) -> Column:
-    """Return the column of an entry of --map. Raises BadInput if the table has none."""
+    """Return the column of an entry of --map, of a quaternion its yaw. Raises BadInput if the table has none."""
     pairs = _pairs_of_times(table) if quantity == "t" else {}
     known = {**table, **{sec: column for (sec, _), column in pairs.items()}}
     name, unit = _split(text)
+    turns = _quaternions(table)
+    if turned := next((each for each in _spellings(name.removeprefix("-"), table) if each in turns), ""):
+        return replace(_yaw([table[part] for part in turns[turned]]), sign=-1.0 if name.startswith("-") else 1.0)
     for sign, whole, bare in ((1.0, text, name), (-1.0, text.removeprefix("-"), name.removeprefix("-"))):
         for tried, stated in ((whole, None), (bare, unit)):
             for column in (known[each] for each in _spellings(tried, table) if each in known):

@@ -237,7 +237,7 @@ def _columns(
     several = len({column.topic for column in table.values()}) > 1  # each has times of its own
     wanted = {name: unit for name, unit in units.items() if name != "t" or name in columns or not several}
     found = picked(table, wanted, columns)
-    used = {(column.where, column.topic) for column in found.values()}
+    used = {(where, column.topic) for column in found.values() for where in (column.where, *column.others)}
     topics = {column.topic for name, column in found.items() if name != "t"}
     if several and topics:
         if "t" in found:

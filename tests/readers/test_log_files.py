@@ -20,6 +20,7 @@ from noslip.readers.quantities import in_base_units
 from noslip.readers.tables import read_table
 from noslip.tests.analysis import test_calibration as geometry
 from noslip.tests.analysis import test_identification as dynamics
+from scipy.spatial.transform import Rotation
 
 NAMES = ("t", "theta_r", "theta_l", "x_c", "y_c", "phi")
 UNITS = ("s", "rad", "rad", "m", "m", "rad")
@@ -438,6 +439,27 @@ def test_times_by_other_names(names, mapped, tmp_path):
     text = "\n".join([",".join(names) + HEAD[1:], *(",".join(row) for row in rows)])
     (tmp_path / "log.csv").write_text(text)
     assert read_columns(read(tmp_path / "log.csv", (), mapped)) == pytest.approx(plain(), abs=1e-6)
+
+
+@pytest.mark.parametrize("stem", ["field.pose.pose.orientation.", "q", "/odom/orientation/", "rot_"])
+def test_columns_of_a_quaternion_are_a_heading(stem, tmp_path, bad_input):
+    """Also of one that is tilted a little, its negative, and one that is zero, which is none; they are no speeds."""
+    turns = Rotation.from_euler("ZYX", np.column_stack([plain()[:, -1], np.full((len(plain()), 2), 0.01)])).as_quat()
+    turns[::2] *= -1
+    turns[3] = 0
+    rows = np.column_stack([plain()[:, :-1], turns])
+    head = ",".join([*NAMES[:-1], *(f"{stem}{part}" for part in "xyzw")])
+    (tmp_path / "log.csv").write_bytes(lines(head, rows=rows))
+    log = read(tmp_path / "log.csv", (), {"phi": stem.rstrip("._/")})
+    right = plain()[:, -1].copy()
+    right[3] = math.nan
+    found = read_columns(log)
+    assert np.remainder(found[:, -1] - right + 1, 2 * math.pi) - 1 == pytest.approx(0 * right, abs=1e-12, nan_ok=True)
+    assert not any("not used" in remark for remark in log.remarks)
+    other = read_columns(read(tmp_path / "log.csv", (), {"phi": f"-{stem.rstrip('._/')}"}))
+    assert np.remainder(other[:, -1] + right + 1, 2 * math.pi) - 1 == pytest.approx(0 * right, abs=1e-12, nan_ok=True)
+    said = bad_input(["calibrate", str(tmp_path / "log.csv"), "--robot", "labmate", "--map", "phi=heading"])
+    assert "speeds" not in said and "column 'heading' is missing" in said
 
 
 def test_a_log_every_ten_seconds_is_none_of_the_dynamics(bad_input, tmp_path):
