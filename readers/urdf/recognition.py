@@ -354,7 +354,7 @@ class _Recognition:
         rims = {link for wheel in wheels for link in document.subtree(wheel.link)}
         for name, link in document.links.items():
             spheres = any(s.geometry.sphere is not None for s in (*link.collisions, *link.visuals))
-            if name in rims or not (spheres or CASTOR.search(name) or name in named):
+            if name in rims or name in self.castors or not (spheres or CASTOR.search(name) or name in named):
                 continue
             places = bottoms(document, name)
             if not places and name in named and self.has_shape(name):
