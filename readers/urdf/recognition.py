@@ -405,11 +405,15 @@ class _Recognition:
         def mass(links: Iterable[str]) -> float:
             return sum(own.mass for link in links if (own := document.inertial(link)))
 
-        suspects = {name for name in massless if {name} == carriers}
-        if mass(body) < mass(link for links in on_wheels.values() for link in links):
+        # A link without shape, fixed to the chassis, may have its inertia; one that weighs less than the wheels is a sensor.
+        beneath = [joint for joint in document.joints.values() if joint.type == "fixed" and not self.has_shape(joint.child)]
+        of_wheels = mass(link for links in on_wheels.values() for link in links)
+        weighed = {joint.parent for joint in beneath if mass([joint.child]) > of_wheels} - {*document.weightless}
+        suspects = {name for name in massless if {name} == carriers - weighed}
+        if mass(body) < of_wheels:
             suspects |= carriers | {max(body, key=lambda name: span(document, name))}
         chassis = [name for name in massless if name in suspects]
-        others = [name for name in massless if name not in {*lost, *chassis}]
+        others = [name for name in massless if name not in {*lost, *chassis, *weighed}]
         if lost or chassis:
             what = [f"{name!r} (a wheel)" for name in lost] + [f"{name!r} (the chassis)" for name in chassis]
             also = f"; without mass are also links {', '.join(others)}" if others else ""

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.model.contacts import masses
+from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.readers.urdf import recognition
 from noslip.readers.urdf.comparison import LinkMotion
@@ -369,6 +370,23 @@ def test_masses_that_are_missing_are_named_at_once(tmp_path, bad_input, imported
         '<joint name="b" type="fixed"><parent link="base_link"/><child link="body"/></joint></robot>',
     )
     assert "'body' (the chassis)" in line(re.sub(r'<mass value="0.5"/>', '<mass value="0.1"/>', below))
+
+
+def test_a_link_without_shape_may_have_the_inertia_of_the_chassis(recognized):
+    """Fixed to it, as where the root must not have one: the same robot, unless that link has a shape, as a sensor has."""
+    made = bought(castors=[(0.2, 0)], centre=(0.05, 0, 0.1))
+    whole, _ = recognized(made)
+    at = next(k for k, part in enumerate(made.parts) if part.startswith('<link name="base_link">'))
+    inertial, rest = re.fullmatch(r'<link name="base_link">(<inertial>.*</inertial>)(.*)</link>', made.parts[at], re.S).groups()
+    joint = '<joint name="i" type="fixed"><parent link="base_link"/><child link="inertia"/></joint>'
+    made.parts[at : at + 1] = [f'<link name="base_link">{rest}</link>', f'<link name="inertia">{inertial}</link>', joint]
+    apart, said = recognized(made)
+    for name in ("mass", "ahead", "left", "height", "inertia"):
+        assert getattr(apart.base, name) == pytest.approx(getattr(whole.base, name), rel=1e-12, abs=1e-15)
+    assert "without mass" not in said
+    made.parts[at + 1] = made.parts[at + 1].replace("</inertial>", "</inertial>" + shape('<sphere radius="0.02"/>'))
+    with pytest.raises(BadInput, match=r"without mass: 'base_link' \(the chassis\)"):
+        recognized(made)
 
 
 def test_transmissions_decide_between_a_castor_and_a_steered_wheel(recognized):
