@@ -12,7 +12,7 @@ from ..errors import BadInput, suggestion
 from .document import NO_BODY, Document
 from .inertial import Inertial, merged
 from .parts import UP, Layout, LinkWheel, Options, Part, ahead_and_left
-from .rims import ALIGNED, ON_LINE, ROUND, NotRound, Rim, bottoms, rim, span
+from .rims import ALIGNED, ON_LINE, ROUND, NotRound, Rim, bottoms, lies_on, rim, span
 from .rollers import rollers_of, steerable, wheel_with_rollers
 from .statics import shares
 from .straight import straightened
@@ -137,7 +137,7 @@ class _Recognition:
         arm = self.arm(wheels)
         self.check_masses(fixed, wheels)
         self.compare_names(wheels, origin)
-        self.hold([*(wheel.joint for wheel in wheels), *self.on_rims, *arm], groups)
+        self.hold([*(wheel.joint for wheel in wheels), *self.on_rims, *arm], groups, GROUND * fixed[0].radius)
         steering = [joint for joint, own in groups.items() if self.steers(joint, own)]
         alike = {wheel.joint: wheel for wheel in self.equal([w for joint in steering for w in groups[joint]], EQUAL)}
         groups = {joint: [alike.get(wheel.joint, wheel) for wheel in self.equal(own, EQUAL)] for joint, own in groups.items()}
@@ -578,8 +578,10 @@ class _Recognition:
         turns = joint.type in ("continuous", "revolute") and joint.name not in self.placing
         return turns and abs(self.document.axis(joint)[2]) > math.cos(ALIGNED)
 
-    def hold(self, used: Iterable[str], groups: Mapping[str, list[LinkWheel]]) -> None:
-        """Note which castors are left out and which joints are held fixed."""
+    def hold(self, used: Iterable[str], groups: Mapping[str, list[LinkWheel]], within: float) -> None:
+        """Note which castors are left out and which joints are held fixed. Raises BadInput for a joint that carries what lies on
+        the ground as a wheel does, `within` a height (m).
+        """
         document = self.document
         if self.castors:
             names = ", ".join(self.castors)
@@ -588,6 +590,13 @@ class _Recognition:
         used = {*used, *groups, *of_castors, *self.placing}
         held = [joint for joint in document.joints.values() if joint.type != "fixed" and joint.name not in used]
         for joint in held:
+            apart = [link for link in document.subtree(joint.child) if link not in self.castor_links.values()]
+            if link := next((link for link in apart if lies_on(document, link, self.ground, within)), ""):
+                raise self.wrong(
+                    f"link {link!r} lies on the ground as a wheel does, and joint {joint.name!r}, which carries it, is none of a "
+                    f"wheel or castor{self.reason(joint)}; turn it about its axle on a continuous joint of its own, or name it "
+                    "by --castors; if it carries nothing, make the joint fixed"
+                )
             lower, upper = (getattr(joint.limit, end, None) for end in ("lower", "upper"))
             if joint.type != "continuous" and lower is not None and upper is not None and not lower <= 0 <= upper:
                 raise self.wrong(
@@ -601,6 +610,10 @@ class _Recognition:
         for joint in held:
             if WHEEL.search(joint.name + joint.child) and joint.name in self.reasons:
                 self.notes.append(f"joint {joint.name} is not taken as a wheel's: {self.reasons[joint.name]}")
+
+    def reason(self, joint: Any) -> str:
+        """Return why a joint is not taken as a wheel's, to be added to a sentence."""
+        return f": {self.reasons[joint.name]}" if joint.name in self.reasons else ""
 
     def joints_above(self, link: str) -> list[Any]:
         joint = self.document.carrier.get(link)

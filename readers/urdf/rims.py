@@ -12,6 +12,7 @@ import numpy as np
 from .document import Document, placed
 from .parts import UP
 
+LYING = 0.1  # part upwards of the axis of a cylinder that lies on the ground
 ALIGNED = 0.01  # rad between an axle and the direction that it should have
 ROUND = 0.03  # of the radius: difference of a shape from a circle about its axle
 ON_LINE = 0.05  # of the radius, or of the track: distances, ahead or aside, that are taken as none
@@ -87,6 +88,14 @@ def bottoms(document: Document, link: str) -> list[tuple[float, np.ndarray]]:
         if points:
             break
     return sorted(points, key=lambda pair: pair[0])
+
+
+def lies_on(document: Document, link: str, ground: float, within: float) -> bool:
+    """Return whether a link has a cylinder on a level axis whose rim is as high as the ground, within a height (all m)."""
+    shapes = [shape for kind in ("collision", "visual") for shape in _shapes(document, [link], kind)]
+    rims = [(pose, geometry.cylinder) for _, pose, geometry in shapes if geometry.cylinder is not None]
+    level = [pose[2, 3] - each.radius for pose, each in rims if abs(pose[2, 2]) < LYING]
+    return any(abs(lowest - ground) <= within for lowest in level)
 
 
 def touches(document: Document, link: str, kind: str, axis: np.ndarray, turn: float) -> tuple[float, float]:

@@ -389,6 +389,24 @@ def test_a_link_without_shape_may_have_the_inertia_of_the_chassis(recognized):
         recognized(made)
 
 
+def test_a_wheel_that_is_steered_on_its_axle_is_refused(recognized):
+    """A car whose front wheels turn first, and are steered on what turns: no differential drive whose front wheels drag."""
+    made = bought(centre=(0.1, 0, 0.1))
+    disc = shape('<cylinder radius="0.1" length="0.02"/>', rpy="1.5707963267948966 0 0")
+    for side, left in (("left", 0.2), ("right", -0.2)):
+        made.link(f"{side}_hub", 0.1, moments=(1e-4,) * 3)
+        made.joint(f"front_{side}_wheel", "continuous", "base_link", f"{side}_hub", (0.5, left, 0.08), axis="0 1 0")
+        made.link(f"front_{side}", 0.3, disc, moments=(1e-3,) * 3)
+        made.joint(f"{side}_steering", "revolute", f"{side}_hub", f"front_{side}", axis="0 0 1")
+    with pytest.raises(BadInput, match="link 'front_left' lies on the ground as a wheel does, and joint 'front_left_wheel'"):
+        recognized(made)
+    layout, _ = recognized(made, Options(castors=("front_left", "front_right")))  # said to slide
+    assert layout.kind == "two wheels" and [*layout.castors] == ["front_left", "front_right"]
+    made.parts = [part.replace('"continuous"', '"fixed"') if "_hub" in part else part for part in made.parts]
+    with pytest.raises(BadInput, match="joint 'left_steering'"):
+        recognized(made)
+
+
 def test_transmissions_decide_between_a_castor_and_a_steered_wheel(recognized):
     """A swivel above its wheel, that nothing drives: with both wheels driven it is a castor, otherwise it steers."""
     for drive, kind in (
