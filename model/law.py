@@ -5,6 +5,7 @@ Of a kinematic law the second feedback gives the quasi-velocities that drives ar
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 from numpy.polynomial import polynomial
@@ -87,7 +88,7 @@ class ControlLaw:
         """Return the states of the dynamic extension; empty without one."""
         return self.linearization.extension
 
-    @property
+    @cached_property
     def state(self) -> tuple[Quantity, ...]:
         """Return [q; nu], followed by the states of the extension."""
         return (*self.system.state, *self.extension)

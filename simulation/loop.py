@@ -205,7 +205,8 @@ class ControllerCall:
     def __init__(self, loop: Loop, t: float, x: np.ndarray, xi: np.ndarray):
         self._loop, self.seen = loop, loop.seen(x)
         self._leg = loop.guidance.leg_at(self.seen)
-        self._known, self.reference = np.append(self.seen, xi), loop.reference(t, self.seen)
+        self._known = np.append(self.seen, xi) if len(xi) else self.seen
+        self.reference = loop.reference(t, self.seen)
 
     @cached_property
     def _outputs(self) -> Evaluation:

@@ -270,10 +270,13 @@ class CompiledController:
         return Evaluation(status, {quantity: values} if status in RUNNING else {})
 
     def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
-        with np.errstate(over="ignore"):  # values too large for float become infinite, which the law rejects
-            for numbers, values in zip(self._seen, (state[: len(self._seen[0])], reference), strict=True):
-                numbers[:] = values
-            self._load_extension(state)
+        own, wanted = self._seen
+        if own.itemsize == state.itemsize:
+            own[:], wanted[:] = state[: len(own)], reference
+        else:
+            with np.errstate(over="ignore"):  # values too large for float become infinite, which the law rejects
+                own[:], wanted[:] = state[: len(own)], reference
+        self._load_extension(state)
 
     def _load_extension(self, state: np.ndarray) -> None:
         """Set the states of the extension, the last of the state."""
