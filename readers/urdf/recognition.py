@@ -365,14 +365,14 @@ class _Recognition:
                 continue
             if abs(height) > RAISED * radius:
                 self.notes.append(f"link {name}: the castor is {height:.3g} m above the ground; it is taken to touch it")
-            standing = [place for at, place in places if at <= places[0][0] + RAISED * radius]
-            while standing:
-                near = [np.linalg.norm((place - standing[0])[:2]) < radius for place in standing]
+            below = [place for at, place in places if at <= places[0][0] + RAISED * radius]
+            while below:
+                near = [np.linalg.norm((place - below[0])[:2]) < radius for place in below]
                 count = sum(link == name for link in self.castor_links.values())
                 own = f"{name} {count + 1}" if count else name
-                castors[own] = np.mean([place for place, same in zip(standing, near, strict=True) if same], axis=0)
+                castors[own] = np.mean([place for place, same in zip(below, near, strict=True) if same], axis=0)
                 self.castor_links[own] = name
-                standing = [place for place, same in zip(standing, near, strict=True) if not same]
+                below = [place for place, same in zip(below, near, strict=True) if not same]
         standing = {*self.castor_links.values()}
         lost = {name for name in named if not standing.intersection(document.subtree(name))}
         if lost:
