@@ -1,5 +1,6 @@
 """Recognizes a URDF as a robot that rolls: its wheels, steered parts and trailers, castors, and what is held fixed."""
 
+import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -368,8 +369,10 @@ class _Recognition:
             below = [place for at, place in places if at <= places[0][0] + RAISED * radius]
             while below:
                 near = [np.linalg.norm((place - below[0])[:2]) < radius for place in below]
-                count = sum(link == name for link in self.castor_links.values())
-                own = f"{name} {count + 1}" if count else name
+                names = itertools.chain([name], (f"{name} {k}" for k in itertools.count(2)))
+                own = next(
+                    each for each in names if each not in self.castor_links and (each == name or each not in document.links)
+                )
                 castors[own] = np.mean([place for place, same in zip(below, near, strict=True) if same], axis=0)
                 self.castor_links[own] = name
                 below = [place for place, same in zip(below, near, strict=True) if not same]
