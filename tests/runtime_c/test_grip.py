@@ -673,6 +673,25 @@ def test_rates_within_the_least_bound_are_compared_in_a_few_instructions(scalar)
     assert min(counts) > 200
 
 
+@pytest.mark.parametrize("direction", [1, -1])
+def test_what_is_beyond_is_summed_over_steps_in_a_row(direction):
+    """However little it is; from the beginning again where one step is within its bound. Too little for an alarm: mu is kept."""
+    c = runtime("noslip_grip.h")
+    earned, grip, wheel = c.new("noslip_earned", "double"), c.new("noslip_grip", "double"), c.new("noslip_wheel", "double")
+    friction = c.new("noslip_friction", "double", {"mu": 0.5, "period": 0.01, "coarse": 1e3, "known": 0.4})
+    c.function("noslip_grip_init", "double")(earned, grip, friction, 1)
+    c.function("noslip_wheel_init", "double")(wheel, c.array("double", [0, 2.0, 0.15]), earned)
+    earned.pause = 0
+    ground, steps = c.array("double", [50.0 * direction, 0, 0, 10.0]), 0
+    for beyond in (0.01, 0.02, 0.03, -0.5, 0.04, 0.05):
+        rate = wheel.rate + direction * (earned.error * grip.weight / 4 + beyond) / wheel.rim
+        c.function("noslip_earn", "double")(earned, grip, wheel, ground, c.array("double", [rate]), 1)
+        steps = steps + 1 if beyond > 0 else 0
+        assert (wheel.steps, earned.mu) == (steps, 0.4 if beyond > 0 else pytest.approx(0.4 + earned.rise))
+        c.function("noslip_believe", "double")(earned, grip, 0.4)
+    assert wheel.away == pytest.approx(0.09 * direction, rel=1e-9)
+
+
 def test_what_is_believed_stays_within_what_is_given():
     """At any states in any order, in which wheels seem to jump; also across errors, and other parameters."""
     random, made = np.random.default_rng(43), law("labmate", "type_iv_line")
