@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .errors import BadInput, library, suggestion
-from .tables import NANOSECONDS, Column, Table, column_name, read_table
+from .tables import NANOSECONDS, Column, Table, column_name, read_table, yaw_of
 
 OFFSET = 0.05  # s: what differs more between topics, of the times of headers and of the bag, is said
 MARKS = (b"#ROSBAG", b"SQLite format 3")
@@ -149,8 +149,7 @@ def _value(message: Any, name: str, where: str) -> float:
         return float(values[k]) if joint in message.name and (k := message.name.index(joint)) < len(values) else math.nan
     value: Any = None if _is(message, JOINT_STATE) and name.startswith(OF_JOINTS) else _field(message, name)
     if _is(value, QUATERNION):
-        x, y, z, w = value.x, value.y, value.z, value.w
-        return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z) if x or y or z or w else math.nan
+        return yaw_of(value.x, value.y, value.z, value.w)
     if _is(value, TIME):
         return _nanoseconds(value) / NANOSECONDS
     if not isinstance(value, int | float | np.number | np.bool_):

@@ -258,12 +258,16 @@ def _quaternions(table: Mapping[str, Column]) -> dict[str, tuple[str, ...]]:
     return {name: parts for name, parts in each.items() if name not in table and all(part in table for part in parts)}
 
 
+def yaw_of(x: float, y: float, z: float, w: float) -> float:
+    """Return the yaw of a quaternion, rad; NaN of one that is zero."""
+    return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z) if x or y or z or w else math.nan
+
+
 def _yaw(parts: Sequence[Column]) -> Column:
-    """Return the yaw, rad, of a quaternion (x, y, z, w), not one where that is zero. Raises BadInput as `numbers`."""
-    x, y, z, w = (replace(part, unit=None).numbers() for part in parts)
-    yaw = [math.atan2(2 * (d * c + a * b), d * d + a * a - b * b - c * c) for a, b, c, d in zip(x, y, z, w, strict=True)]
-    none = x * x + y * y + z * z + w * w == 0
-    return replace(parts[0], entries=np.where(none, math.nan, yaw).tolist(), unit="rad", others=[part.where for part in parts])
+    """Return the column of the yaw, rad, of a quaternion in columns x, y, z and w. Raises BadInput as `numbers`."""
+    quaternions = zip(*(replace(part, unit=None).numbers().tolist() for part in parts), strict=True)
+    yaws = [yaw_of(*quaternion) for quaternion in quaternions]
+    return replace(parts[0], entries=yaws, unit="rad", others=[part.where for part in parts])
 
 
 def _chosen(text: str, quantity: str, table: Table) -> Column:

@@ -595,9 +595,10 @@ class _Recognition:
         for joint in held:
             apart = [link for link in document.subtree(joint.child) if link not in self.castor_links.values()]
             if link := next((link for link in apart if lies_on(document, link, self.ground, within)), ""):
+                why = f": {self.reasons[joint.name]}" if joint.name in self.reasons else ""
                 raise self.wrong(
                     f"link {link!r} lies on the ground as a wheel does, and joint {joint.name!r}, which carries it, is none of a "
-                    f"wheel or castor{self.reason(joint)}; turn it about its axle on a continuous joint of its own, or name it "
+                    f"wheel or castor{why}; turn it about its axle on a continuous joint of its own, or name it "
                     "by --castors; if it carries nothing, make the joint fixed"
                 )
             lower, upper = (getattr(joint.limit, end, None) for end in ("lower", "upper"))
@@ -613,10 +614,6 @@ class _Recognition:
         for joint in held:
             if WHEEL.search(joint.name + joint.child) and joint.name in self.reasons:
                 self.notes.append(f"joint {joint.name} is not taken as a wheel's: {self.reasons[joint.name]}")
-
-    def reason(self, joint: Any) -> str:
-        """Return why a joint is not taken as a wheel's, to be added to a sentence."""
-        return f": {self.reasons[joint.name]}" if joint.name in self.reasons else ""
 
     def joints_above(self, link: str) -> list[Any]:
         joint = self.document.carrier.get(link)
