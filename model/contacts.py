@@ -166,8 +166,10 @@ def shift_by_forces(mechanism: Mechanism) -> ca.SX:
 
     If the robot names the places of all that it stands on (`Mechanism.places_named`), the moments of all forces about the height
     of the centre of mass are balanced by changes of all loads: exact for three supports, for more the changes of smallest sum of
-    squares over mass. Otherwise an axle carries the moment of its side force about its own contacts, by the same rule; zero for
-    an axle without width. The moment that the spin of wheels takes is neglected.
+    squares over mass. Contacts that are all on the centre line stand for whole axles (`on_centre_line`): load moves forward and
+    back, and each axle carries the moment of side forces in itself. Without places, an axle carries the moment of its side force
+    about its own contacts, by the same rule; zero for an axle without width. The moment that the spin of wheels takes is
+    neglected.
     """
     count = len(mechanism.standing)
     K = ca.SX(count, 2 * count)
@@ -183,15 +185,25 @@ def shift_by_forces(mechanism: Mechanism) -> ca.SX:
 
 
 def _shift_of_all(mechanism: Mechanism) -> ca.SX:
-    """Return K of `shift_by_forces` for a robot all of whose supports are named; zero if they are on one line."""
+    """Return K of `shift_by_forces` for a robot all of whose supports are named; zero if they are on one line that is not its
+    centre line."""
     mass, ahead, left = (ca.vertcat(*[getattr(each, name) for each in mechanism.standing]) for name in ("mass", "ahead", "left"))
     arms = ca.horzcat(*[place - ca.dot(mass, place) / ca.sum1(mass) for place in (ahead, left)])
     weighted = ca.diag(mass) @ arms
+    if on_centre_line(mechanism):
+        weighted, arms = weighted[:, 0], arms[:, 0]
     squares = canonical(arms.T @ weighted)
     if canonical(ca.det(squares)).is_zero():
         return ca.SX(mass.numel(), 2 * mass.numel())
     directions = canonical(_rows(mechanism) @ _translations(mechanism))  # of along and across, in the vehicle's axes
-    return canonical(-weighted @ solve(squares, directions.T))
+    return canonical(-weighted @ solve(squares, directions[:, : arms.shape[1]].T))
+
+
+def on_centre_line(mechanism: Mechanism) -> bool:
+    """Return whether all that the robot stands on is named and on its centre line, as in the bicycle model: each contact stands
+    for an axle whose width is not known.
+    """
+    return mechanism.places_named and all(each.left.is_zero() for each in mechanism.standing)
 
 
 def _rows(mechanism: Mechanism) -> ca.SX:

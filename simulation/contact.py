@@ -20,7 +20,7 @@ import numpy as np
 
 from ..model.algebra.linear_numbers import least_norm
 from ..model.algebra.trigonometry import sine_cosine
-from ..model.contacts import GRAVITY, axles, narrow, unknown_loads
+from ..model.contacts import GRAVITY, axles, narrow, on_centre_line, unknown_loads
 from ..model.mechanism import Mechanism
 from ..readers.errors import BadInput
 from .controllers.odometry import vehicle_wheels
@@ -79,6 +79,7 @@ class Grip:
     contacts: tuple[ContactForce, ...]
     options: ContactSection
     unknown: str = "the robot defines no contacts"
+    whole_axles: bool = False  # each contact stands for one, see `on_centre_line`
 
     @property
     def rolls(self) -> bool:
@@ -125,9 +126,10 @@ class Grip:
         """Return the assumptions of the verdict."""
         o = self.options
         castors = "without friction" if any(contact.support for contact in self.contacts) else "ignored"
+        leans = ", axles carry side moments in themselves" if self.whole_axles and o.height else ""
         return (
             f"assumed: mu {o.mu:g}, {o.share:.0%} of the weight on these contacts, centre of mass {o.height:g} m high, "
-            f"g {GRAVITY:g} m/s^2, castors {castors}, wheels of an axle share its side force by load at rest"
+            f"g {GRAVITY:g} m/s^2, castors {castors}, wheels of an axle share its side force by load at rest{leans}"
         )
 
     def _worst(self, contact: ContactForce) -> str:
@@ -161,7 +163,8 @@ def grip(run: Run) -> Grip:
     options, plant = run.spec.contact or ContactSection(), run.plant
     found = contact_forces(plant, run.x[going], run.tau[going], options)
     options = dataclasses.replace(options, share=options.share * plant.part, height=options.height or plant.height)
-    return Grip(run.t[going], found, options, unknown_loads(run.plant.system.mechanism))
+    mechanism = run.plant.system.mechanism
+    return Grip(run.t[going], found, options, unknown_loads(mechanism), on_centre_line(mechanism))
 
 
 def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: ContactSection) -> tuple[ContactForce, ...]:

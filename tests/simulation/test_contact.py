@@ -537,6 +537,27 @@ def steered_with_supports() -> Mechanism:
     return robot
 
 
+def test_contacts_on_the_centre_line_move_load_forward_and_back():
+    """A car of one wheel an axle on a straight line: m a h about the rear axle is taken off the front one."""
+    robot = ROBOTS["car"]()
+    values = {p.name: p.default for p in robot.parameters}
+    l = next(p.symbol for p in robot.parameters if p.name == "l")  # noqa: E741
+    robot.contacts[1] = dataclasses.replace(robot.contacts[1], ahead=l)
+    plant = Plant(reduce(robot), list(values.values()))
+    x, tau, height = np.zeros(7), np.array([900.0, 0.0]), 0.55
+    m, wheelbase, r = (values[name] for name in ("m", "l", "r"))
+    acceleration = tau[0] / r / (m + values["I_w"] / r**2)
+    rear, front = contact_forces(plant, x, tau, ContactSection(height=height))
+    at_rest, moved = m * GRAVITY * values["c"] / wheelbase, m * acceleration * height / wheelbase
+    assert abs(front.load[0] - (at_rest - moved)) < 1e-9 * m * GRAVITY and moved > 0.05 * at_rest
+    assert abs(rear.load[0] + front.load[0] - m * GRAVITY) < 1e-9 * m * GRAVITY
+    x[6] = x[5] = 2.0  # turning, too: the side forces move no load
+    ahead = contact_forces(plant, x, tau, ContactSection(height=height))
+    assert sum(c.load[0] for c in ahead) == pytest.approx(m * GRAVITY, rel=1e-9)
+    robot.contacts[1] = dataclasses.replace(robot.contacts[1], left=ca.SX(0.1))  # no longer on the centre line: it would lean
+    assert narrow(robot)
+
+
 def test_supports_on_one_line_carry_no_moment():
     system = reduce(cart(("castor", 3.0, 0.0, 0.3)))
     plant = Plant(system, [p.default for p in system.mechanism.parameters])
