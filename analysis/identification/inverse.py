@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
+from ...simulation.controllers.direct import Direct
 from .dynamics import Dynamics
 from .log import Log
 from .smoothing import slopes, smooth
@@ -65,7 +66,7 @@ class InverseDynamics:
         inside = np.concatenate([np.arange(s.start + 1, s.stop - 1) for s in log.stretches])
         rows = inside[:: 1 + len(inside) // MOST_ROWS]
         signals = (log.x[:, : self._coordinates], nu, slopes(log.t, nu, log.stretches), smooth(inputs, log.stretches))
-        self._rows = [each[rows].T for each in signals]
+        self._rows, self._mapped = [each[rows].ravel() for each in signals], Direct(self._equations.map(len(rows)))
         self._scale = self._rms(self._at(self._values)[1])
 
     def _least(self, name: str, value: float) -> float:
@@ -78,10 +79,10 @@ class InverseDynamics:
 
     def _at(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return errors and forces of the equations, (N, n-m), and derivatives of the errors by the fitted parameters."""
-        count = self._rows[0].shape[1]
-        error, forces, derivative = self._equations.map(count)(*self._rows, np.tile(values[:, None], count))
-        by = derivative.full().reshape(error.shape[0], count, -1).transpose(1, 0, 2)
-        return error.full().T, forces.full().T, by
+        count, dof = self._mapped.function.size2_in(0), self._equations.size1_out(0)
+        error, forces, derivative = self._mapped(*self._rows, np.tile(values, count))
+        by = derivative.reshape(count, -1, dof).swapaxes(1, 2)
+        return error.reshape(count, dof), forces.reshape(count, dof), by
 
     @staticmethod
     def _rms(signals: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from ...model.errors import ModelError
 from ...model.mechanism import Quantity
 from ...readers.errors import BadInput, naming
 from ...readers.progress import Reported, silent
+from ...simulation.controllers.direct import Direct
 from .bounds import Triangle, bounded_least_squares
 from .faults import EXACT, NORMAL, quantum
 
@@ -101,7 +102,7 @@ class OutputError:
         self.start = windows.start[:, windows.fitted].copy()
         count, rows, _ = windows.measured.shape
         forward, observe = _with_sensitivities(prediction, len(windows.fitted))
-        self._forward, self._observe = forward.mapaccum(rows - 1).map(count), observe.map(count * rows)
+        self._forward, self._observe = Direct(forward.mapaccum(rows - 1).map(count)), Direct(observe.map(count * rows))
         self._weight = np.isfinite(windows.measured).astype(float)
         with np.errstate(invalid="ignore"):
             spread = np.nanmax(windows.measured, axis=(0, 1)) - np.nanmin(windows.measured, axis=(0, 1))
@@ -591,13 +592,10 @@ class OutputError:
         x[:, logged.fitted] = start
         unit = np.eye(x.shape[1])[logged.fitted].ravel()  # dx/d(start), column by column
         first = np.hstack([x, np.tile(unit, (windows, 1)), np.zeros((windows, x.shape[1] * len(self._all_names)))])
-        inputs, size = logged.inputs, logged.inputs.shape[2]
-        later = self._forward(first.T, inputs[:, :-1].reshape(-1, size).T, np.tile(values[:, None], windows * (rows - 1)))
-        z = np.concatenate([first[:, None], np.array(later).T.reshape(windows, rows - 1, -1)], axis=1)
-        observed = self._observe(
-            z.reshape(windows * rows, -1).T, inputs.reshape(-1, size).T, np.tile(values[:, None], windows * rows)
-        )
-        y, starts, parameters = (np.array(each).reshape(outputs, windows, rows, -1).transpose(1, 2, 0, 3) for each in observed)
+        (later,) = self._forward(first.ravel(), logged.inputs[:, :-1].ravel(), np.tile(values, windows * (rows - 1)))
+        z = np.concatenate([first[:, None], later.reshape(windows, rows - 1, -1)], axis=1)
+        observed = self._observe(z.ravel(), logged.inputs.ravel(), np.tile(values, windows * rows))
+        y, starts, parameters = (each.reshape(windows, rows, -1, outputs).swapaxes(2, 3) for each in observed)
         residual = y[..., 0] - logged.measured
         return np.where(self._angles, np.remainder(residual + np.pi, 2 * np.pi) - np.pi, residual), starts, parameters
 
