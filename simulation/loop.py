@@ -237,10 +237,10 @@ class ControllerCall:
         loop, controller, noticed = self._loop, self._leg.controller, self._loop.noticed
         if noticed:
             controller.believe(noticed.mu)
-        if np.isnan(self.reference).any():  # no point of the course is the nearest
-            return "singular", np.zeros(len(loop.law.inputs))
         reference = loop.integral.added(self.reference, add)
         status, tau = controller.step(self._known, reference if less is None else loop.observers.added(reference, less))
+        if status not in RUNNING and np.isnan(self.reference).any():  # no point of the course is the nearest
+            return "singular", np.zeros(len(loop.law.inputs))
         if loop.learning:
             loop.learning.applied = tau if status in RUNNING else None
         if status in RUNNING and self._leg.side(self._known) <= 0:

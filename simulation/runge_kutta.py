@@ -6,6 +6,8 @@ Sums are formed term by term and powers by square roots: no BLAS and no libm, wh
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -115,18 +117,26 @@ E3 = {
 }
 
 
+def _column(weights: Mapping[int, float]) -> np.ndarray:
+    """Return the weights of the slopes from the first one on, (k, 1)."""
+    return np.array([[weights.get(k, 0.0)] for k in range(max(weights) + 1)])
+
+
+STAGES, RESULT, ERRORS = [_column(row) for row in A], _column(B), [_column(E5), _column(E3)]
+
+
 def step(
     rate: Callable[[Scalar, Vector], Vector], t: Scalar, x: Vector, slope: Vector, h: Scalar, tolerance: Scalar
 ) -> tuple[Vector, Scalar]:
     """State after one step of h seconds from x, where the slope is rate(t, x), and the norm of its error, at most 1 within
     `tolerance`, relative and absolute. Of arrays, or as CasADi expressions."""
     numbers = ca if isinstance(x, ca.SX) else np
-    slopes = [slope]
-    for share, weights in zip(C, A, strict=True):
-        slopes.append(rate(t + share * h, x + h * _weighted(weights, slopes)))
-    after = x + h * _weighted(B, slopes)
+    slopes = [slope] * (len(C) + 1) if isinstance(x, ca.SX) else np.array([slope] * (len(C) + 1))
+    for k, share in enumerate(C):
+        slopes[k + 1] = rate(t + share * h, x + h * _weighted(STAGES[k], slopes))
+    after = x + h * _weighted(RESULT, slopes)
     scale = tolerance * (1 + numbers.fmax(numbers.fabs(x), numbers.fabs(after)))
-    fifth, third = (_sum_of_squares(_weighted(weights, slopes) / scale) for weights in (E5, E3))
+    fifth, third = (_sum_of_squares(_weighted(weights, slopes) / scale) for weights in ERRORS)
     tiny = np.finfo(float).tiny  # both estimates vanish at rest
     return after, h * fifth / numbers.sqrt((fifth + 0.01 * third) * x.shape[0] + tiny)
 
@@ -192,10 +202,13 @@ class Integrator:
         self.t, self.x, self.h, self._slope = step.end, step.after, step.following, step.slope
 
 
-def _weighted(weights: Mapping[int, float], slopes: Sequence[Vector]) -> Vector:
-    terms = [weight * slopes[k] for k, weight in weights.items()]
-    return sum(terms[1:], terms[0])
+def _weighted(weights: np.ndarray, slopes: Sequence[ca.SX] | np.ndarray) -> Any:
+    """Return the sum of the first slopes with these weights, (k, 1); of arrays, which are rows, NumPy adds one row after the other."""
+    if isinstance(slopes, np.ndarray):
+        return np.add.reduce(weights * slopes[: len(weights)])
+    return reduce(add, [weight * slopes[k] for k, weight in enumerate(weights.ravel().tolist()) if weight])
 
 
 def _sum_of_squares(v: np.ndarray | ca.SX) -> Any:
-    return sum(v[k] * v[k] for k in range(1, v.shape[0])) + v[0] * v[0]
+    squares = ca.vertsplit(v * v) if isinstance(v, ca.SX) else (v * v).tolist()
+    return reduce(add, [*squares[1:], squares[0]])

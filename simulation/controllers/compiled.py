@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from contextlib import nullcontext
 from functools import cache, cached_property, lru_cache
 from itertools import islice
 from threading import Lock
@@ -271,11 +270,17 @@ class CompiledController:
         return Evaluation(status, {quantity: values} if status in RUNNING else {})
 
     def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
-        # Values too large for float become infinite, which the law rejects; of doubles none are, and NumPy need not be asked.
-        with nullcontext() if self._answer.dtype == np.float64 else np.errstate(over="ignore"):
-            for numbers, values in zip(self._seen, (state[: len(self._seen[0])], reference), strict=True):
-                numbers[:] = values
-            self._load_extension(state)
+        if self._answer.dtype == np.float64:
+            self._fill(state, reference)
+        else:  # values too large for float become infinite, which the law rejects
+            with np.errstate(over="ignore"):
+                self._fill(state, reference)
+
+    def _fill(self, state: np.ndarray, reference: np.ndarray) -> None:
+        seen, wanted = self._seen
+        seen[:] = state[: len(seen)]
+        wanted[:] = reference
+        self._load_extension(state)
 
     def _load_extension(self, state: np.ndarray) -> None:
         """Set the states of the extension, the last of the state."""
