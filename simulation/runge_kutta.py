@@ -203,7 +203,7 @@ class Integrator:
 
 
 def _weighted(weights: np.ndarray, slopes: Sequence[ca.SX] | np.ndarray) -> Any:
-    """Return the sum of the first slopes with these weights, (k, 1); of arrays, which are rows, NumPy adds one row after the other."""
+    """Return the sum of the first slopes by their weights, (k, 1); rows of an array are added one after the other."""
     if isinstance(slopes, np.ndarray):
         return np.add.reduce(weights * slopes[: len(weights)])
     return reduce(add, [weight * slopes[k] for k, weight in enumerate(weights.ravel().tolist()) if weight])
