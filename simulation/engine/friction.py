@@ -24,14 +24,14 @@ def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray
     too much on each other for that, all at once.
     """
     limit = np.maximum(mu * load, LEAST)
-    base = give + np.diag(np.repeat(creep / np.maximum(load, CREEP), 2))
+    base = _with_diagonal(give, creep / np.maximum(load, CREEP))
     slides = np.zeros(len(load))
     for _ in range(TRIES):
-        inverse = np.linalg.inv(base + np.diag(np.repeat(slides, 2)))
+        inverse = np.linalg.inv(_with_diagonal(base, slides))
         force = -(inverse @ free).reshape(-1, 2)
-        size = np.hypot(*force.T)
+        size = np.hypot(force[:, 0], force[:, 1])
         beyond = size / limit - 1
-        if np.all((np.abs(beyond) <= CLOSE) | ((beyond < 0) & (slides == 0))):
+        if ((np.abs(beyond) <= CLOSE) | ((beyond < 0) & (slides == 0))).all():
             return force.ravel()
         blocks = inverse.reshape(len(load), 2, len(load), 2)
         bends = np.array([f @ blocks[k, :, k] @ f for k, f in enumerate(force)])
@@ -39,6 +39,13 @@ def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray
         slides = np.maximum(slides + change, 0.0)
     force = (force * np.minimum(1.0, limit / np.maximum(size, limit))[:, None]).ravel()
     return force if len(load) == 1 else _together(base, free, limit, force)
+
+
+def _with_diagonal(matrix: np.ndarray, more: np.ndarray) -> np.ndarray:
+    """Return a matrix (2 c, 2 c) with (c,) added to its diagonal, twice each."""
+    made = matrix.copy()
+    made.reshape(-1)[:: len(made) + 1] += more.repeat(2)
+    return made
 
 
 def _together(base: np.ndarray, free: np.ndarray, limit: np.ndarray, force: np.ndarray) -> np.ndarray:
@@ -51,7 +58,7 @@ def _together(base: np.ndarray, free: np.ndarray, limit: np.ndarray, force: np.n
     B, f, most, s = base[np.ix_(own, own)], free[own], limit[loaded], np.zeros(count)
 
     def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        inverse = np.linalg.inv(B + np.diag(np.repeat(s, 2)))
+        inverse = np.linalg.inv(_with_diagonal(B, s))
         F = -(inverse @ f)
         return inverse.reshape(count, 2, count, 2), F.reshape(count, 2), float(F @ f - s @ most**2) / 2
 
