@@ -239,7 +239,8 @@ def _translations(mechanism: Mechanism) -> ca.SX:
 
 
 def narrow(mechanism: Mechanism) -> list[str]:
-    """Return the contacts that cannot carry the moment of side forces: their axle has no width, or supports are on one line."""
+    """Return the contacts that cannot carry the moment of side forces: their axle has no width, or all supports
+    are on one line that is not the centre line."""
     K = shift_by_forces(mechanism)
     if mechanism.places_named:
         return [contact.name for contact in mechanism.standing] if K.is_zero() else []

@@ -172,7 +172,7 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     a reason. The height of the centre of mass is that of `options`, or if it has none that of the robot.
 
     Supports are contacts too, the last ones. Raises BadInput if a height of the centre of mass is given and an axle has no width,
-    or all supports are on one line.
+    or all supports are on one line that is not the centre line.
     """
     mechanism = plant.system.mechanism
     if unknown_loads(mechanism):

@@ -211,4 +211,5 @@ def _weighted(weights: np.ndarray, slopes: Sequence[ca.SX] | np.ndarray) -> Any:
 
 def _sum_of_squares(v: np.ndarray | ca.SX) -> Any:
     squares = ca.vertsplit(v * v) if isinstance(v, ca.SX) else (v * v).tolist()
+    # Not by sum(), which compensates rounding from Python 3.12 on: the bits would depend on the version.
     return reduce(add, [*squares[1:], squares[0]])

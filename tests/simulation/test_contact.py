@@ -552,8 +552,9 @@ def test_contacts_on_the_centre_line_move_load_forward_and_back():
     assert abs(front.load[0] - (at_rest - moved)) < 1e-9 * m * GRAVITY and moved > 0.05 * at_rest
     assert abs(rear.load[0] + front.load[0] - m * GRAVITY) < 1e-9 * m * GRAVITY
     x[6] = x[5] = 2.0  # turning, too: the side forces move no load
-    ahead = contact_forces(plant, x, tau, ContactSection(height=height))
-    assert sum(c.load[0] for c in ahead) == pytest.approx(m * GRAVITY, rel=1e-9)
+    rear, front = contact_forces(plant, x, tau, ContactSection(height=height))
+    assert sum(c.load[0] for c in (rear, front)) == pytest.approx(m * GRAVITY, rel=1e-9)
+    assert front.load[0] == pytest.approx(at_rest - height * rear.longitudinal[0] / wheelbase, rel=1e-9)
     robot.contacts[1] = dataclasses.replace(robot.contacts[1], left=ca.SX(0.1))  # no longer on the centre line: it would lean
     assert narrow(robot)
 
