@@ -8,7 +8,8 @@ The names below are the public interface for Python programs; docs/api.md descri
 Each is imported when it is first used, so that `import noslip` itself loads nothing else.
 """
 
-TYPE_CHECKING = False  # type checkers take it as true; importing it from typing would take longer than all else here
+# Type checkers take it as true; importing it from typing would take longer than all else here
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from .analysis.answers import analyse as analyse
     from .checks.verification.generate import generate as generate

@@ -2,7 +2,8 @@
 
 import sys
 
-if not sys.flags.safe_path:  # Python searches the current folder first, where a control.py would replace a library
+# Python searches the current folder first, where a control.py would replace a library
+if not sys.flags.safe_path:
     sys.path.append(sys.path.pop(0))
 
 from .cli.main import main  # noqa: E402

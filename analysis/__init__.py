@@ -1,1 +1,2 @@
-"""What a robot can do: growth, integrals, control properties, singularities, zero dynamics, certified starts."""
+"""What a robot can do: growth, integrals, control properties, singularities, zero dynamics,
+certified starts."""

@@ -51,9 +51,11 @@ NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """n coordinates, m constraints, k of them holonomic. `levels`: the brackets that each step adds; `notes` by title.
+    """n coordinates, m constraints, k of them holonomic. `levels`: the brackets that each step adds; `notes`
+    by title.
 
-    `json`: the documented keys and further ones. Some rolling contacts have no `S`, no `proof` of the growth and no `flatness`.
+    `json`: the documented keys and further ones. Some rolling contacts have no `S`, no `proof` of the growth
+    and no `flatness`.
     """
 
     n: int
@@ -73,8 +75,9 @@ class Constraints:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """`outputs` by law; `refused`: why a law does not apply to this system; `no_outputs`: why there is none; by file, `starts`
-    and whether the wheels roll in the run from there. `at_rest`: what can be said of an underactuated robot there.
+    """`outputs` by law; `refused`: why a law does not apply to this system; `no_outputs`: why there is none;
+    by file, `starts` and whether the wheels roll in the run from there. `at_rest`: what can be said of an
+    underactuated robot there.
     """
 
     name: str
@@ -110,11 +113,11 @@ def analyse(
     table: bool = False,
     progress: Reported = silent,
 ) -> Answer:
-    """Analyse a system with these of its laws, or all, and the starts in these files; `uncertainty` as for `start_verdict`;
-    `table`: find the safe offsets of each start too.
+    """Analyse a system with these of its laws, or all, and the starts in these files; `uncertainty` as for
+    `start_verdict`; `table`: find the safe offsets of each start too.
 
-    Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's, and for files that
-    are no SPEC of it.
+    Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's,
+    and for files that are no SPEC of it.
     """
     if isinstance(system, Mechanism) and system.carried:
         raise ModelError(
@@ -126,30 +129,54 @@ def analyse(
             check_law(system, law)
     verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
     with placed(system):
-        constraints = _of_contact(system, progress) if isinstance(system, Contact) else _of_distribution(system, progress)
+        constraints = (
+            _of_contact(system, progress)
+            if isinstance(system, Contact)
+            else _of_distribution(system, progress)
+        )
     outputs, refused, nothing = _outputs(system, laws, progress)
     constraints = _with_declared(constraints, system, outputs)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
     rolling = {file: start_rolling(file) for file in starts}
     about = getattr(system, "about", "")
-    return Answer(system.name, about, constraints, outputs, refused, nothing, verdicts, rolling, tables, _at_rest(system))
+    return Answer(
+        system.name,
+        about,
+        constraints,
+        outputs,
+        refused,
+        nothing,
+        verdicts,
+        rolling,
+        tables,
+        _at_rest(system),
+    )
 
 
 def _with_declared(constraints: Constraints, system: System, forms: Mapping[str, NormalForm]) -> Constraints:
-    """Return the constraints with the verdict that outputs which the robot declares are flat where none was found: with a dynamic
-    extension they and their derivatives are the whole state, without coordinates on which nothing depends.
+    """Return the constraints with the verdict that outputs which the robot declares are flat where none was
+    found: with a dynamic extension they and their derivatives are the whole state, without coordinates on
+    which nothing depends.
     """
     open_ = [each for each in constraints.flatness if each.check.verdict is not False and each.found is None]
     if not isinstance(system, Mechanism) or not open_:
         return constraints
     flatness, checks = constraints.flatness, constraints.checks
     for output in system.outputs:
-        form = forms.get(output.name + EXTENDED) or (None if output.name in forms else _extended(system, output.name))
+        form = forms.get(output.name + EXTENDED) or (
+            None if output.name in forms else _extended(system, output.name)
+        )
         if not isinstance(form, ExtendedForm) or form.others or form.along:
             continue
         rows = ", ".join(row.name for row in form.decoupling.linearization.output.rows)
-        reason = f"{output.name}, an output that is declared, is flat: it and its derivatives are the whole state"
-        known: dict[str, Any] = {"verdict": True, "reason": reason, "reference": "its dynamic extension leaves no zero dynamics"}
+        reason = (
+            f"{output.name}, an output that is declared, is flat: it and its derivatives are the whole state"
+        )
+        known: dict[str, Any] = {
+            "verdict": True,
+            "reason": reason,
+            "reference": "its dynamic extension leaves no zero dynamics",
+        }
         flatness = tuple(
             replace(each, check=replace(each.check, **known), missing=f"{rows}, of {output.name}")
             if each in open_ and set(each.without) == set(form.cyclic)
@@ -158,7 +185,9 @@ def _with_declared(constraints: Constraints, system: System, forms: Mapping[str,
         )
         if not form.cyclic:
             checks = tuple(
-                replace(each, **known) if each.name == "dynamic_feedback_linearizable" and each.verdict is None else each
+                replace(each, **known)
+                if each.name == "dynamic_feedback_linearizable" and each.verdict is None
+                else each
                 for each in checks
             )
     json = constraints.json | {"checks": [each.as_json() for each in checks]}
@@ -175,7 +204,10 @@ def _extended(system: Mechanism, name: str) -> NormalForm | None:
 
 def _at_rest(system: System) -> tuple[str, ...]:
     """Return what is said of an underactuated robot at rest at q = 0; empty for other systems."""
-    if not isinstance(system, Mechanism) or not 0 < len(system.inputs) < len(system.coordinates) - system.A.shape[0]:
+    if (
+        not isinstance(system, Mechanism)
+        or not 0 < len(system.inputs) < len(system.coordinates) - system.A.shape[0]
+    ):
         return ()
     try:
         return tuple(verdicts(analyse_at_rest(system)))
@@ -186,8 +218,8 @@ def _at_rest(system: System) -> tuple[str, ...]:
 def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float = 0.0) -> Verdict:
     """Return whether the start of a SPEC of this robot avoids the singular set; nothing is compiled.
 
-    `uncertainty`: relative, of the robot's parameters by name, or one for all. Raises BadInput for a file that is no SPEC
-    of it.
+    `uncertainty`: relative, of the robot's parameters by name, or one for all. Raises BadInput for a file
+    that is no SPEC of it.
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
     with naming(file, (BadInput, ModelError)):
@@ -199,13 +231,16 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
 
 
 def start_rolling(file: str) -> Grip:
-    """Whether the wheels roll in the run of a SPEC, as `noslip simulate` states it. Raises BadInput if it cannot be run."""
+    """Whether the wheels roll in the run of a SPEC, as `noslip simulate` states it. Raises BadInput if it
+    cannot be run."""
     spec = read_varied(file, {"simulation.backend": "casadi"})
     with naming(file, (BadInput, ModelError)):
         return grip(simulate(spec))
 
 
-def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Reported = silent) -> Offsets:
+def start_offsets(
+    file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Reported = silent
+) -> Offsets:
     """The table of safe offsets of a SPEC.
 
     Raises BadInput for a file that is not a SPEC, and for a path without such a table.
@@ -218,7 +253,8 @@ def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, pro
 def as_json(answer: Answer) -> dict[str, Any]:
     """The documented keys, and more."""
     starts = {
-        file: _verdict_json(verdict) | {"rolling": answer.rolling[file].as_json()} for file, verdict in answer.starts.items()
+        file: _verdict_json(verdict) | {"rolling": answer.rolling[file].as_json()}
+        for file, verdict in answer.starts.items()
     }
     return {
         **answer.constraints.json,
@@ -231,7 +267,11 @@ def as_json(answer: Answer) -> dict[str, Any]:
         **({"at_rest": list(answer.at_rest)} if answer.at_rest else {}),
         "starts": starts,
         **({"starts_basis": BASIS} if answer.starts else {}),
-        **({"tables": {file: asdict(table) for file, table in answer.tables.items()}} if answer.tables else {}),
+        **(
+            {"tables": {file: asdict(table) for file, table in answer.tables.items()}}
+            if answer.tables
+            else {}
+        ),
         **(next(iter(starts.values())) if len(starts) == 1 else {}),
     }
 
@@ -248,14 +288,18 @@ def singular_when(form: NormalForm) -> list[str]:
 
 
 def damped_near(form: NormalForm) -> list[str]:
-    """Return what a damped law does near its singular set, and what that costs; empty for other laws. See `Damping`."""
+    """Return what a damped law does near its singular set, and what that costs;
+    empty for other laws. See `Damping`."""
     if form.decoupling.linearization.damping is None:
         return []
     gains = dict(zip(gain_names(2), default_gains(2), strict=True))
     return [
-        "where |x| < 1, x = c/band, c = cosine of the angle between n and the velocity a*omega that turning gives P_l:",
-        f"distance'' = v_distance - (1 - x^2)^2*(e + {ASIDE:g}*kd*c*e'): the error is largest where the heading is normal",
-        "e = part of distance'' that turning has to provide: v_distance + kd*c*a*omega less that of curvature and",
+        "where |x| < 1, x = c/band, c = cosine of the angle between n and the velocity a*omega that turning "
+        "gives P_l:",
+        f"distance'' = v_distance - (1 - x^2)^2*(e + {ASIDE:g}*kd*c*e'): the error is largest where the "
+        "heading is normal",
+        "e = part of distance'' that turning has to provide: v_distance + kd*c*a*omega less that of "
+        "curvature and",
         "forward acceleration;",
         "e' = rate of the distance by forward motion; on a line, at a constant speed V, without turning:",
         f"|e| <= kp*|distance| + kd*|V|, with the default gains {gains['kp']:g} and {gains['kd']:g}: "
@@ -265,34 +309,46 @@ def damped_near(form: NormalForm) -> list[str]:
 
 
 def driven_straight(answer: Answer) -> list[str]:
-    """Describe the motion of trailers and other joints, with the outputs of which it is true unless these are all; empty if there
-    are none.
+    """Describe the motion of trailers and other joints, with the outputs of which it is true unless these are
+    all; empty if there are none.
     """
     shapes: dict[tuple[str, ...], list[str]] = {}
     for law, form in answer.outputs.items():
         if form.moving and form.shape.names:
             v = form.decoupling.names["v"]
-            note = f"{v} is {form.shape.speed}; on a path of small curvature, the same coordinates converge and diverge"
+            note = (
+                f"{v} is {form.shape.speed}; on a path of small curvature, the same coordinates converge "
+                "and diverge"
+            )
             shapes.setdefault((*form.shape.lines(), *([note] if form.shape.decided else [])), []).append(law)
-    return [f"{', '.join(laws)}: {line}" if len(shapes) > 1 else line for lines, laws in shapes.items() for line in lines]
+    return [
+        f"{', '.join(laws)}: {line}" if len(shapes) > 1 else line
+        for lines, laws in shapes.items()
+        for line in lines
+    ]
 
 
 def uncontrolled(form: NormalForm) -> str:
     """Return the coordinates that are not controlled, the zero dynamics and their stability, in a line.
 
-    If no choice of coordinates is valid everywhere, there are two, such as y where a line is not parallel to the x axis, else x.
+    If no choice of coordinates is valid everywhere, there are two, such as y where a line is not parallel to
+    the x axis, else x.
     """
     first, *others = form.charts
     kept = ", ".join(form.T[2])
     if not first.everywhere and others:
         decoupling = form.decoupling
-        minor = decoupling.written_out(first.minor) if decoupling.det_for_people != decoupling.det else first.minor
+        minor = (
+            decoupling.written_out(first.minor)
+            if decoupling.det_for_people != decoupling.det
+            else first.minor
+        )
         minor = unsigned(sp.fraction(sp.together(minor))[0])
         kept += f" where {written(minor)} != 0, else {', '.join(map(str, others[0].kept))}"
     return f"{kept}: zero dynamics {form.zero_dynamics}, {form.stability}"
 
 
-# -- constraints --------------------------------------------------------------------------------------------------------
+# -- constraints ---------------------------------------------------------------------------------------------
 
 
 _analysed: dict[Mechanism | Kinematics, Constraints] = {}  # a robot is often analysed again with other starts
@@ -311,26 +367,38 @@ def _of_distribution(system: Mechanism | Kinematics, progress: Reported) -> Cons
 def _as_constraints(analysis: structure.Analysis) -> Constraints:
     basis, before = analysis.certificate.basis, (0, *analysis.growth)
     levels = tuple(tuple(basis[a:b]) for a, b in zip(before, analysis.growth, strict=False))
-    notes = {"integrals": analysis.holonomic.text(), "changes": analysis.places.text(), "taken positive": list(analysis.assumed)}
+    notes = {
+        "integrals": analysis.holonomic.text(),
+        "changes": analysis.places.text(),
+        "taken positive": list(analysis.assumed),
+    }
     proof = tuple(analysis.certificate.text())
     json = analysis.as_json() | {"proof": list(proof)}
     ranks = analysis.n, analysis.m, analysis.k, analysis.growth
     return Constraints(*ranks, levels, notes, analysis.checks, json, analysis.S, proof, analysis.controlled)
 
 
-def _with_flatness(constraints: Constraints, analysis: structure.Analysis, velocities: Sequence[str]) -> Constraints:
+def _with_flatness(
+    constraints: Constraints, analysis: structure.Analysis, velocities: Sequence[str]
+) -> Constraints:
     inputs = analysis.actuation
     if inputs is not None and not inputs.full:
         driven = f"the inputs drive {inputs.driven} of {inputs.dof} quasi-velocities"
-        return replace(constraints, no_flatness=f"no verdict: the theorems are about q' = S nu with all of nu driven, {driven}")
+        return replace(
+            constraints,
+            no_flatness=f"no verdict: the theorems are about q' = S nu with all of nu driven, {driven}",
+        )
     return replace(constraints, flatness=flatness(analysis.distribution, velocities))
 
 
 def _of_contact(contact: Contact, progress: Reported) -> Constraints:
-    """Analyse as any distribution; if metrics have roots, by the structure equations only, which hold for any two surfaces."""
+    """Analyse as any distribution; if metrics have roots, by the structure equations only,
+    which hold for any two surfaces."""
     growth, kinematics = rolling_growth(contact), contact.kinematics()
     rough = bool(distribution(kinematics).functions.roots)
-    constraints = _by_structure_equations(kinematics, growth) if rough else _of_distribution(kinematics, progress)
+    constraints = (
+        _by_structure_equations(kinematics, growth) if rough else _of_distribution(kinematics, progress)
+    )
     notes = {"because": [growth.reason], "special orbits": list(growth.special)}
     if contact.formal:
         notes["formal only"] = [contact.formal]
@@ -340,21 +408,36 @@ def _of_contact(contact: Contact, progress: Reported) -> Constraints:
 
 def _by_structure_equations(system: Kinematics, growth: RollingGrowth) -> Constraints:
     k = growth.holonomic
-    json = {"name": system.name, "coordinates": system.n, "constraints": system.m, "holonomic": k, "nonholonomic": system.m - k}
-    json |= {"growth": list(growth.vector), "integrals": [], "integrals_complete": not k, "input_state_linearizable": False}
+    json = {
+        "name": system.name,
+        "coordinates": system.n,
+        "constraints": system.m,
+        "holonomic": k,
+        "nonholonomic": system.m - k,
+    }
+    json |= {
+        "growth": list(growth.vector),
+        "integrals": [],
+        "integrals_complete": not k,
+        "input_state_linearizable": False,
+    }
     notes = {}
     if growth.drops_where is not None:
         (where,) = symbolic(growth.drops_where, [*system.coordinates, *system.parameters], system.name)
         above, below = map(written, sp.fraction(sp.together(where)))
-        notes["changes"] = [f"where the Gaussian curvatures at the contact are equal: ({above})/({below}) = 0"]
+        notes["changes"] = [
+            f"where the Gaussian curvatures at the contact are equal: ({above})/({below}) = 0"
+        ]
     levels = ROLLING_BRACKETS[growth.vector[0]][: len(growth.vector)]
     return Constraints(system.n, system.m, k, growth.vector, levels, notes, (), json)
 
 
-# -- outputs ------------------------------------------------------------------------------------------------------------
+# -- outputs -------------------------------------------------------------------------------------------------
 
 
-def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[dict[str, NormalForm], dict[str, str], str]:
+def _outputs(
+    system: System, laws: Sequence[str], progress: Reported
+) -> tuple[dict[str, NormalForm], dict[str, str], str]:
     """Laws with their normal forms, those refused with the reason, and why there is none at all."""
     if not isinstance(system, Mechanism):
         if laws:
@@ -407,9 +490,11 @@ def _output_json(form: NormalForm) -> dict[str, Any]:
         **({"damped": "; ".join(damped_near(form))} if damped_near(form) else {}),
         "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving), *_driven_straight(form)]),
         "det_short": written(decoupling.det_for_people),
-        "where": {str(name): written(formula) for name, formula in decoupling.explained.items()} | decoupling.renamed,
+        "where": {str(name): written(formula) for name, formula in decoupling.explained.items()}
+        | decoupling.renamed,
         "conditions": [
-            {"formula": written(c.formula), "words": c.words, "confirmed": c.confirmed} for c in decoupling.conditions
+            {"formula": written(c.formula), "words": c.words, "confirmed": c.confirmed}
+            for c in decoupling.conditions
         ],
         "undefined_where": [written(expression) for expression in decoupling.undefined],
         "normal_form": {
@@ -437,7 +522,10 @@ def _moving_json(form: NormalForm, moving: StraightMotion) -> dict[str, Any]:
         "settles": moving.settles,
         "stable_when": moving.stable_when or None,
         "rate": None if moving.rate is None else written(moving.rate),
-        "shape": {each.name: written(sp.Symbol(form.decoupling.names["V"]) * each.rate) for each in moving.shape.followers},
+        "shape": {
+            each.name: written(sp.Symbol(form.decoupling.names["V"]) * each.rate)
+            for each in moving.shape.followers
+        },
         "not_examined": [] if moving.shape.decided else list(moving.shape.names),
         "lever": None if moving.lookahead is None else written(moving.lookahead),
         "lever_default": None if moving.lookahead is None else form.decoupling.at_defaults(moving.lookahead),

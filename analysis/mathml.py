@@ -7,7 +7,8 @@ import sympy as sp
 from markupsafe import Markup
 from sympy.printing.mathml import MathMLPresentationPrinter
 
-TIMES, SPACE = "\u2062", '<mspace width="0.12em"/>'  # between factors: as the printer puts it, and as it is shown
+# Between factors: as the printer puts it, and as it is shown
+TIMES, SPACE = "\u2062", '<mspace width="0.12em"/>'
 KEPT = "\u00a0"  # a space that is kept at the ends of words
 
 
@@ -15,7 +16,9 @@ class _Printer(MathMLPresentationPrinter):
     """Sums as in text, and x_l_dot as x with a dot, its index kept."""
 
     def _as_ordered_terms(self, expr, order=None):
-        return sorted(super()._as_ordered_terms(expr, order), key=lambda term: term.could_extract_minus_sign())
+        return sorted(
+            super()._as_ordered_terms(expr, order), key=lambda term: term.could_extract_minus_sign()
+        )
 
     def _print_Symbol(self, symbol, style="plain"):
         name = symbol.name.removesuffix("_dot")
@@ -33,10 +36,12 @@ class _Printer(MathMLPresentationPrinter):
 
 
 def mathml(*parts: sp.Expr | sp.Matrix | str, display: bool = False) -> Markup:
-    """Formulas, with signs and words between them, as an element of a page; on a line of its own if `display`."""
+    """Formulas, with signs and words between them, as an element of a page;
+    on a line of its own if `display`."""
     block = ' display="block"' if display else ""
     rows = (
-        _part(part, k > 0, isinstance(after, sp.Basic | sp.MatrixBase)) for k, (part, after) in enumerate(pairwise((*parts, "")))
+        _part(part, k > 0, isinstance(after, sp.Basic | sp.MatrixBase))
+        for k, (part, after) in enumerate(pairwise((*parts, "")))
     )
     return Markup(f"<math{block}><mrow>{''.join(rows)}</mrow></math>")
 

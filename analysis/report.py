@@ -17,13 +17,26 @@ from .mathml import mathml
 from .outputs.normal_form import SYMBOLS, NormalForm
 from .text import VERDICTS, WORDS
 
-INK, SOFT, OLD, NEW, HOLD, BAD, GOOD = "#1a1a1a", "#777777", "#c9d9e8", "#0b61a4", "#f3e3d3", "#c00000", "#1b6e3c"
+INK, SOFT, OLD, NEW, HOLD, BAD, GOOD = (
+    "#1a1a1a",
+    "#777777",
+    "#c9d9e8",
+    "#0b61a4",
+    "#f3e3d3",
+    "#c00000",
+    "#1b6e3c",
+)
 BREAK = Markup("<br>")
 
 
 def report(answer: Answer) -> str:
     """The page."""
-    legend = {name: about for form in answer.outputs.values() for each in form.moving for name, about in each.symbols.items()}
+    legend = {
+        name: about
+        for form in answer.outputs.values()
+        for each in form.moving
+        for name, about in each.symbols.items()
+    }
     return render(
         __file__,
         "report.html",
@@ -58,10 +71,21 @@ def _normal_form(form: NormalForm) -> list[tuple[str, str]]:
     rows = [
         ("singular", BREAK.join(conditions or ["nowhere"])),
         ("damped", BREAK.join(damped_near(form))),
-        ("not defined", BREAK.join(mathml("where", expression, "=", sp.Integer(0)) for expression in decoupling.undefined)),
-        ("T(x)", BREAK.join(Markup("z<sub>{}</sub> = ({})").format(k + 1, names) for k, names in enumerate(z))),
+        (
+            "not defined",
+            BREAK.join(
+                mathml("where", expression, "=", sp.Integer(0)) for expression in decoupling.undefined
+            ),
+        ),
+        (
+            "T(x)",
+            BREAK.join(Markup("z<sub>{}</sub> = ({})").format(k + 1, names) for k, names in enumerate(z)),
+        ),
         ("regular", _regular(form.charts[0].minor)),
-        (z3, BREAK.join(mathml(sp.Symbol(f"{name}_dot"), "=", rate) for name, rate in form.equations.items())),
+        (
+            z3,
+            BREAK.join(mathml(sp.Symbol(f"{name}_dot"), "=", rate) for name, rate in form.equations.items()),
+        ),
         ("zero dynamics", _typeset(uncontrolled(form))),
         ("reference at speed V", BREAK.join(_typeset(str(each)) for each in form.moving)),
     ]
@@ -77,18 +101,23 @@ def _typeset(text: str) -> Markup:
 def _regular(minor: sp.Expr) -> Markup:
     """Where the coordinates are regular; a constant minor is no condition."""
     nonzero = (sp.Symbol("Phi"), "≠", sp.Integer(0))
-    return mathml("where det", *nonzero) if minor.is_number else mathml("where", minor, "≠", sp.Integer(0), "and det", *nonzero)
+    return (
+        mathml("where det", *nonzero)
+        if minor.is_number
+        else mathml("where", minor, "≠", sp.Integer(0), "and det", *nonzero)
+    )
 
 
 def _symbol(name: str) -> Markup:
     return mathml(sp.Symbol(name))
 
 
-# -- drawings -----------------------------------------------------------------------------------------------------------
+# -- drawings ------------------------------------------------------------------------------------------------
 
 
 def _growth(constraints: Constraints) -> Markup:
-    """A column of boxes for each step: what was there, what the new brackets add, and above it what integrates."""
+    """A column of boxes for each step: what was there, what the new brackets add,
+    and above it what integrates."""
     wide, tall, left = max(170, 8 * max(len(name) for level in constraints.levels for name in level)), 34, 46
     width, height = left + len(constraints.growth) * (wide + 16) + 10, constraints.n * tall + 44
     drawn, below = [], height - 30
@@ -107,7 +136,10 @@ def _growth(constraints: Constraints) -> Markup:
                 drawn.append(_label(x + wide / 2, y + tall / 2 + 3, "holonomic", SOFT))
         drawn.append(_label(x + wide / 2, height - 8, f"step {step + 1}: dimension {dimension}", INK))
     top = below - constraints.n * tall
-    drawn.append(f'<line x1="{left - 10}" y1="{top - 2}" x2="{width}" y2="{top - 2}" stroke="{SOFT}" stroke-dasharray="5 4"/>')
+    drawn.append(
+        f'<line x1="{left - 10}" y1="{top - 2}" x2="{width}" y2="{top - 2}" stroke="{SOFT}" '
+        'stroke-dasharray="5 4"/>'
+    )
     drawn.append(_label(left - 28, top + 4, f"n = {constraints.n}", SOFT))
     return _svg(width, height, drawn, "growth of the distribution, step by step")
 
@@ -127,8 +159,14 @@ def _course(verdict: Verdict) -> Markup:
     places = np.unique(np.linspace(0, len(t) - 1, 600).astype(int))
     line = " ".join(f"{x(t[k]):.1f},{y(s[k]):.1f}" for k in places)
     drawn = [_box(left, y(1), width - left - right, y(-1) - y(1), "#eef4ee")]
-    for value, look in ((1, f'"{BAD}" stroke-dasharray="6 4"'), (0, '"#cccccc"'), (-1, f'"{BAD}" stroke-dasharray="6 4"')):
-        drawn.append(f'<line x1="{left}" y1="{y(value):.1f}" x2="{width - right}" y2="{y(value):.1f}" stroke={look}/>')
+    for value, look in (
+        (1, f'"{BAD}" stroke-dasharray="6 4"'),
+        (0, '"#cccccc"'),
+        (-1, f'"{BAD}" stroke-dasharray="6 4"'),
+    ):
+        drawn.append(
+            f'<line x1="{left}" y1="{y(value):.1f}" x2="{width - right}" y2="{y(value):.1f}" stroke={look}/>'
+        )
     drawn += [_label(left - 8, y(value) + 4, f"{value:g}", INK, "end") for value in (-1, 0, 1)]
     drawn += [_label(x(value), height - bottom + 18, f"{value:g}", INK) for value in _ticks(end)]
     drawn.append(_label(width - right, height - 4, "t (s)", SOFT, "end"))
@@ -146,13 +184,22 @@ def _ticks(end: float) -> list[float]:
 
 
 def _svg(width: float, height: float, drawn: Iterable[str], about: str) -> Markup:
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" role="img"'
-    return Markup(f'{head} font-family="system-ui, sans-serif" font-size="13"><title>{about}</title>{"".join(drawn)}</svg>')
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" '
+        'role="img"'
+    )
+    return Markup(
+        f'{head} font-family="system-ui, sans-serif" '
+        f'font-size="13"><title>{about}</title>{"".join(drawn)}</svg>'
+    )
 
 
 def _box(x: float, y: float, width: float, height: float, fill: str, dashed: bool = False) -> str:
     edge = f' stroke="{SOFT}" stroke-dasharray="4 3"' if dashed else ""
-    return f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" rx="3" fill="{fill}"{edge}/>'
+    return (
+        f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" rx="3" '
+        f'fill="{fill}"{edge}/>'
+    )
 
 
 def _label(x: float, y: float, text: str, fill: str, anchor: str = "middle") -> str:

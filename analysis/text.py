@@ -20,7 +20,8 @@ SPACE = 18  # columns before the text of a label
 
 
 def as_text(answer: Answer) -> str:
-    """Return constraints, then each output, then the starts; lines of at most WIDTH characters if words allow it."""
+    """Return constraints, then each output, then the starts;
+    lines of at most WIDTH characters if words allow it."""
     lines = [f"{answer.name}: {answer.about}" if answer.about else answer.name, ""]
     lines += constraints(answer)
     lines += ["", *outputs(answer)]
@@ -51,7 +52,11 @@ def constraints(answer: Answer) -> list[str]:
     for check in structure.checks:
         lines += labelled(VERDICTS[check.verdict], [f"{check.question}, on {check.where}: {check.reason}"])
     if structure.flatness or structure.no_flatness:
-        lines += ["", "Flat outputs of q' = S nu", *labelled("", [structure.no_flatness] if structure.no_flatness else [])]
+        lines += [
+            "",
+            "Flat outputs of q' = S nu",
+            *labelled("", [structure.no_flatness] if structure.no_flatness else []),
+        ]
     for each in structure.flatness:
         lines += _flat(each)
     return lines
@@ -63,7 +68,9 @@ def _flat(flatness: Flatness) -> list[str]:
     lines = labelled(VERDICTS[check.verdict], [f"{flatness.system}: {check.reason}{source}"])
     if found is None:
         return lines + labelled("  outputs", [flatness.missing] if flatness.missing else [])
-    lines += labelled("  outputs", [", ".join(f"{written(output.expression)} ({output.unit})" for output in found.outputs)])
+    lines += labelled(
+        "  outputs", [", ".join(f"{written(output.expression)} ({output.unit})" for output in found.outputs)]
+    )
     lines += labelled("  singular", [f"where {condition}" for condition in found.singular] or ["nowhere"])
     chained = ", ".join(f"z_{k + 1} = {written(z)}" for k, z in enumerate(found.chained))
     lines += labelled("  chained form", [chained] if 0 < len(chained) <= LONGEST else [])
@@ -100,7 +107,11 @@ def _output(law: str, form: NormalForm) -> list[str]:
 def _legend(form: NormalForm) -> dict[str, str]:
     """Return the meaning of the symbols in the formulas of this paragraph."""
     decoupling = form.decoupling
-    shown = {str(s) for e in (decoupling.det_for_people, *(c.formula for c in decoupling.conditions)) for s in e.free_symbols}
+    shown = {
+        str(s)
+        for e in (decoupling.det_for_people, *(c.formula for c in decoupling.conditions))
+        for s in e.free_symbols
+    }
     meanings = {name: about for name, about in decoupling.renamed.items() if name in shown}
     if normal := decoupling.normal:
         point = [str(name) for name in normal.point]
@@ -110,7 +121,9 @@ def _legend(form: NormalForm) -> dict[str, str]:
         if str(normal.x) in shown:
             meanings[f"({normal.x}, {normal.y})"] = "gradient of the distance at P_l, of length 1 on the path"
     if form.moving and decoupling.planar and not decoupling.planar.heading.is_Symbol:
-        meanings["heading"] = f"{written(decoupling.planar.heading)}, of the part of the vehicle with P_l and its axle"
+        meanings["heading"] = (
+            f"{written(decoupling.planar.heading)}, of the part of the vehicle with P_l and its axle"
+        )
     return meanings | {name: about for each in form.moving for name, about in each.symbols.items()}
 
 
@@ -120,7 +133,12 @@ def labelled(label: str, parts: Iterable[str], indent: int = 2) -> list[str]:
     for part in parts:
         first = (" " * indent + label).ljust(SPACE - 1) + " "
         lines += textwrap.wrap(
-            part, WIDTH, initial_indent=first, subsequent_indent=" " * SPACE, break_on_hyphens=False, break_long_words=False
+            part,
+            WIDTH,
+            initial_indent=first,
+            subsequent_indent=" " * SPACE,
+            break_on_hyphens=False,
+            break_long_words=False,
         )
         label = ""
     return lines

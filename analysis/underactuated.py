@@ -1,4 +1,5 @@
-"""Underactuated robots: what can be said of them at rest, and how a state feedback holds the nonlinear rigid robot."""
+"""Underactuated robots: what can be said of them at rest, and how a state feedback holds the nonlinear rigid
+robot."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -31,8 +32,8 @@ def verdicts(rest: Steady) -> list[str]:
     growing = [mode for mode in rest.modes if mode.real > STILL]
     zero = of_velocities(rest)
     return [
-        f"{counted(len(system.mechanism.inputs), 'input')} ({inputs}) for {counted(system.dof, 'degree')} of freedom; "
-        "at rest at q = 0, by numbers, at the default parameters",
+        f"{counted(len(system.mechanism.inputs), 'input')} ({inputs}) for {counted(system.dof, 'degree')} of "
+        "freedom; at rest at q = 0, by numbers, at the default parameters",
         f"modes that the inputs move: {listed(rest.modes)} 1/s"
         + (f"; {counted(len(growing), 'mode')} of these grow{'s' * (len(growing) == 1)}" if growing else ""),
         f"zero dynamics with the velocities at the inputs held at 0 (collocated): {zero}"
@@ -43,7 +44,8 @@ def verdicts(rest: Steady) -> list[str]:
 
 
 def _noncollocated(rest: Steady) -> list[str]:
-    """Return for each choice of as many quasi-velocities as inputs the zero dynamics, or why these cannot be linearized."""
+    """Return for each choice of as many quasi-velocities as inputs the zero dynamics,
+    or why these cannot be linearized."""
     system = rest.partial.system
     found = []
     for chosen in itertools.combinations(range(system.dof), len(system.driven)):
@@ -55,8 +57,9 @@ def _noncollocated(rest: Steady) -> list[str]:
 def run(
     balanced: Balanced, start: np.ndarray, duration: float, desired: Callable[[float], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return states of the rigid robot at the calls of a feedback, every PERIOD, (N, 2n-m), and inputs from there on, (N, r),
-    from `start`; `desired` is x_d(t). Ends early where the feedback returns an error, such as where the robot has fallen.
+    """Return states of the rigid robot at the calls of a feedback, every PERIOD, (N, 2n-m), and inputs from
+    there on, (N, r), from `start`; `desired` is x_d(t). Ends early where the feedback returns an error, such
+    as where the robot has fallen.
     """
     steady = balanced.steady
     plant, x = Plant(steady.partial.system, steady.parameters), np.asarray(start, float)
@@ -72,19 +75,23 @@ def run(
 
 
 def returns(balanced: Balanced, start: np.ndarray, duration: float, within: float) -> bool:
-    """Return whether what K sees of the state and its rates is back at rest after `duration`, s, to `within` of its start."""
+    """Return whether what K sees of the state and its rates is back at rest after `duration`, s,
+    to `within` of its start."""
     T, rest = balanced.seen, balanced.steady.state
     states, _ = run(balanced, start, duration, lambda t: rest)
     complete = len(states) == round(duration / PERIOD) + 1
-    return complete and bool(np.abs(T.T @ (states[-1] - rest)).max() <= within * max(1.0, np.abs(start - rest).max()))
+    return complete and bool(
+        np.abs(T.T @ (states[-1] - rest)).max() <= within * max(1.0, np.abs(start - rest).max())
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A region of attraction by sampling, no proof: the `starts` (N, 2n-m), whether each `returned`, and the cost of each.
+    """A region of attraction by sampling, no proof: the `starts` (N, 2n-m), whether each `returned`, and the
+    cost of each.
 
-    `level` is the least cost of one that did not return: all `inside` samples with a smaller one returned. X, (2n-m) x (2n-m),
-    is the form of the cost about the state `rest` (2n-m).
+    `level` is the least cost of one that did not return: all `inside` samples with a smaller one returned. X,
+    (2n-m) x (2n-m), is the form of the cost about the state `rest` (2n-m).
     """
 
     starts: np.ndarray
@@ -104,7 +111,8 @@ class Region:
         return int(np.sum(self.cost < self.level))
 
     def boundary(self, first: int, second: int) -> np.ndarray:
-        """Return where two states, by their numbers, have the cost `level` with all others at rest, (N, 2)."""
+        """Return where two states, by their numbers, have the cost `level` with all others at rest,
+        (N, 2)."""
         of = [first, second]
         root = np.linalg.cholesky(self.X[np.ix_(of, of)])
         angle = np.linspace(0.0, 2 * np.pi, 200)
@@ -117,12 +125,25 @@ class Region:
 
         figure = Figure(figsize=(7.5, 5.5), layout="constrained")
         axes = figure.add_subplot()
-        for returned, colour, marker, name in ((True, "#0b61a4", "o", "returned"), (False, "#c2570c", "x", "did not return")):
+        for returned, colour, marker, name in (
+            (True, "#0b61a4", "o", "returned"),
+            (False, "#c2570c", "x", "did not return"),
+        ):
             chosen = self.starts[self.returned == returned]
-            axes.plot(chosen[:, first], chosen[:, second], marker, color=colour, markersize=4, linestyle="", label=name)
+            axes.plot(
+                chosen[:, first],
+                chosen[:, second],
+                marker,
+                color=colour,
+                markersize=4,
+                linestyle="",
+                label=name,
+            )
         if np.isfinite(self.level):
             axes.plot(
-                *self.boundary(first, second).T, color="black", label=f"level {self.level:.3g}: all samples inside returned"
+                *self.boundary(first, second).T,
+                color="black",
+                label=f"level {self.level:.3g}: all samples inside returned",
             )
         for label, place in ((axes.set_xlabel, first), (axes.set_ylabel, second)):
             label(f"{quantities[place].name} ({quantities[place].unit})")
@@ -130,8 +151,11 @@ class Region:
         return figure
 
 
-def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count: int, duration: float, seed: int = 0) -> Region:
-    """Return the region from `count` runs of `duration` (s), from random starts with the states named up to `sizes` off rest."""
+def region(
+    balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count: int, duration: float, seed: int = 0
+) -> Region:
+    """Return the region from `count` runs of `duration` (s),
+    from random starts with the states named up to `sizes` off rest."""
     rest = balanced.steady
     for name in sizes:
         check_named(name, rest.names, "region: unknown state")
@@ -144,9 +168,11 @@ def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count:
 
 @dataclass(frozen=True)
 class Confirmed:
-    """How many of `count` starts, drawn uniformly where the cost is at most `level`, returned; certified by sampling.
+    """How many of `count` starts, drawn uniformly where the cost is at most `level`, returned; certified by
+    sampling.
 
-    The starts were drawn after the level was chosen, so that what they say of all starts there is exact statistics.
+    The starts were drawn after the level was chosen, so that what they say of all starts there is exact
+    statistics.
     """
 
     level: float
@@ -154,17 +180,21 @@ class Confirmed:
     returned: int
 
     def share(self, confidence: float = 0.99) -> float:
-        """Return a lower bound, with this confidence, of the share of all these starts that return (C. J. Clopper and
-        E. S. Pearson, 1934): with all of N returned, the N-th root of 1 - confidence. Raises BadInput unless 0 < confidence < 1.
+        """Return a lower bound, with this confidence, of the share of all these starts that return (C. J.
+        Clopper and E. S. Pearson, 1934): with all of N returned, the N-th root of 1 - confidence. Raises
+        BadInput unless 0 < confidence < 1.
         """
         number("positive", below=1.0)(confidence, "confidence")
         fell = self.count - self.returned
         return float(betaincinv(self.returned, fell + 1, 1.0 - confidence)) if self.returned else 0.0
 
 
-def confirm(balanced: Balanced, X: np.ndarray, level: float, count: int, duration: float, seed: int = 1) -> Confirmed:
-    """Run `count` starts for `duration` s, drawn uniformly from all that the inputs reach with a cost of at most `level`: called
-    every PERIOD, with limits, by the C if that is the feedback. Use another seed than that of the `region` that gave the level.
+def confirm(
+    balanced: Balanced, X: np.ndarray, level: float, count: int, duration: float, seed: int = 1
+) -> Confirmed:
+    """Run `count` starts for `duration` s, drawn uniformly from all that the inputs reach with a cost of at
+    most `level`: called every PERIOD, with limits, by the C if that is the feedback. Use another seed than
+    that of the `region` that gave the level.
 
     Raises BadInput for a level that is not positive and finite, and for fewer than one start.
     """

@@ -1,4 +1,5 @@
-"""The command line: a module per command, or for a few, which parses arguments and calls the other packages."""
+"""The command line: a module per command, or for a few, which parses arguments and calls the other
+packages."""
 
 DIFFERS, BAD_INPUT, INTERNAL, READER_GONE = 1, 2, 70, 141  # exit codes; those of signals are in main.py
 COMMANDS = (

@@ -35,7 +35,8 @@ FIRST = """noslip: no command is given. To begin:
 
 
 def refuse_given(args: argparse.Namespace, names: Iterable[str], why: str) -> None:
-    """Raise BadInput for the first of these options, by its name in `args`, that is given where it does not apply: `why`."""
+    """Raise BadInput for the first of these options, by its name in `args`,
+    that is given where it does not apply: `why`."""
     for name in names:
         if (value := getattr(args, name)) is not None and value is not False and value != []:
             raise BadInput(f"--{name.replace('_', '-')} {why}")
@@ -51,7 +52,8 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any):
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
-        self._negative_number_matcher = re.compile(r"-\.?[0-9]")  # `--poles -1,-2`: a value; no option begins so
+        # `--poles -1,-2`: a value; no option begins so
+        self._negative_number_matcher = re.compile(r"-\.?[0-9]")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """See ArgumentParser, whose way of mixing calls this method for each of its two passes."""
@@ -98,7 +100,8 @@ def run(argv: list[str]) -> int:
     try:
         with warnings.catch_warnings():
             if not sys.warnoptions:
-                warnings.simplefilter("ignore")  # of libraries, about numbers that are rejected or reported in the result anyway
+                # Of libraries, about numbers that are rejected or reported in the result anyway
+                warnings.simplefilter("ignore")
             code = _run(argv)
         sys.stdout.flush()
         return code
@@ -119,12 +122,14 @@ def add_columns(parser: argparse.ArgumentParser, example: str) -> None:
         type=lambda text: [name.strip() or "-" for name in text.split(",")],
         default=[],
         metavar="NAMES",
-        help=f"names of all columns in their order, instead of a header, - for one that is not used: {example}",
+        help="names of all columns in their order, instead of a header, - for one that is not used: "
+        f"{example}",
     )
 
 
 def rendered(args: argparse.Namespace, text: Callable[[], str], values: Callable[[], Any]) -> str:
-    """Return the result of a command: with --json its values as JSON, SI, None for what is not finite; else the text."""
+    """Return the result of a command: with --json its values as JSON, SI, None for what is not finite;
+    else the text."""
     if not args.json:
         return text()
     from ..readers.printing import as_json, plain  # imports NumPy
@@ -132,9 +137,11 @@ def rendered(args: argparse.Namespace, text: Callable[[], str], values: Callable
     return as_json(plain(values()))
 
 
-def show(args: argparse.Namespace, text: Callable[[], str], values: Callable[[], Any], output: str | None = None) -> None:
-    """Print what `rendered` returns, to stderr if the `output` file of the command is standard output; an empty text is not
-    printed.
+def show(
+    args: argparse.Namespace, text: Callable[[], str], values: Callable[[], Any], output: str | None = None
+) -> None:
+    """Print what `rendered` returns, to stderr if the `output` file of the command is standard output; an
+    empty text is not printed.
     """
     if result := rendered(args, text, values):
         print(result, file=sys.stderr if output == "-" else sys.stdout)
@@ -144,11 +151,14 @@ def parser_of(names: Sequence[str]) -> tuple[Parser, "argparse._SubParsersAction
     """Return the parser of the command line with these commands, and its parsers of commands."""
     parser = Parser(
         prog="noslip",
-        description="From the Lagrangian of a robot that rolls without slipping to the C code of its controller.",
+        description="From the Lagrangian of a robot that rolls without slipping to the C code of its "
+        "controller.",
         formatter_class=argparse.HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")
-    commands = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help shows the options of a command)")
+    commands = parser.add_subparsers(
+        metavar="COMMAND", title="commands (noslip COMMAND --help shows the options of a command)"
+    )
     for module in dict.fromkeys(MODULES[name] for name in names):
         importlib.import_module(f".{module}", __package__).add_parser(commands)
     for command in commands.choices.values():
@@ -169,7 +179,10 @@ def _run(argv: list[str]) -> int:
     if unknown:
         own = commands.choices.get(first, parser)
         option = unknown[0].split("=")[0]
-        own.error(f"unrecognized argument {option!r}{suggestion(option, own.options) if option.startswith('--') else ''}")
+        own.error(
+            "unrecognized argument "
+            f"{option!r}{suggestion(option, own.options) if option.startswith('--') else ''}"
+        )
     if "run" not in args:
         return _fail(BAD_INPUT, "no command is given; see noslip --help")
     return args.run(args)
@@ -182,7 +195,10 @@ def _report(error: Exception) -> int:
     if isinstance(error, BadInput | ModelError):
         return _fail(BAD_INPUT, str(error))
     if isinstance(error, Mismatch):
-        for line in (*str(error).splitlines(), "nothing is written: the generated C differs from the model; please report this"):
+        for line in (
+            *str(error).splitlines(),
+            "nothing is written: the generated C differs from the model; please report this",
+        ):
             _fail(DIFFERS, line)
         return DIFFERS
     if isinstance(error, Contradiction):
@@ -223,6 +239,7 @@ def _one_line(message: str) -> str:
 
 
 def _close_stdout() -> None:
-    """Discard what is still buffered for stdout, so that the interpreter does not fail on it again at exit."""
+    """Discard what is still buffered for stdout, so that the interpreter does not fail on it again at
+    exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

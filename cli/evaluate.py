@@ -20,16 +20,29 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "For a case that cannot be evaluated, the result is its status; the exit code is 0 all the same.",
         epilog=EXAMPLE,
     )
-    parser.add_argument("cases", metavar="CASES.json", help="cases: parameters, output, q, nu, reference, gains")
+    parser.add_argument(
+        "cases", metavar="CASES.json", help="cases: parameters, output, q, nu, reference, gains"
+    )
     parser.add_argument(
         "--backend",
         choices=(*BACKENDS, *ON_TARGET),
         default="c",
-        help="casadi; the generated C in double (c, the default) or float (cf); the float C on an emulated Cortex-M4F or RV32",
+        help="casadi; the generated C in double (c, the default) or float (cf); the float C on an emulated "
+        "Cortex-M4F or RV32",
     )
-    parser.add_argument("-o", dest="out", metavar="OUT.json", default="-", help="output file; - (the default) is standard output")
     parser.add_argument(
-        "--schema", action=PrintSchema, nargs=0, const=_schema, help="print the JSON Schema of CASES.json and exit"
+        "-o",
+        dest="out",
+        metavar="OUT.json",
+        default="-",
+        help="output file; - (the default) is standard output",
+    )
+    parser.add_argument(
+        "--schema",
+        action=PrintSchema,
+        nargs=0,
+        const=_schema,
+        help="print the JSON Schema of CASES.json and exit",
     )
     parser.set_defaults(run=run)
 
@@ -41,7 +54,8 @@ def _schema() -> dict[str, Any]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip evaluate`. Return 0, also if cases have a status other than ok. Raises BadInput, ModelError, OSError."""
+    """Run `noslip evaluate`. Return 0, also if cases have a status other than ok. Raises BadInput,
+    ModelError, OSError."""
     from ..checks.verification.evaluate import evaluate_cases
     from ..simulation.specification.cases import read_cases, write_out  # slow to import
 

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING
 from ..readers.errors import BadInput, Mismatch
 from ..readers.files import check_ending, check_folder, check_targets, work_folder, write_folder, write_whole
 from .commands import show
-from .generate import DYNAMICS, FOLLOWER, add_selection, robot_name, select_follower, selected_files, selected_laws
+from .generate import (
+    DYNAMICS,
+    FOLLOWER,
+    add_selection,
+    robot_name,
+    select_follower,
+    selected_files,
+    selected_laws,
+)
 
 if TYPE_CHECKING:
     from ..codegen.project.vehicle import VehicleNumbers
@@ -34,18 +42,20 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "export",
         help="write C that builds without further set-up, or an FMU",
-        description="Write the C of a robot's laws, the runtime, a Makefile and an example into a new folder, after "
-        "comparing the C with "
-        "the model as `noslip generate` does. With --firmware: write a project for a target, with start-up code, CMake files, a "
-        "control loop to complete, and a self-test with golden vectors (float, unless --scalar is double). With --fmu: write "
-        "an FMU for co-simulation by FMI 3.0, in double, with sources and a binary for this platform. With --package: write a "
-        "package in the form of a package manager, with the self-test (float, unless --scalar is double).",
+        description="Write the C of a robot's laws, the runtime, a Makefile and an example into a new "
+        "folder, after comparing the C with the model as `noslip generate` does. With "
+        "--firmware: write a project for a target, with start-up code, CMake files, a control "
+        "loop to complete, and a self-test with golden vectors (float, unless --scalar is "
+        "double). With --fmu: write an FMU for co-simulation by FMI 3.0, in double, with sources "
+        "and a binary for this platform. With --package: write a package in the form of a "
+        "package manager, with the self-test (float, unless --scalar is double).",
         epilog=EXAMPLE,
     )
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help="name of a shipped robot or path/to/file.py:name; with --firmware also SPEC.toml: the firmware of its vehicle",
+        help="name of a shipped robot or path/to/file.py:name; with --firmware also SPEC.toml: the firmware "
+        "of its vehicle",
     )
     add_selection(parser)
     form = parser.add_mutually_exclusive_group()
@@ -62,12 +72,15 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="controller, plant or loop (both, the law called at a period); one law, none for a plant",
     )
     form.add_argument("--package", choices=PACKAGES, metavar="MANAGER", help=", ".join(PACKAGES))
-    parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a new or empty folder; of an FMU the file, .fmu")
+    parser.add_argument(
+        "-o", dest="out", metavar="DIR", required=True, help="a new or empty folder; of an FMU the file, .fmu"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder is not empty."""
+    """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder
+    is not empty."""
     vehicle = _vehicle(args) if args.robot.endswith(".toml") else None
     if args.fmu:
         return _export_fmu(args)
@@ -76,7 +89,9 @@ def run(args: argparse.Namespace) -> int:
     from ..readers.robots import refuse_course
 
     if args.firmware or args.package:
-        refuse_course(args.output, f"--firmware {args.firmware}" if args.firmware else f"--package {args.package}")
+        refuse_course(
+            args.output, f"--firmware {args.firmware}" if args.firmware else f"--package {args.package}"
+        )
     select_follower(args)
 
     target = Path(os.path.realpath(args.out))
@@ -106,7 +121,9 @@ def run(args: argparse.Namespace) -> int:
         try:
             write_folder(folder, files)
             if args.firmware:
-                page = project.readme(args.firmware, generated["manifest.json"], laws, args.scalar, board, folder)
+                page = project.readme(
+                    args.firmware, generated["manifest.json"], laws, args.scalar, board, folder
+                )
                 write_folder(folder, {"README.md": page})
         except OSError as error:
             raise OSError(error.errno, error.strerror, args.out) from error
@@ -122,7 +139,12 @@ def run(args: argparse.Namespace) -> int:
     show(
         args,
         lambda: f"{args.out}: {len(files)} files; {then}",
-        lambda: {"folder": args.out, "robot": robot, "laws": [law.name for law in laws], "files": sorted(files)},
+        lambda: {
+            "folder": args.out,
+            "robot": robot,
+            "laws": [law.name for law in laws],
+            "files": sorted(files),
+        },
     )
     return 0
 
@@ -130,7 +152,10 @@ def run(args: argparse.Namespace) -> int:
 def _vehicle(args: argparse.Namespace) -> VehicleNumbers:
     """Return the numbers of the vehicle of a SPEC, whose follower is then what is exported."""
     if not args.firmware:
-        raise BadInput(f"{args.robot} is a SPEC, where a robot is expected; with --firmware TARGET its vehicle is exported")
+        raise BadInput(
+            f"{args.robot} is a SPEC, where a robot is expected; with --firmware TARGET its vehicle is "
+            "exported"
+        )
     if args.output:
         raise BadInput(f"--output {args.output[0]}: the SPEC says what is exported; leave it out")
     from ..readers.errors import naming
@@ -151,7 +176,10 @@ def _refuse_kinematic(laws: Sequence[str]) -> None:
 
     for name in laws:
         if without_kinematic(name) != name:
-            raise BadInput(f"--fmu: {name} gives velocities; an FMU has the law of torques: take {without_kinematic(name)}")
+            raise BadInput(
+                f"--fmu: {name} gives velocities; an FMU has the law of torques: take "
+                f"{without_kinematic(name)}"
+            )
 
 
 def _export_fmu(args: argparse.Namespace) -> int:
@@ -178,7 +206,12 @@ def _export_fmu(args: argparse.Namespace) -> int:
     show(
         args,
         lambda: f"{args.out}: {model}, for co-simulation by FMI 3.0",
-        lambda: {"file": args.out, "robot": robot_name(generated), "laws": [law.name] if law else [], "model": model},
+        lambda: {
+            "file": args.out,
+            "robot": robot_name(generated),
+            "laws": [law.name] if law else [],
+            "model": model,
+        },
     )
     return 0
 
@@ -188,6 +221,8 @@ def _runtime(scalar: str) -> dict[str, str]:
     from ..codegen.runtime import runtime_files
 
     files = runtime_files()
-    twins = {name: name.removesuffix(".c") + "_f.c" for name in files if name.removesuffix(".c") + "_f.c" in files}
+    twins = {
+        name: name.removesuffix(".c") + "_f.c" for name in files if name.removesuffix(".c") + "_f.c" in files
+    }
     unwanted = {"double": set(twins.values()), "float": set(twins), "both": set()}[scalar]
     return {name: text for name, text in files.items() if name not in unwanted}

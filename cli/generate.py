@@ -25,19 +25,29 @@ EKF = "ekf"  # the extended Kalman filter
 ADAPTATION = "adaptation"  # with the dynamics
 PARTS = (DYNAMICS, EKF, ADAPTATION)  # are not laws
 # Folders whose code makes files.
-DETERMINE = ("model", "codegen", "simulation/controllers", "checks/verification", "readers", "runtime_c", "cli")
+DETERMINE = (
+    "model",
+    "codegen",
+    "simulation/controllers",
+    "checks/verification",
+    "readers",
+    "runtime_c",
+    "cli",
+)
 
 OUTPUT_HELP = (
-    f"a law, such as type_i, {DYNAMICS}, the plant model, {EKF}, the filter for the pose, {ADAPTATION}, which learns the "
-    f"parameters of --adapt, or {FOLLOWER}, a law of lines and arcs with all that is around it; "
-    "may be repeated (default: all but what learns)"
+    f"a law, such as type_i, {DYNAMICS}, the plant model, {EKF}, the filter for the pose, {ADAPTATION}, "
+    f"which learns the parameters of --adapt, or {FOLLOWER}, a law of lines and arcs with all that is around "
+    "it; may be repeated (default: all but what learns)"
 )
 EXAMPLE = """examples:
   noslip generate labmate                      write generated/labmate/
-  noslip generate labmate --check              exit with 1 and print a diff unless generated/labmate/ is current
+  noslip generate labmate --check              exit with 1 and print a diff unless generated/labmate/ is \
+current
   noslip generate labmate --explain            print the effect of each pass of the optimizer
   noslip generate labmate --output ekf --scale thetadot_r --scale thetadot_l --scale b -o c
-                                               write the filter, which also estimates both wheel radii and the track
+                                               write the filter, which also estimates both wheel radii and \
+the track
   noslip generate labmate --for soft -o c          write laws optimized for a processor without FPU
   noslip generate my_robot.py:cart -o c --output type_i --scalar float"""
 
@@ -47,20 +57,25 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "generate",
         help="write the C of a robot's control laws and dynamics",
-        description="Write the C of a robot's control laws and dynamics into DIR/ROBOT/, in double and float. Before "
-        "writing, the C is "
-        "compiled and compared with the model at random states; if they differ, nothing is written and the exit code is 1. "
-        "Without a "
-        "C compiler, the comparison is skipped with a warning.",
+        description="Write the C of a robot's control laws and dynamics into DIR/ROBOT/, in double and "
+        "float. Before writing, the C is compiled and compared with the model at random states; "
+        "if they differ, nothing is written and the exit code is 1. Without a C compiler, the "
+        "comparison is skipped with a warning.",
         epilog=EXAMPLE,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
-    parser.add_argument("-o", dest="out", metavar="DIR", default="generated", help="output folder (default: generated)")
+    parser.add_argument(
+        "-o", dest="out", metavar="DIR", default="generated", help="output folder (default: generated)"
+    )
     add_selection(parser)
     parser.add_argument(
-        "--check", action="store_true", help="write nothing; fail with a diff unless the files in DIR are current"
+        "--check",
+        action="store_true",
+        help="write nothing; fail with a diff unless the files in DIR are current",
     )
-    parser.add_argument("--explain", action="store_true", help="write nothing; print the effect of each pass of the optimizer")
+    parser.add_argument(
+        "--explain", action="store_true", help="write nothing; print the effect of each pass of the optimizer"
+    )
     add_balance(parser)
     parser.add_argument("--for", dest="target", metavar="TARGET", help=argparse.SUPPRESS)
     parser.set_defaults(run=run)
@@ -73,20 +88,30 @@ def add_balance(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME=WEIGHT",
-        help="instead of laws, ROBOT_lqr.h: the state feedback at rest of a robot with fewer inputs than degrees of freedom that "
-        "minimizes the integral of the weighted squares of these states and of the inputs",
+        help="instead of laws, ROBOT_lqr.h: the state feedback at rest of a robot with fewer inputs than "
+        "degrees of freedom that minimizes the integral of the weighted squares of these states and of "
+        "the inputs",
     )
     parser.add_argument(
         "--motion",
         nargs="+",
         default=[],
         metavar="NAME=VALUE",
-        help="for --lqr: not at rest, but in the steady motion with these velocities, such as speed=0.5 yaw_rate=0.4",
+        help="for --lqr: not at rest, but in the steady motion with these velocities, such as speed=0.5 "
+        "yaw_rate=0.4",
     )
-    parser.add_argument("--effort", type=float, metavar="WEIGHT", help="of the inputs, for --lqr (default: 1)")
-    parser.add_argument("--limit", type=float, metavar="N", help="largest input, N or N m, for --lqr (default: none)")
     parser.add_argument(
-        "--without", action="append", default=[], metavar="NAME", help="a state that --lqr does not use; may be repeated"
+        "--effort", type=float, metavar="WEIGHT", help="of the inputs, for --lqr (default: 1)"
+    )
+    parser.add_argument(
+        "--limit", type=float, metavar="N", help="largest input, N or N m, for --lqr (default: none)"
+    )
+    parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a state that --lqr does not use; may be repeated",
     )
 
 
@@ -98,7 +123,8 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="the filter also estimates by how much this parameter or quasi-velocity must be multiplied; may be repeated",
+        help="the filter also estimates by how much this parameter or quasi-velocity must be multiplied; may "
+        "be repeated",
     )
     parser.add_argument(
         "--adapt",
@@ -111,9 +137,13 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip generate`. Return 1 if --check finds a difference, or if C and model differ; nothing is written then."""
+    """Run `noslip generate`. Return 1 if --check finds a difference, or if C and model differ;
+    nothing is written then."""
     if args.target is not None:
-        raise BadInput("--for is gone, since it saved nothing that could be measured: leave it out; the C suits all targets")
+        raise BadInput(
+            "--for is gone, since it saved nothing that could be measured: leave it out; the C suits all "
+            "targets"
+        )
     if args.lqr:
         return _generate_balance(args)
     refuse_given(args, ("effort", "limit", "motion", "without"), "applies to --lqr NAME=WEIGHT ...")
@@ -126,7 +156,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if not args.check:
         check_folder(args.out)
-    files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output, compare=not args.check, lanes=True)
+    files = selected_files(
+        args, dynamics=not args.output or DYNAMICS in args.output, compare=not args.check, lanes=True
+    )
     folder = Path(args.out) / robot_name(files)
     if args.check:
         differ = _compare(files, folder)
@@ -139,7 +171,9 @@ def run(args: argparse.Namespace) -> int:
         )
         return int(bool(differ))
     write_folder(folder, files, stale=_written_before(folder) - set(files))
-    show(args, lambda: f"{folder}: {len(files)} files", lambda: {"folder": str(folder), "files": sorted(files)})
+    show(
+        args, lambda: f"{folder}: {len(files)} files", lambda: {"folder": str(folder), "files": sorted(files)}
+    )
     return 0
 
 
@@ -154,16 +188,27 @@ def _generate_balance(args: argparse.Namespace) -> int:
     others = {"--output": args.output, "--check": args.check, "--explain": args.explain}
     others |= {"--scale": args.scale, "--adapt": args.adapt, "--scalar": args.scalar != "both"}
     if unused := [option for option, value in others.items() if value]:
-        raise BadInput(f"--lqr does not go with {', '.join(unused)}: it writes one header, in double and float")
+        raise BadInput(
+            f"--lqr does not go with {', '.join(unused)}: it writes one header, in double and float"
+        )
     if args.limit is not None:
         number("positive")(args.limit, "--limit")
     effort = 1.0 if args.effort is None else args.effort
-    steady = analyse_steady(find_robot(args.robot), by_name("--motion", args.motion, "NAME=NUMBER, such as speed=0.5"))
+    steady = analyse_steady(
+        find_robot(args.robot), by_name("--motion", args.motion, "NAME=NUMBER, such as speed=0.5")
+    )
     weights = by_name("--lqr", args.lqr, "NAME=NUMBER, such as pitch=10")
     balanced = design(steady, weights, effort, args.without, args.limit or float("inf"))
     found = differences(balanced)
-    if wrong := [f"{scalar} by {difference:.2g}" for scalar, difference in found.items() if not difference <= ROUNDING[scalar]]:
-        print(f"noslip: {balanced.name}_lqr: the C differs from the feedback: {', '.join(wrong)}", file=sys.stderr)
+    if wrong := [
+        f"{scalar} by {difference:.2g}"
+        for scalar, difference in found.items()
+        if not difference <= ROUNDING[scalar]
+    ]:
+        print(
+            f"noslip: {balanced.name}_lqr: the C differs from the feedback: {', '.join(wrong)}",
+            file=sys.stderr,
+        )
         return 1
     given = [*args.lqr, f"--effort {effort:g}", *[f"--without {name}" for name in args.without]]
     given += [] if args.limit is None else [f"--limit {args.limit:g}"]
@@ -172,7 +217,11 @@ def _generate_balance(args: argparse.Namespace) -> int:
     where = "at rest" if steady.rests else "in steady motion"
     about = f"{MARK}: state feedback of {balanced.name} {where}, --lqr {' '.join(given)}"
     write_folder(folder, {name: header(balanced, about)}, stale=set())
-    show(args, lambda: f"{folder / name}: compared at random states", lambda: {"folder": str(folder), "files": [name]})
+    show(
+        args,
+        lambda: f"{folder / name}: compared at random states",
+        lambda: {"folder": str(folder), "files": [name]},
+    )
     return 0
 
 
@@ -190,9 +239,11 @@ def select_follower(args: argparse.Namespace) -> None:
     args.output = list(dict.fromkeys([name for name in args.output if name != FOLLOWER] + [LAW, DYNAMICS]))
 
 
-def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = True, lanes: bool = False) -> dict[str, str]:
-    """Return the selected C files by name, with the dynamics and the batch laws or without; what learns requires the former.
-    Print to stderr where the constraints lose rank.
+def selected_files(
+    args: argparse.Namespace, dynamics: bool, compare: bool = True, lanes: bool = False
+) -> dict[str, str]:
+    """Return the selected C files by name, with the dynamics and the batch laws or without; what learns
+    requires the former. Print to stderr where the constraints lose rank.
 
     Raises Mismatch if the C is to be compared with the model and differs from it.
     """
@@ -214,7 +265,8 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
 
 @dataclass(frozen=True)
 class _Made:
-    """The selected C files by name, and where the constraints lose rank; `lasts`: all that was to be compared was compared."""
+    """The selected C files by name, and where the constraints lose rank; `lasts`:
+    all that was to be compared was compared."""
 
     files: dict[str, str]
     warnings: list[str]
@@ -256,7 +308,8 @@ def _laws_of_files(args: argparse.Namespace) -> list["ControlLaw"]:
 
 
 def _scaled(args: argparse.Namespace, everything: bool) -> list[str] | None:
-    """Return of what the filter estimates the scale; None: no filter. Raises BadInput if the robot has none, or not this."""
+    """Return of what the filter estimates the scale; None: no filter. Raises BadInput if the robot has none,
+    or not this."""
     from ..codegen.ekf.filter import check_scales, why_no_filter
     from ..model.errors import ModelError
     from ..readers.robots import find_robot, system_of
@@ -283,7 +336,9 @@ def _adapted(args: argparse.Namespace) -> list[str]:
         refuse_given(args, ["adapt"], f"names what --output {ADAPTATION} learns: add it")
         return []
     if not args.adapt:
-        raise BadInput(f"--output {ADAPTATION} requires --adapt NAME: a parameter that changes, such as the mass")
+        raise BadInput(
+            f"--output {ADAPTATION} requires --adapt NAME: a parameter that changes, such as the mass"
+        )
     with naming(f"--output {ADAPTATION}", ModelError):
         adapted_parameters(system_of(find_robot(args.robot)), args.adapt)
     return args.adapt
@@ -297,7 +352,10 @@ def selected_laws(args: argparse.Namespace) -> list["ControlLaw"]:
     system = system_of(find_robot(args.robot))
     names: Sequence[str] = [name for name in args.output if name not in PARTS]
     if args.output and not names:
-        raise BadInput(f"--output {args.output[0]} is not a control law; also name a law, such as --output {next(iter(OUTPUTS))}")
+        raise BadInput(
+            f"--output {args.output[0]} is not a control law; also name a law, such as --output "
+            f"{next(iter(OUTPUTS))}"
+        )
     names = names or find_laws(system)
     if not names:
         names = [next(iter(OUTPUTS))]  # building it raises the error that states the reason
@@ -316,19 +374,24 @@ def robot_name(files: Mapping[str, str]) -> str:
 
 
 def _written_before(folder: Path) -> set[str]:
-    """Return the files in the folder that an earlier run listed in its manifest and that have not been changed since."""
+    """Return the files in the folder that an earlier run listed in its manifest and that have not been
+    changed since."""
     try:
         listed = dict(json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["files"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()
     regular = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
     present = {path.relative_to(folder).as_posix(): path for path in regular}
-    return {name for name, path in present.items() if hashlib.sha256(path.read_bytes()).hexdigest() == listed.get(name)}
+    return {
+        name
+        for name, path in present.items()
+        if hashlib.sha256(path.read_bytes()).hexdigest() == listed.get(name)
+    }
 
 
 def _compare(files: Mapping[str, str], folder: Path) -> list[str]:
-    """Print the differences between the folder and `files`, and return the names of the files that differ, are added or are
-    missing.
+    """Print the differences between the folder and `files`, and return the names of the files that differ,
+    are added or are missing.
     """
     folders = {str(Path(name).parent) for name in files}
     present = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - folders
@@ -342,7 +405,9 @@ def _compare(files: Mapping[str, str], folder: Path) -> list[str]:
         elif path.read_bytes() != files[name].encode():
             old = path.read_bytes().decode(errors="replace").splitlines(keepends=True)
             sys.stderr.writelines(
-                difflib.unified_diff(old, files[name].splitlines(keepends=True), str(path), "generated from the model")
+                difflib.unified_diff(
+                    old, files[name].splitlines(keepends=True), str(path), "generated from the model"
+                )
             )
         else:
             continue

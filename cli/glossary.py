@@ -16,7 +16,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "glossary",
         help="say what a word means, such as decoupling matrix",
-        description="Say what a word of mechanics or control means that noslip's answers use. Without a word, list all entries.",
+        description="Say what a word of mechanics or control means that noslip's answers use. Without a "
+        "word, list all entries.",
         epilog=EXAMPLE,
     )
     parser.add_argument("word", metavar="WORD", nargs="*", help="an entry, or words of its name")
@@ -31,9 +32,15 @@ def run(arguments: argparse.Namespace) -> int:
         show(arguments, lambda: "\n".join(glossary()), lambda: list(glossary()))
         return 0
     entries = meanings(" ".join(arguments.word))
-    show(arguments, lambda: "\n\n".join(f"{name}\n{_indented(meaning)}" for name, meaning in entries.items()), lambda: entries)
+    show(
+        arguments,
+        lambda: "\n\n".join(f"{name}\n{_indented(meaning)}" for name, meaning in entries.items()),
+        lambda: entries,
+    )
     return 0
 
 
 def _indented(meaning: str) -> str:
-    return "\n\n".join(textwrap.indent(textwrap.fill(paragraph, WIDTH - 2), "  ") for paragraph in meaning.split("\n\n"))
+    return "\n\n".join(
+        textwrap.indent(textwrap.fill(paragraph, WIDTH - 2), "  ") for paragraph in meaning.split("\n\n")
+    )

@@ -1,4 +1,5 @@
-"""`noslip log` and `noslip view`: a serial dump of telemetry, or a bag of ROS, as a table and as a plot; a table as a plot."""
+"""`noslip log` and `noslip view`: a serial dump of telemetry, or a bag of ROS, as a table and as a plot;
+a table as a plot."""
 
 import argparse
 from collections.abc import Mapping
@@ -21,7 +22,8 @@ EXAMPLE_OF_LOG = """examples:
   make -C firmware run TARGET=cortex-m4f TELEMETRY=/tmp/run.dump
   noslip log /tmp/run.dump -o run.csv
   noslip log /tmp/run.dump -o run.mcap     for PlotJuggler or Foxglove
-  noslip log run.bag --map theta_r=/joint_states:right_wheel.position --map phi=/odom:pose.pose.orientation -o run.csv"""
+  noslip log run.bag --map theta_r=/joint_states:right_wheel.position --map phi=/odom:pose.pose.orientation \
+-o run.csv"""
 EXAMPLE_OF_VIEW = """examples:
   noslip view /tmp/run.dump -o run.png
   noslip view run.parquet --spec run.toml -o run.png"""
@@ -32,33 +34,44 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "log",
         help="turn a serial dump of telemetry, or a bag of ROS, into CSV, Parquet or MCAP",
-        description="Write the ticks in a dump of noslip_telemetry.h as a table with the columns of `noslip simulate`: pose from "
-        "dead reckoning, angles and filtered rates of the wheels, torques, outputs, commands, status. Damaged frames, missing "
-        "records and restarts are counted. Or write fields of a bag of ROS 1 or 2 as the columns that --map names, at the times "
-        "of the first one's topic; those of other topics are interpolated.",
+        description="Write the ticks in a dump of noslip_telemetry.h as a table with the columns of `noslip "
+        "simulate`: pose from dead reckoning, angles and filtered rates of the wheels, torques, "
+        "outputs, commands, status. Damaged frames, missing records and restarts are counted. Or "
+        "write fields of a bag of ROS 1 or 2 as the columns that --map names, at the times of "
+        "the first one's topic; those of other topics are interpolated.",
         epilog=EXAMPLE_OF_LOG,
     )
-    parser.add_argument("-o", "--output", metavar="LOG", required=True, help="LOG.csv, LOG.parquet or LOG.mcap")
+    parser.add_argument(
+        "-o", "--output", metavar="LOG", required=True, help="LOG.csv, LOG.parquet or LOG.mcap"
+    )
     _add_dump(parser, "bytes as they came from the line, or a bag: .bag, .db3, .mcap, a folder of rosbag2")
     parser.set_defaults(run=run)
     parser = subparsers.add_parser(
         "view",
         help="plot a serial dump of telemetry, or a table of a run, as a run",
-        description="Draw the ticks in a dump of noslip_telemetry.h as `noslip simulate --plot` draws a run; or the rows of a "
-        "table (CSV, Parquet, MCAP, a bag of ROS) of `noslip log` or `noslip simulate`, with the SPEC that says robot, law and "
-        "path.",
+        description="Draw the ticks in a dump of noslip_telemetry.h as `noslip simulate --plot` draws a run; "
+        "or the rows of a table (CSV, Parquet, MCAP, a bag of ROS) of `noslip log` or `noslip "
+        "simulate`, with the SPEC that says robot, law and path.",
         epilog=EXAMPLE_OF_VIEW,
     )
-    parser.add_argument("-o", "--output", metavar="RUN.png", required=True, help="picture: .png, .svg or .pdf")
-    parser.add_argument("--spec", metavar="SPEC", help="of a table: what robot, law and path its rows belong to")
+    parser.add_argument(
+        "-o", "--output", metavar="RUN.png", required=True, help="picture: .png, .svg or .pdf"
+    )
+    parser.add_argument(
+        "--spec", metavar="SPEC", help="of a table: what robot, law and path its rows belong to"
+    )
     _add_dump(parser, "bytes as they came from the line, or a table: .csv, .parquet, .mcap, a bag of ROS")
     parser.set_defaults(run=run_view)
 
 
 def add_start(parser: argparse.ArgumentParser) -> None:
     """Add what selects the ticks of a dump."""
-    parser.add_argument("--robot", metavar="ROBOT", help="path/to/file.py:name, if the robot is not a shipped one")
-    parser.add_argument("--start", type=int, metavar="K", help="the ticks from the K-th start of the vehicle on, from 1")
+    parser.add_argument(
+        "--robot", metavar="ROBOT", help="path/to/file.py:name, if the robot is not a shipped one"
+    )
+    parser.add_argument(
+        "--start", type=int, metavar="K", help="the ticks from the K-th start of the vehicle on, from 1"
+    )
 
 
 def _add_dump(parser: argparse.ArgumentParser, what: str) -> None:
@@ -79,8 +92,14 @@ def run(args: argparse.Namespace) -> int:
         return _log_bag(args)
     dump, start, vehicle, ticks = _read(args)
     columns = table(start, ticks)
-    about = {"robot": vehicle.law.system.mechanism.name, "law": vehicle.law.name, "remarks": "; ".join(remarks(dump, start))}
-    write_whole(args.output, table_bytes(columns, Path(args.output).suffix.lower(), f"/{about['robot']}", about))
+    about = {
+        "robot": vehicle.law.system.mechanism.name,
+        "law": vehicle.law.name,
+        "remarks": "; ".join(remarks(dump, start)),
+    }
+    write_whole(
+        args.output, table_bytes(columns, Path(args.output).suffix.lower(), f"/{about['robot']}", about)
+    )
     _show(args, dump, start, ticks)
     return 0
 
@@ -102,7 +121,9 @@ def _log_bag(args: argparse.Namespace) -> int:
             check_named(name, ("t", *units), "--map: quantity")
     rows, lines = read_rows(table_of_log(args.dump, (), mapped), units, mapped)
     units["t"] = "s"
-    written = [Written(name, units[name] or "", mapped.get(name, "time"), values) for name, values in rows.items()]
+    written = [
+        Written(name, units[name] or "", mapped.get(name, "time"), values) for name, values in rows.items()
+    ]
     about = {"bag": args.dump, "remarks": "; ".join(lines)}
     write_whole(args.output, table_bytes(written, Path(args.output).suffix.lower(), "/bag", about))
     head = f"{args.dump}: {_counted(len(rows['t']), 'row')} of {', '.join(mapped)}"
@@ -120,7 +141,9 @@ def run_view(args: argparse.Namespace) -> int:
     check_targets([], [args.output], inputs=[args.dump, *([args.spec] if args.spec else [])])
     if _is_table(args.dump) or is_bag(args.dump):
         return _view_table(args)
-    refuse_given(args, ["spec"], f"is for tables: {args.dump} is a dump, which says what it belongs to; leave it out")
+    refuse_given(
+        args, ["spec"], f"is for tables: {args.dump} is a dump, which says what it belongs to; leave it out"
+    )
     dump, start, _, ticks = _read(args)
     write_whole(args.output, encoded(draw(ticks), Path(args.output).suffix[1:]))
     _show(args, dump, start, ticks)
@@ -143,7 +166,10 @@ def _view_table(args: argparse.Namespace) -> int:
 
     refuse_given(args, ("robot", "start"), f"is for dumps; {args.dump} is a table, whose robot --spec says")
     if not args.spec:
-        raise BadInput(f"{args.dump} is a table, which does not say what was followed: give --spec SPEC, or the dump of bytes")
+        raise BadInput(
+            f"{args.dump} is a table, which does not say what was followed: give --spec SPEC, or the dump of "
+            "bytes"
+        )
     spec = read_varied(args.spec, {})
     with naming(args.spec, ModelError):
         table, lines = _columns(args, spec)
@@ -163,7 +189,8 @@ def _view_table(args: argparse.Namespace) -> int:
 
 
 def _columns(args: argparse.Namespace, spec: "Spec") -> tuple["Mapping[str, Column]", tuple[str, ...]]:
-    """Return the columns of a table or bag, also under the names of --map, and remarks on how topics were joined."""
+    """Return the columns of a table or bag, also under the names of --map,
+    and remarks on how topics were joined."""
     from ..analysis.identification.log import read_rows
     from ..readers.bags import is_bag, table_of_log
     from ..readers.robots import find_robot, system_of
@@ -178,7 +205,9 @@ def _columns(args: argparse.Namespace, spec: "Spec") -> tuple["Mapping[str, Colu
     units: dict[str, str | None] = {q.name: q.unit for q in (*system.state, *system.mechanism.inputs)}
     rows, lines = read_rows(table, {**dict.fromkeys(mapped), **units}, mapped)
     count = range(1, len(rows["t"]) + 1)
-    return {name: Column(values.tolist(), None, f"{args.dump} {name}", count) for name, values in rows.items()}, lines
+    return {
+        name: Column(values.tolist(), None, f"{args.dump} {name}", count) for name, values in rows.items()
+    }, lines
 
 
 def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Run"]:
@@ -187,7 +216,10 @@ def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Ru
     from ..simulation.telemetry.vehicle import vehicle_of
 
     if _is_table(args.dump):
-        raise BadInput(f"{args.dump} is a table, not a dump of bytes; `noslip view {args.dump} --spec SPEC -o RUN.png` draws it")
+        raise BadInput(
+            f"{args.dump} is a table, not a dump of bytes; `noslip view {args.dump} --spec SPEC -o RUN.png` "
+            "draws it"
+        )
     dump = read_dump(args.dump)
     start = chosen(dump, args.start, args.dump)
     if not len(start.records):
@@ -214,7 +246,10 @@ def _counted(number: int, name: str) -> str:
 
 
 def _head(run: "Run", row: str, duration: float) -> str:
-    return f"{run.law.system.mechanism.name}: {_counted(len(run.t), row)}, {duration:.9g} s, at the end {run.status[-1]}"
+    return (
+        f"{run.law.system.mechanism.name}: {_counted(len(run.t), row)}, {duration:.9g} s, at the end "
+        f"{run.status[-1]}"
+    )
 
 
 def _show(args: argparse.Namespace, dump: "Dump", start: "Start", ticks: "Run") -> None:

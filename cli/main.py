@@ -3,7 +3,9 @@
 Exit codes: 0 success, 1 a check failed, 2 bad input, 70 internal error, 130 Ctrl-C, 143 SIGTERM.
 """
 
-import os  # already loaded by the interpreter, as is sys; everything else is imported after the signal handlers are installed
+# Already loaded by the interpreter, as is sys; everything else is imported after the signal handlers are
+# installed
+import os
 import sys
 
 INTERRUPTED, TERMINATED = 130, 143  # for the other exit codes see __init__.py
@@ -11,7 +13,8 @@ FILES = f"{__package__.rpartition('.')[0]}.readers.files"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a command line and return its exit code. Errors are one line on stderr; if NOSLIP_DEBUG is set, with a traceback."""
+    """Run a command line and return its exit code. Errors are one line on stderr;
+    if NOSLIP_DEBUG is set, with a traceback."""
     try:
         if argv is None:
             import signal
@@ -21,7 +24,8 @@ def main(argv: list[str] | None = None) -> int:
             _open_streams()
             argv = sys.argv[1:]
             os.environ["MPLBACKEND"] = "agg"  # pictures are files: a backend for a screen need not exist
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: the matrices are too small for threads
+        # Before NumPy is imported: the matrices are too small for threads
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from .commands import run
 
         return run(list(argv))
@@ -31,10 +35,11 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _open_streams() -> None:
-    """Make what is printed into a file or a pipe UTF-8 whatever the locale, with the bytes of file names as they are. A terminal
-    that has no φ gets \\u03c6.
+    """Make what is printed into a file or a pipe UTF-8 whatever the locale, with the bytes of file names as
+    they are. A terminal that has no φ gets \\u03c6.
 
-    A stream that is closed becomes the null device: the first file that is opened would take its number, and what is printed.
+    A stream that is closed becomes the null device: the first file that is opened would take its number, and
+    what is printed.
     """
     while (number := os.open(os.devnull, os.O_RDWR)) < 3:
         pass
@@ -50,9 +55,11 @@ def _open_streams() -> None:
 
 
 def _stop(code: int, message: str) -> None:
-    """Exit at once and remove temporary files. An exception raised inside a callback of CasADi or a compiler could be lost.
+    """Exit at once and remove temporary files. An exception raised inside a callback of CasADi or a compiler
+    could be lost.
 
-    The message bypasses the buffer of stderr, because the interrupted code may be writing to it. A module may be partly imported.
+    The message bypasses the buffer of stderr, because the interrupted code may be writing to it. A module may
+    be partly imported.
     """
     try:
         files = sys.modules.get(FILES)

@@ -1,4 +1,5 @@
-"""`noslip outer-loop`: designs gains of a law and computes margins, sampling limits and sensitivity to model errors."""
+"""`noslip outer-loop`: designs gains of a law and computes margins,
+sampling limits and sensitivity to model errors."""
 
 import argparse
 import math
@@ -23,9 +24,11 @@ if TYPE_CHECKING:
 
 EXAMPLE = """examples:
   noslip outer-loop labmate --output type_iv_circle --period 0.01
-  noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay --figures build/outer
+  noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay \
+--figures build/outer
   noslip outer-loop labmate --output type_iv_line --poles distance=-1,-4 --poles speed=-2 --json
-  noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 --drive-delay 0.02
+  noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 \
+--drive-delay 0.02
   noslip outer-loop --spec examples/specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
   noslip outer-loop labmate --output type_iv_line --hinf distance=0.1,0.2,0.5,0.3 --period 0.01"""
 
@@ -38,17 +41,22 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "outer-loop",
         help="design and assess the gains of a law",
         description=(
-            "Given or designed gains of each channel of a law; margins, sensitivity, longest sampling period; the whole "
-            "loop about its "
-            "steady motion, and the effect of each model error on it. VALUES apply to all channels, ROW=VALUES to one."
+            "Given or designed gains of each channel of a law; margins, sensitivity, longest sampling "
+            "period; the whole loop about its steady motion, and the effect of each model error on it. "
+            "VALUES apply to all channels, ROW=VALUES to one."
         ),
         epilog=EXAMPLE,
     )
     parser.add_argument(
-        "robot", metavar="ROBOT", nargs="?", help="name of a shipped robot or path/to/file.py:name; with --spec that of the SPEC"
+        "robot",
+        metavar="ROBOT",
+        nargs="?",
+        help="name of a shipped robot or path/to/file.py:name; with --spec that of the SPEC",
     )
     parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")
-    parser.add_argument("--spec", metavar="SPEC.toml", help="take path, reference, gains, parameters and plant from a SPEC")
+    parser.add_argument(
+        "--spec", metavar="SPEC.toml", help="take path, reference, gains, parameters and plant from a SPEC"
+    )
     parser.add_argument(
         "--L",
         type=quantity("m"),
@@ -56,22 +64,46 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="distance of P_l ahead of the vehicle's point, m (default: from SPEC, else 0)",
     )
     parser.add_argument(
-        "--speed", type=quantity("m/s"), metavar="V", help="speed of the steady motion, m/s (default: from SPEC, else 1)"
+        "--speed",
+        type=quantity("m/s"),
+        metavar="V",
+        help="speed of the steady motion, m/s (default: from SPEC, else 1)",
     )
     design = parser.add_argument_group("design")
     for name, metavar, text in (
-        ("poles", "[ROW=]P,P", "closed-loop poles, 1/s; as many as the relative degree, one more with --integral"),
+        (
+            "poles",
+            "[ROW=]P,P",
+            "closed-loop poles, 1/s; as many as the relative degree, one more with --integral",
+        ),
         ("discrete-poles", "[ROW=]Z,Z", "poles of the sampled channel; needs --period"),
         ("settling", "[ROW=]S", "settling time to 2 %%, s"),
-        ("damping", "[ROW=]Z", "damping ratio for --settling: 1 critically damped (default), larger overdamped"),
+        (
+            "damping",
+            "[ROW=]Z",
+            "damping ratio for --settling: 1 critically damped (default), larger overdamped",
+        ),
         (
             "lqr",
             "[ROW=]E,R,V",
-            "LQR by largest error, its derivatives below the relative degree, integral (with --integral), v; SI units",
+            "LQR by largest error, its derivatives below the relative degree, integral (with --integral), v; "
+            "SI units",
         ),
-        ("observer", "[ROW=]L", "rate at which a disturbance observer follows, 1/s, besides any design; 0: none"),
-        ("hinf", "[ROW=]E,R,V,D", "H-infinity by the same values and the largest disturbance of v, which is below that of v"),
-        ("mixed", "[ROW=]W,WT,M", "mixed sensitivity: S small up to W rad/s, T from WT rad/s on, neither above M"),
+        (
+            "observer",
+            "[ROW=]L",
+            "rate at which a disturbance observer follows, 1/s, besides any design; 0: none",
+        ),
+        (
+            "hinf",
+            "[ROW=]E,R,V,D",
+            "H-infinity by the same values and the largest disturbance of v, which is below that of v",
+        ),
+        (
+            "mixed",
+            "[ROW=]W,WT,M",
+            "mixed sensitivity: S small up to W rad/s, T from WT rad/s on, neither above M",
+        ),
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
     design.add_argument("--integral", action="store_true", help="design integral action too")
@@ -82,23 +114,47 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     delay = "apply the torque one period after the state was measured (default: from SPEC, else at once)"
     sampled.add_argument("--delay", action="store_true", help=delay)
     sampled.add_argument(
-        "--drive", choices=DRIVES, help="what the drives take: torque (default), or velocities that a loop of their own follows"
+        "--drive",
+        choices=DRIVES,
+        help="what the drives take: torque (default), or velocities that a loop of their own follows",
     )
-    sampled.add_argument("--bandwidth", type=quantity("1/s"), metavar="HZ", help="of the drives' own loop (default: from SPEC)")
     sampled.add_argument(
-        "--drive-delay", type=quantity("s"), metavar="S", help="dead time of the drives, s (default: from SPEC, else 0)"
+        "--bandwidth", type=quantity("1/s"), metavar="HZ", help="of the drives' own loop (default: from SPEC)"
     )
-    sampled.add_argument("--gain-margin", type=plain, default=6.0, metavar="DB", help="required at the longest period (6)")
-    sampled.add_argument("--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)")
-    sampled.add_argument("--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
-    parser.add_argument("--wrong", type=plain, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)")
-    parser.add_argument("--search", action="store_true", help="search all errors up to --wrong for the worst combination")
-    parser.add_argument("--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder")
+    sampled.add_argument(
+        "--drive-delay",
+        type=quantity("s"),
+        metavar="S",
+        help="dead time of the drives, s (default: from SPEC, else 0)",
+    )
+    sampled.add_argument(
+        "--gain-margin", type=plain, default=6.0, metavar="DB", help="required at the longest period (6)"
+    )
+    sampled.add_argument(
+        "--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)"
+    )
+    sampled.add_argument(
+        "--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)"
+    )
+    parser.add_argument(
+        "--wrong",
+        type=plain,
+        default=0.2,
+        metavar="PART",
+        help="relative error of each parameter (0.2: 20 %%)",
+    )
+    parser.add_argument(
+        "--search", action="store_true", help="search all errors up to --wrong for the worst combination"
+    )
+    parser.add_argument(
+        "--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip outer-loop`. Raises BadInput for unknown names, unstable designs, and periods that are zero or too long."""
+    """Run `noslip outer-loop`. Raises BadInput for unknown names, unstable designs,
+    and periods that are zero or too long."""
     from numpy.linalg import LinAlgError
 
     from ..analysis.outer.channel import Required
@@ -112,7 +168,9 @@ def run(args: argparse.Namespace) -> int:
     args.delay = args.delay or _is_late(args.spec, spec)
     drive = _drive(args, spec)
     if drive and law.extension:
-        raise BadInput(f"{law.name} has a dynamic extension, which does not go with {drive}; leave out --drive")
+        raise BadInput(
+            f"{law.name} has a dynamic extension, which does not go with {drive}; leave out --drive"
+        )
     if args.period is not None:
         positive("period", args.period, "--period")
     else:
@@ -129,7 +187,10 @@ def run(args: argparse.Namespace) -> int:
     problem = "outer-loop: gains, speeds or lengths are too far apart to be computed with"
     with naming(problem, LinAlgError, "choose some that are nearer to 1 in SI units"), Progress() as progress:
         gains, sizes = _gains(args, law, spec), _sizes(args, law)
-        loops, more = Loops(args.period, args.delay, drive), (required, args.wrong, progress, sizes, args.search)
+        loops, more = (
+            Loops(args.period, args.delay, drive),
+            (required, args.wrong, progress, sizes, args.search),
+        )
         report = OuterLoopReport(law, spec, gains, loops, *more)
         if args.figures:
             from ..analysis.outer.pictures import pictures_of
@@ -156,8 +217,9 @@ def _is_late(file: str | None, spec: "Spec") -> bool:
     delay, period = spec.simulation.delay, spec.simulation.period
     if 0 < delay < period:
         raise BadInput(
-            f"{file}: [simulation] delay = {delay:g} is a part of the period, {period:g} s; margins are those of no delay or "
-            "of a whole period: give --delay for the latter, or another delay in the SPEC"
+            f"{file}: [simulation] delay = {delay:g} is a part of the period, {period:g} s; margins are "
+            "those of no delay or of a whole period: give --delay for the latter, or another delay in the "
+            "SPEC"
         )
     return delay > 0
 
@@ -169,9 +231,14 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
     own = spec.drive
     kind = args.drive or (own.kind if own else "torque")
     if spec.kinematic != (kind == "kinematic"):
-        raise BadInput(f"--drive {kind} does not fit {spec.law}: a kinematic law goes with --drive kinematic, and no other does")
+        raise BadInput(
+            f"--drive {kind} does not fit {spec.law}: a kinematic law goes with --drive kinematic, and no "
+            "other does"
+        )
     if kind == "torque":
-        refuse_given(args, ("bandwidth", "drive_delay"), "requires --drive velocity, velocity+torque or kinematic")
+        refuse_given(
+            args, ("bandwidth", "drive_delay"), "requires --drive velocity, velocity+torque or kinematic"
+        )
         return None
     bandwidth = args.bandwidth if args.bandwidth is not None else own.bandwidth if own else None
     if bandwidth is None:
@@ -193,7 +260,9 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
         raise BadInput("--speed must not be zero: the steady motion is along the path")
     if args.spec is None:
         if args.output is None or args.robot is None:
-            raise BadInput(f"outer-loop needs {'' if args.robot else 'ROBOT and '}--output LAW or --spec SPEC.toml")
+            raise BadInput(
+                f"outer-loop needs {'' if args.robot else 'ROBOT and '}--output LAW or --spec SPEC.toml"
+            )
         kinematic = args.drive == "kinematic" and without_kinematic(args.output) == args.output
         law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         spec = default_spec(args.robot, law, SPEED if args.speed is None else args.speed)
@@ -232,8 +301,16 @@ def _placed(spec: "Spec", L: float | None) -> "Spec":
 
 
 def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[str, "Gains"]:
-    """Return the gains of each row: designed if an option requests it, else those of the SPEC, else the defaults of the law."""
-    from ..analysis.outer.design import from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, gains_of
+    """Return the gains of each row: designed if an option requests it, else those of the SPEC,
+    else the defaults of the law."""
+    from ..analysis.outer.design import (
+        from_discrete_poles,
+        from_hinf,
+        from_lqr,
+        from_poles,
+        from_settling,
+        gains_of,
+    )
     from ..analysis.outer.weighted import Weights, from_mixed
     from ..model.law import gain_names
     from ..simulation.specification.cases import gain_entries, integral_entries, observer_entries
@@ -249,7 +326,9 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
     for row, degree in degrees.items():
         ways = [name for name in DESIGNS if row in requested[name]]
         if len(ways) > 1:
-            raise BadInput(f"{row}: --{ways[0].replace('_', '-')} and --{ways[1].replace('_', '-')}; choose one")
+            raise BadInput(
+                f"{row}: --{ways[0].replace('_', '-')} and --{ways[1].replace('_', '-')}; choose one"
+            )
         if row in requested["damping"] and ways != ["settling"]:
             raise BadInput(f"{row}: --damping requires --settling")
         numbers = {name: requested[name][row] for name in requested if row in requested[name]}
@@ -259,17 +338,23 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
         elif ways == ["poles"]:
             gains[row] = from_poles(degree, numbers["poles"], args.integral, row)
         elif ways == ["discrete_poles"]:
-            gains[row] = from_discrete_poles(degree, numbers["discrete_poles"], args.period, args.integral, row)
+            gains[row] = from_discrete_poles(
+                degree, numbers["discrete_poles"], args.period, args.integral, row
+            )
         elif ways == ["lqr"]:
             gains[row] = from_lqr(degree, _real(numbers["lqr"], row), args.integral, args.period, row)
         elif ways == ["mixed"]:
             if len(weights := _real(numbers["mixed"], row)) != 3:
-                raise BadInput(f"{row}: --mixed takes the band of S, the roll-off of T and the largest peak of both")
+                raise BadInput(
+                    f"{row}: --mixed takes the band of S, the roll-off of T and the largest peak of both"
+                )
             gains[row] = from_mixed(degree, Weights(*weights), args.integral, row)[0]
         elif ways == ["hinf"]:
             gains[row] = from_hinf(degree, _real(numbers["hinf"], row), args.integral, args.period, row)
         else:
-            settling, damping = (_one(numbers.get(name, [1.0]), name, row) for name in ("settling", "damping"))
+            settling, damping = (
+                _one(numbers.get(name, [1.0]), name, row) for name in ("settling", "damping")
+            )
             gains[row] = from_settling(degree, settling, damping, args.integral, row)
         ko = _one(requested["observer"].get(row, [observers.get(f"ko_{row}", 0.0)]), "observer", row)
         gains[row] = replace(gains[row], observer=ko).check(row)
@@ -287,11 +372,14 @@ def _degrees(law: "ControlLaw") -> dict[str, int]:
 
 def _sizes(args: argparse.Namespace, law: "ControlLaw") -> dict[str, list[float]]:
     """Return the largest values of an H-infinity design by row."""
-    return {row: _real(numbers, row) for row, numbers in _by_row(args.hinf, list(_degrees(law)), "--hinf").items()}
+    return {
+        row: _real(numbers, row) for row, numbers in _by_row(args.hinf, list(_degrees(law)), "--hinf").items()
+    }
 
 
 def _by_row(texts: Sequence[str], rows: Sequence[str], option: str) -> dict[str, list[complex]]:
-    """Return the numbers of an option by row. VALUES apply to all rows; ROW=VALUES takes precedence for one row."""
+    """Return the numbers of an option by row. VALUES apply to all rows;
+    ROW=VALUES takes precedence for one row."""
     general: dict[str, list[complex]] = {}
     special: dict[str, list[complex]] = {}
     for text in texts:
@@ -302,7 +390,8 @@ def _by_row(texts: Sequence[str], rows: Sequence[str], option: str) -> dict[str,
             numbers = [complex(value) for value in values.split(",")]
         except ValueError as error:
             raise BadInput(
-                f"{option} {text}: {values!r} are not numbers separated by commas, such as -1,-4 or -1+2j,-1-2j"
+                f"{option} {text}: {values!r} are not numbers separated by commas, such as -1,-4 or "
+                "-1+2j,-1-2j"
             ) from error
         special.update({row: numbers} if equals else {})
         for number in numbers:

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 EXAMPLE = """examples:
   noslip plan dubins --from 0 0 0 --to 4 3 1.5708 --radius 1
   noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 1.5 --plot path.png
-  noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 3 --course 0.5 --speed 0.5 -o course.toml
+  noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 3 --course 0.5 --speed 0.5 -o \
+course.toml
   noslip plan waypoints points.csv --tolerance 0.05 --c --scalar float -o path.h
   noslip plan course points.csv --tolerance 0.01 --speed 0.5 -o reference.toml"""
 
@@ -42,39 +43,57 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ("dubins", "the shortest forward path between two poses"),
         ("reeds-shepp", "the shortest path between two poses, forward and in reverse"),
     ):
-        way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", epilog=EXAMPLE)
-        way._negative_number_matcher = re.compile(r"-\.?\d")  # argparse of Python < 3.13 takes -1e-3 for an option
-        way.add_argument("--from", dest="start", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
-        way.add_argument("--to", dest="goal", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
-        way.add_argument("--radius", type=quantity("m"), metavar="R", required=True, help="smallest turning radius, m")
+        way = ways.add_parser(
+            name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", epilog=EXAMPLE
+        )
+        # Argparse of Python < 3.13 takes -1e-3 for an option
+        way._negative_number_matcher = re.compile(r"-\.?\d")
+        way.add_argument(
+            "--from", dest="start", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True
+        )
+        way.add_argument(
+            "--to", dest="goal", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True
+        )
+        way.add_argument(
+            "--radius", type=quantity("m"), metavar="R", required=True, help="smallest turning radius, m"
+        )
         _add_segments(way)
         way.add_argument(
             "--course",
             type=quantity("m"),
             metavar="M",
-            help="print a course instead, for the [reference] of a SPEC: its curvature changes over ramps of this length, m",
+            help="print a course instead, for the [reference] of a SPEC: its curvature changes over ramps of "
+            "this length, m",
         )
-        way.add_argument("--speed", type=quantity("m/s"), metavar="V", help="along the course, m/s; default: 1")
+        way.add_argument(
+            "--speed", type=quantity("m/s"), metavar="V", help="along the course, m/s; default: 1"
+        )
         way.set_defaults(way=name, plan=_between_poses)
     way = ways.add_parser(
         "waypoints",
         help="through waypoints",
-        description="Plan through waypoints: a smooth curve through them is approximated by few lines and arcs.",
+        description="Plan through waypoints: a smooth curve through them is approximated by few lines and "
+        "arcs.",
         epilog=EXAMPLE,
     )
     _add_points(way)
     way.add_argument("--closed", action="store_true", help="return to the first waypoint")
-    way.add_argument("--min-radius", type=quantity("m"), metavar="R", help="reject curves with a smaller radius, m")
+    way.add_argument(
+        "--min-radius", type=quantity("m"), metavar="R", help="reject curves with a smaller radius, m"
+    )
     _add_segments(way)
     way.set_defaults(way="waypoints", plan=_through_waypoints)
     way = ways.add_parser(
         "course",
         help="a curve of continuous curvature through waypoints",
-        description="Fit a course to the smooth curve through waypoints, and print it as the [reference] of a SPEC (m, rad).",
+        description="Fit a course to the smooth curve through waypoints, and print it as the [reference] of "
+        "a SPEC (m, rad).",
         epilog=EXAMPLE,
     )
     _add_points(way)
-    way.add_argument("--speed", type=quantity("m/s"), metavar="V", default=1.0, help="along it, m/s; default: 1")
+    way.add_argument(
+        "--speed", type=quantity("m/s"), metavar="V", default=1.0, help="along it, m/s; default: 1"
+    )
     way.add_argument(
         "--rounding",
         type=quantity("m"),
@@ -97,7 +116,13 @@ def _add_points(way: argparse.ArgumentParser) -> None:
         metavar=("X", "Y"),
         help="subtract this place from the points: the path is relative to it, m",
     )
-    way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
+    way.add_argument(
+        "--tolerance",
+        type=quantity("m"),
+        metavar="M",
+        required=True,
+        help="largest distance from the curve, m",
+    )
 
 
 def _add_segments(parser: argparse.ArgumentParser) -> None:
@@ -106,14 +131,20 @@ def _add_segments(parser: argparse.ArgumentParser) -> None:
     form.add_argument("--c", action="store_true", help="print a C array of noslip_segment")
     form.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--scalar", choices=("double", "float"), help="type of the C array; default: double")
-    parser.add_argument("--spec", metavar="SPEC.toml", help="warn if its vehicle cannot follow the path at its speed")
+    parser.add_argument(
+        "--spec", metavar="SPEC.toml", help="warn if its vehicle cannot follow the path at its speed"
+    )
     _add_common(parser)
     parser.set_defaults(run=run, closed=False, remarks=())
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--degrees", action="store_true", help="headings are given in degrees; the output is in rad")
-    parser.add_argument("-o", "--output", metavar="FILE", default="-", help="output file; default: standard output")
+    parser.add_argument(
+        "--degrees", action="store_true", help="headings are given in degrees; the output is in rad"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", default="-", help="output file; default: standard output"
+    )
     parser.add_argument("--plot", metavar="FILE.png", help="also write a plot")
 
 
@@ -143,9 +174,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _hand_out(
-    arguments: argparse.Namespace, written: str, draw: Callable[[], "Figure"], about: str, measures: dict[str, Any]
+    arguments: argparse.Namespace,
+    written: str,
+    draw: Callable[[], "Figure"],
+    about: str,
+    measures: dict[str, Any],
 ) -> int:
-    """Write a path and, if desired, its plot, and describe it, after what was not used of its file. Return 0."""
+    """Write a path and, if desired, its plot, and describe it,
+    after what was not used of its file. Return 0."""
     if arguments.plot:
         from ..simulation.drawing import encoded  # slow to import
 
@@ -169,7 +205,9 @@ def _run_course(arguments: argparse.Namespace) -> int:
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], [arguments.points])
     points, headings = _waypoints(arguments)
     with naming(arguments.points):
-        course = fit_course(points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings)
+        course = fit_course(
+            points, arguments.tolerance, arguments.speed, arguments.rounding, headings=headings
+        )
     return _hand_out_course(arguments, course, "course", points)
 
 
@@ -182,7 +220,9 @@ def _run_between(arguments: argparse.Namespace, segments: list["Segment"]) -> in
     return _hand_out_course(arguments, with_ramps(segments, arguments.course, speed), arguments.way, [])
 
 
-def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: str, points: Sequence[Sequence[float]]) -> int:
+def _hand_out_course(
+    arguments: argparse.Namespace, course: "SmoothCurve", way: str, points: Sequence[Sequence[float]]
+) -> int:
     """Write a course and, if desired, its plot beside points, and describe it. Return 0."""
     from ..readers.printing import as_json, toml
     from ..simulation.planning.points import reference_of  # slow to import
@@ -203,7 +243,13 @@ def _hand_out_course(arguments: argparse.Namespace, course: "SmoothCurve", way: 
 
         return draw_course(course, about, points)
 
-    measures = {"way": way, "parts": count, "length": length, "cusps": course.cusps, "largest_curvature_at_ends": largest}
+    measures = {
+        "way": way,
+        "parts": count,
+        "length": length,
+        "cusps": course.cusps,
+        "largest_curvature_at_ends": largest,
+    }
     return _hand_out(arguments, written, draw, about, measures)
 
 
@@ -211,7 +257,9 @@ def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list
     from ..simulation.planning import dubins, reeds_shepp  # slow to import
 
     plan = dubins if arguments.way == "dubins" else reeds_shepp
-    start, goal = (_pose(*pair, arguments.degrees) for pair in ((arguments.start, "--from"), (arguments.goal, "--to")))
+    start, goal = (
+        _pose(*pair, arguments.degrees) for pair in ((arguments.start, "--from"), (arguments.goal, "--to"))
+    )
     return plan(start, goal, arguments.radius), []
 
 
@@ -226,7 +274,8 @@ def _pose(values: list[float], option: str, degrees: bool) -> tuple[float, ...]:
 
 
 def _waypoints(arguments: argparse.Namespace) -> tuple[list[tuple[float, float]], list[float | None]]:
-    """Return the points, relative to --origin, and headings of a file; what of it is not used goes to `arguments.remarks`."""
+    """Return the points, relative to --origin, and headings of a file;
+    what of it is not used goes to `arguments.remarks`."""
     from ..simulation.planning.points import read_waypoints
 
     read = read_waypoints(arguments.points, arguments.degrees, arguments.columns)
@@ -244,14 +293,18 @@ def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], 
 
 
 def _warn(spec: str, segments: list["Segment"], closed: bool) -> None:
-    """Print what a run of a SPEC along a path would warn of. Raises BadInput for one that it cannot follow."""
+    """Print what a run of a SPEC along a path would warn of. Raises BadInput for one that it cannot
+    follow."""
     from ..readers.errors import BadInput
     from ..simulation.loop import make_loop
     from ..simulation.specification.spec import read_spec
 
     given = read_spec(spec)
     if not (given.output.path and given.output.path.segments):
-        raise BadInput(f'{spec}: --spec requires [output] path = {{ kind = "composite" }}, which the path takes the place of')
+        raise BadInput(
+            f'{spec}: --spec requires [output] path = {{ kind = "composite" }}, which the path takes the '
+            "place of"
+        )
     path = replace(given.output.path, segments=tuple(segments), closed=closed)
     with naming(spec):
         loop = make_loop(replace(given, output=replace(given.output, path=path), initial=None))
@@ -264,7 +317,9 @@ def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:
     from ..simulation.planning import tables
 
     if arguments.c:
-        return tables.c_array(segments, SCALARS[arguments.scalar or "double"], getattr(arguments, "origin", None))
+        return tables.c_array(
+            segments, SCALARS[arguments.scalar or "double"], getattr(arguments, "origin", None)
+        )
     write = tables.as_json if arguments.json else tables.toml
     return write(segments, arguments.closed)
 
@@ -275,7 +330,8 @@ def _from_origin(arguments: argparse.Namespace) -> str:
 
 
 def _measures(segments: list["Segment"]) -> dict[str, float]:
-    """Return number of segments, length (m), number of cusps and smallest radius (m, infinite without an arc)."""
+    """Return number of segments, length (m), number of cusps and smallest radius (m,
+    infinite without an arc)."""
     cusps = sum(before.backward != after.backward for before, after in itertools.pairwise(segments))
     tightest = max(abs(segment.curvature) for segment in segments)
     length, radius = sum(s.length for s in segments), 1 / tightest if tightest else math.inf

@@ -27,16 +27,23 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Simulate the closed loop described by SPEC.toml; RUN.csv gets one row per output time.",
         epilog=EXAMPLE,
     )
-    parser.add_argument("spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation")
+    parser.add_argument(
+        "spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation"
+    )
     parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="output file")
     parser.add_argument("--plot", metavar="RUN.png", help="also write a plot of the run")
     parser.add_argument(
         "--animate",
         "--video",
         metavar="FILE",
-        help="also write a film of the run from above: .html (a page with a bar for the time), .gif, or .mp4 with ffmpeg",
+        help="also write a film of the run from above: .html (a page with a bar for the time), .gif, or .mp4 "
+        "with ffmpeg",
     )
-    parser.add_argument("--contact", metavar="FORCES.png", help="also plot the forces of the wheels and the limits of friction")
+    parser.add_argument(
+        "--contact",
+        metavar="FORCES.png",
+        help="also plot the forces of the wheels and the limits of friction",
+    )
     parser.add_argument(
         "--engine",
         choices=["mujoco"],
@@ -50,21 +57,34 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--record",
         metavar="RECORD",
-        help="record all calls of the target and their results bit by bit (backends m4f, rv32), for noslip replay",
+        help="record all calls of the target and their results bit by bit (backends m4f, rv32), for noslip "
+        "replay",
     )
     parser.add_argument(
         "--set",
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="change an entry of the SPEC, for example initial.heading='90 deg' or output.type='\"I\"'; may be repeated",
-    )
-    parser.add_argument("--sample", metavar="K", type=int, help="SPEC.toml is the OUT.parquet of a sweep: simulate its sample K")
-    parser.add_argument(
-        "--trust", action="store_true", help="allow to execute the robot file named in OUT.parquet, which is Python code"
+        help="change an entry of the SPEC, for example initial.heading='90 deg' or output.type='\"I\"'; may "
+        "be repeated",
     )
     parser.add_argument(
-        "--schema", action=PrintSchema, nargs=0, const=_schema, help="print the JSON Schema of SPEC.toml and exit"
+        "--sample",
+        metavar="K",
+        type=int,
+        help="SPEC.toml is the OUT.parquet of a sweep: simulate its sample K",
+    )
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="allow to execute the robot file named in OUT.parquet, which is Python code",
+    )
+    parser.add_argument(
+        "--schema",
+        action=PrintSchema,
+        nargs=0,
+        const=_schema,
+        help="print the JSON Schema of SPEC.toml and exit",
     )
     parser.set_defaults(run=run)
 
@@ -76,16 +96,21 @@ def _schema() -> dict[str, Any]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run `noslip simulate`. Return 0, or 1 if the run stopped early. Raises BadInput, ModelError, OSError."""
+    """Run `noslip simulate`. Return 0, or 1 if the run stopped early. Raises BadInput,
+    ModelError, OSError."""
     from ..model.errors import ModelError
-    from ..simulation.closed_loop import as_json, simulate, summary, why_singular  # slow to import, as are models
+
+    # Slow to import, as are models
+    from ..simulation.closed_loop import as_json, simulate, summary, why_singular
     from ..simulation.specification.vary import change, read_varied
 
     outputs = (arguments.output, arguments.record, arguments.animate, arguments.write_scene)
     pictures = [name for name in (arguments.plot, arguments.contact) if name is not None]
     check_targets([name for name in outputs if name is not None], pictures, inputs=[arguments.spec])
     if arguments.engine:
-        shows = "shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
+        shows = (
+            "shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
+        )
         refuse_given(arguments, ["contact"], shows)
     if arguments.animate:
         from ..simulation.film.film import check_film  # slow to import
@@ -101,7 +126,8 @@ def run(arguments: argparse.Namespace) -> int:
                 shown(t, spec.simulation.duration, "s simulated")
 
             def simulated() -> "Run":
-                stages = arguments.sample is not None or arguments.record is not None  # those of a sweep, or that are recorded
+                # Those of a sweep, or that are recorded
+                stages = arguments.sample is not None or arguments.record is not None
                 return simulate(spec, progress=progress, engine=arguments.engine, stages=stages)
 
             completed, record = _recorded(spec, simulated) if arguments.record else (simulated(), "")
@@ -118,19 +144,26 @@ def run(arguments: argparse.Namespace) -> int:
     for file, content in written.items():
         write_whole(file, content)
     files = list(written)
-    text, values = lambda: f"{summary(completed)}\n  {', '.join(files)}", lambda: {**as_json(completed), "files": files}
+    text, values = (
+        lambda: f"{summary(completed)}\n  {', '.join(files)}",
+        lambda: {**as_json(completed), "files": files},
+    )
     show(arguments, text, values, arguments.output)
     for warning in () if arguments.json else completed.warnings:
         print(f"{arguments.spec}: warning: {warning}", file=sys.stderr)
     if completed.stopped:
         why = f": {why_singular(completed, arguments.engine)}" if completed.stopped == "singular" else ""
-        print(f"{arguments.spec}: stopped at t = {completed.t[-1]:.9g} s: {completed.stopped}{why}", file=sys.stderr)
+        print(
+            f"{arguments.spec}: stopped at t = {completed.t[-1]:.9g} s: {completed.stopped}{why}",
+            file=sys.stderr,
+        )
         return 1
     return 0
 
 
 def _scene(spec: "Spec", file: Path) -> str:
-    """Return the MJCF of the robot of a SPEC on its floor. Raises BadInput for one in a scene already, and for another suffix."""
+    """Return the MJCF of the robot of a SPEC on its floor. Raises BadInput for one in a scene already,
+    and for another suffix."""
     from ..simulation.engine.written import scene_of
     from ..simulation.loop import make_loop
     from ..simulation.specification.floor import Floor
@@ -143,8 +176,8 @@ def _scene(spec: "Spec", file: Path) -> str:
 
 
 def _sample(arguments: argparse.Namespace) -> "Spec":
-    """Return the SPEC of one sample of a finished sweep. Raises BadInput if there is no such sample, or if it is to be
-    changed.
+    """Return the SPEC of one sample of a finished sweep. Raises BadInput if there is no such sample, or if it
+    is to be changed.
     """
     from ..readers.robots import check_trust
     from ..simulation.specification.spec import spec_of
@@ -158,8 +191,8 @@ def _sample(arguments: argparse.Namespace) -> "Spec":
 
 
 def _recorded(spec: "Spec", simulated: Callable[[], "Run"]) -> tuple["Run", str]:
-    """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target, and for
-    [feedback], as a record names a law.
+    """Return the run and the record of the calls of its target. Raises BadInput for a backend without a
+    target, and for [feedback], as a record names a law.
     """
     from ..codegen.loop.stages import check
     from ..simulation.controllers.pil import recorded

@@ -1,4 +1,5 @@
-"""`noslip sweep`: estimates the probability of failure with random masses, geometry, sensors, delays and initial states."""
+"""`noslip sweep`: estimates the probability of failure with random masses, geometry, sensors,
+delays and initial states."""
 
 import argparse
 import os
@@ -27,24 +28,37 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "sweep",
         help="simulate many closed loops with random parameters",
-        description="Simulate the closed loop of SPEC.toml many times with random numbers as specified in [sweep]: see "
-        "docs/sweep.md.",
+        description="Simulate the closed loop of SPEC.toml many times with random numbers as specified in "
+        "[sweep]: see docs/sweep.md.",
         epilog=EXAMPLE,
     )
-    parser.add_argument("spec", metavar="SPEC.toml", help="as for simulate, with [sweep] and [sweep.plant], [sweep.initial], ...")
+    parser.add_argument(
+        "spec",
+        metavar="SPEC.toml",
+        help="as for simulate, with [sweep] and [sweep.plant], [sweep.initial], ...",
+    )
     parser.add_argument("--samples", metavar="N", type=int, required=True, help="number of samples")
-    parser.add_argument("-o", "--output", metavar="OUT.parquet", required=True, help="output file, one row per sample")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT.parquet", required=True, help="output file, one row per sample"
+    )
     parser.add_argument("--jobs", metavar="J", type=int, help="number of threads (default: number of cores)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, for example tcp://10.0.0.1:8786")
-    parser.add_argument("--indices", metavar="N", type=int, help="also compute Sobol indices from N points, a power of 2")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="run on a Dask cluster, for example tcp://10.0.0.1:8786"
+    )
+    parser.add_argument(
+        "--indices", metavar="N", type=int, help="also compute Sobol indices from N points, a power of 2"
+    )
     parser.add_argument("--worst", action="store_true", help="also search for the worst combination")
     parser.add_argument("--verify", metavar="N", type=int, help="repeat N samples with simulate and compare")
-    parser.add_argument("--figures", metavar="DIR", help="plot errors over time, errors by parameter, and singular starts")
+    parser.add_argument(
+        "--figures", metavar="DIR", help="plot errors over time, errors by parameter, and singular starts"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip sweep`. Return 0, or 1 if --verify finds a difference. Raises BadInput, ModelError, OSError."""
+    """Run `noslip sweep`. Return 0, or 1 if --verify finds a difference. Raises BadInput,
+    ModelError, OSError."""
     from ..simulation.specification.spec import read_text
     from ..simulation.sweeping.results.report import SweepReport
     from ..simulation.sweeping.results.statistics import check_indices, indices, summarize
@@ -58,7 +72,9 @@ def run(args: argparse.Namespace) -> int:
     text = read_text(args.spec)
     study = study_of(text, args.spec, args.samples)
     if not study.plan.names:
-        refuse_given(args, ("worst", "indices"), "requires numbers that vary: nothing varies except the noise")
+        refuse_given(
+            args, ("worst", "indices"), "requires numbers that vary: nothing varies except the noise"
+        )
     if args.indices is not None:
         check_indices(study, args.indices)
     if args.verify is not None:
@@ -76,7 +92,9 @@ def run(args: argparse.Namespace) -> int:
         report = SweepReport(args.spec, args.output, study, summary, sensitivity, worst, verified)
         drawn = _draw(report, jobs, args.figures, progress) if args.figures else []
     files = [str(output), *drawn]
-    show(args, lambda: f"{report.text()}\n\n  {', '.join(files)}", lambda: {**report.as_json(), "files": files})
+    show(
+        args, lambda: f"{report.text()}\n\n  {', '.join(files)}", lambda: {**report.as_json(), "files": files}
+    )
     return 1 if verified and not verified.holds else 0
 
 
@@ -117,7 +135,8 @@ def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None)
 
 
 def _clear(study: "Study", output: Path) -> None:
-    """Remove the temporary folder that a killed run may have left; folders of other processes are not touched."""
+    """Remove the temporary folder that a killed run may have left;
+    folders of other processes are not touched."""
     from ..simulation.sweeping.store import Parts
 
     parts = Parts(output, study)

@@ -1,7 +1,7 @@
 """The reduced dynamics of a robot (the plant) as a program: named steps, divided between init and the calls.
 
-Internally the quasi-velocities are the vehicle's forward speed and yaw rate, if it has these (w = W nu): S and S'MS are then
-sparse.
+Internally the quasi-velocities are the vehicle's forward speed and yaw rate, if it has these (w = W nu): S
+and S'MS are then sparse.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,8 @@ ENTRIES = (
 
 @dataclass(frozen=True, eq=False)
 class DynamicsProgram:
-    """The entry points, the constants that init computes for them, names of nodes, and pivots that init checks."""
+    """The entry points, the constants that init computes for them, names of nodes,
+    and pivots that init checks."""
 
     system: ReducedSystem
     entries: dict[Entry, SteppedBody]
@@ -69,8 +70,8 @@ class DynamicsProgram:
 
 
 def compile_dynamics(system: ReducedSystem, optimize: bool = True) -> DynamicsProgram:
-    """Build the graph of the dynamics and separate the constants of init; `optimize` runs the optimizer on each group of
-    steps."""
+    """Build the graph of the dynamics and separate the constants of init; `optimize` runs the optimizer on
+    each group of steps."""
     return _Builder(system, optimize).program()
 
 
@@ -101,7 +102,8 @@ class _Builder(StepBuilder):
         else:
             quantities[Result.VELOCITY_RATES] = _inverse(W) @ self._solved(reduced.Mbar, force)
         entries = {
-            entry: self._body(entry, quantities, looped if Result.VELOCITY_RATES in entry.answers else None) for entry in ENTRIES
+            entry: self._body(entry, quantities, looped if Result.VELOCITY_RATES in entry.answers else None)
+            for entry in ENTRIES
         }
         constants = constants_of([root for body in entries.values() for root in body.roots], self.labels)
         return DynamicsProgram(self.system, entries, constants, self.labels, self.regular)
@@ -116,7 +118,9 @@ class _Builder(StepBuilder):
             rows.append(of_nu @ self.system.nu if fixed and of_nu.is_constant() else row @ w)
         return ca.vertcat(*rows)
 
-    def _body(self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> SteppedBody:
+    def _body(
+        self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None
+    ) -> SteppedBody:
         chosen = {name: quantities[name] for name in entry.answers if name in quantities}
         matrices = iter(self.built([*chosen.values(), *(looped or ())]))
         results = {name: next(matrices) for name in chosen}
@@ -125,7 +129,8 @@ class _Builder(StepBuilder):
         return SteppedBody(tuple(self.needed(body.roots)), results, loop)
 
     def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
-        """Return matrix^-1 right by L D L' for a symmetric, positive definite matrix; zeros in it are exploited."""
+        """Return matrix^-1 right by L D L' for a symmetric, positive definite matrix;
+        zeros in it are exploited."""
         n = matrix.shape[0]
         table: dict[tuple[int, int], ca.SX] = {}  # L below the diagonal
         inverse: list[ca.SX] = []
@@ -155,14 +160,17 @@ def _groups(system: ReducedSystem) -> dict[str, Sequence[Quantity]]:
 
 
 def _equations(system: ReducedSystem) -> tuple[Reduced, ca.SX, ca.SX]:
-    """Return the reduced equations in w, w, and W with w = W nu; body by body if the robot declares its bodies."""
+    """Return the reduced equations in w, w, and W with w = W nu;
+    body by body if the robot declares its bodies."""
     mechanism = system.mechanism
     if not (mechanism.bodies and mechanism.quasi_expressions):
         inner, W = inner_velocities(system)
         return Reduced((), inner.Mbar, inner.bias, inner.input_map, inner.S), inner.nu, W
     mapped = velocity_map(system)
     W = ca.SX.eye(system.dof) if mapped is None else mapped
-    names = [f"w_{q.name}" for q in system.quasi_velocities] if mapped is None else ["forward_speed", "yaw_rate"]
+    names = (
+        [f"w_{q.name}" for q in system.quasi_velocities] if mapped is None else ["forward_speed", "yaw_rate"]
+    )
     w = ca.vertcat(*[quantity(name, "").symbol for name in names])
     return Recursion(mechanism, w, _inverse(W), mechanism.quasi_expressions).reduced(), w, W
 

@@ -1,4 +1,5 @@
-"""Values of the nodes of a graph at random states: to see which nodes are the same function but for a factor."""
+"""Values of the nodes of a graph at random states: to see which nodes are the same function but for a
+factor."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -36,9 +37,11 @@ FUNCTIONS: dict[Operation, Callable[..., np.ndarray]] = {
 
 
 def evaluate(nodes: Iterable[Node], states: int, stands: Mapping[Node, Node]) -> dict[Node, np.ndarray]:
-    """Values of the nodes, arguments before users, at random leaves: the same parameters at each of the states.
+    """Values of the nodes, arguments before users, at random leaves: the same parameters at each of the
+    states.
 
-    A leaf in `stands` has the value of the node it stands for. Matrix inverses have the shape (states, n, n), all else (states,).
+    A leaf in `stands` has the value of the node it stands for. Matrix inverses have the shape (states, n, n),
+    all else (states,).
     """
     random = np.random.default_rng(1992)
     values: dict[Node, np.ndarray] = {}
@@ -49,7 +52,11 @@ def evaluate(nodes: Iterable[Node], states: int, stands: Mapping[Node, Node]) ->
                 case _ if node in stands:
                     values[node] = values[stands[node]]
                 case Leaf():
-                    values[node] = np.full(states, random.uniform(0.5, 1.5)) if node.fixed else random.uniform(0.5, 1.5, states)
+                    values[node] = (
+                        np.full(states, random.uniform(0.5, 1.5))
+                        if node.fixed
+                        else random.uniform(0.5, 1.5, states)
+                    )
                 case Constant(value):
                     values[node] = np.full(states, value)
                 case MatrixInverse():

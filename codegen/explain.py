@@ -14,7 +14,9 @@ COLUMNS = ("mul", "add", "sub", "neg", "div", "sqrt", "sincos")
 
 def explain(law: ControlLaw) -> str:
     """Return a table of operations after every pass of a step, and what was found about the law."""
-    plain, staged = (compile_law(law, stages=stages, optimize=False).entries[STEP].roots for stages in (False, True))
+    plain, staged = (
+        compile_law(law, stages=stages, optimize=False).entries[STEP].roots for stages in (False, True)
+    )
     program = compile_law(law, stages=True, optimize=False)
     rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
     optimized = compile_law(law)
@@ -24,16 +26,26 @@ def explain(law: ControlLaw) -> str:
     rows.append(("in the C, where entry points share nodes", optimized.entries[STEP].roots))
     width = max(len(name) for name, _ in rows)
     lines = [f"{law.name}: {law.output.about}", *(f"  {line}" for line in _facts(law)), ""]
-    lines.append("  " + "step, operations after".ljust(width) + "".join(column.rjust(7) for column in COLUMNS) + "    sum")
+    lines.append(
+        "  "
+        + "step, operations after".ljust(width)
+        + "".join(column.rjust(7) for column in COLUMNS)
+        + "    sum"
+    )
     for name, roots in rows:
         counted = count(executed(roots))
         total = sum(counted[column] for column in COLUMNS)
         lines.append(
-            "  " + name.ljust(width) + "".join(str(counted[column]).rjust(7) for column in COLUMNS) + str(total).rjust(7)
+            "  "
+            + name.ljust(width)
+            + "".join(str(counted[column]).rjust(7) for column in COLUMNS)
+            + str(total).rjust(7)
         )
     lines.append(f"  constants made by init: {len(optimized.constants)}")
     of_step = cycles(optimized.entries[STEP].roots)
-    lines.append(f"  estimated cycles of a step on cortex-m4f, without sines, cosines and guards: {of_step:.0f}")
+    lines.append(
+        f"  estimated cycles of a step on cortex-m4f, without sines, cosines and guards: {of_step:.0f}"
+    )
     return "\n".join(lines)
 
 

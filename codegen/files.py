@@ -38,8 +38,8 @@ def law_program(law: ControlLaw) -> Program:
 def has_follower(law: ControlLaw) -> bool:
     """Return whether a follower is written for a law.
 
-    That of a steered vehicle calls the law with the whole state; that of two driven wheels requires a law which reads position
-    and heading relative to the path only.
+    That of a steered vehicle calls the law with the whole state; that of two driven wheels requires a law
+    which reads position and heading relative to the path only.
     """
     return is_followers(law) and bool(steered_axle(law.system) or FOLLOW in law_program(law).entries)
 
@@ -52,8 +52,8 @@ def dynamics_program(system: ReducedSystem) -> DynamicsProgram:
 
 @lru_cache(maxsize=16)
 def filter_text(system: ReducedSystem, scalar: Scalar, scaled: tuple[str, ...] = ()) -> FilterText:
-    """The C of the robot's filter with the scales that it estimates; written once, and cached between runs. Raises as
-    `compile_filter`."""
+    """The C of the robot's filter with the scales that it estimates; written once, and cached between runs.
+    Raises as `compile_filter`."""
     about = banner(fingerprint(system))
     key = ("filter", TOOLS, *about, scalar.real, scaled)
     return remembered(key, lambda: FilterC(filter_program(system, scaled), scalar, about).text())
@@ -76,12 +76,18 @@ def robot_files(
 ) -> dict[str, str]:
     """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
 
-    `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one. `lanes` says whether
-    the batch laws are, in a folder of their own; `scaled`, of what the filter estimates the scale (None: no filter);
-    `adapted`, the parameters that are learned, which requires the dynamics (empty: none).
+    `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one.
+    `lanes` says whether the batch laws are, in a folder of their own; `scaled`, of what the filter estimates
+    the scale (None: no filter); `adapted`, the parameters that are learned, which requires the dynamics
+    (empty: none).
     """
     files: dict[str, str] = {}
-    manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
+    manifest: dict[str, Any] = {
+        "robot": system.mechanism.name,
+        "tools": TOOLS,
+        "model_sha256": fingerprint(system),
+        "laws": {},
+    }
     programs = [law_program(law) for law in laws]
     plant = dynamics_program(system) if dynamics else None
     for scalar in (SCALARS[name] for name in scalars):
@@ -89,7 +95,11 @@ def robot_files(
         for program in programs:
             text = law_text(program, scalar)
             files.update(text_files(text))
-            files.update(text_files(LanesC(program, scalar, text.banner)) if lanes and not program.law.kinematic else {})
+            files.update(
+                text_files(LanesC(program, scalar, text.banner))
+                if lanes and not program.law.kinematic
+                else {}
+            )
             manifest["laws"][program.law.name] = {
                 "relative_degree": list(program.law.linearization.relative_degree),
                 "model_sha256": fingerprint(system, program.law),
@@ -104,7 +114,9 @@ def robot_files(
                 files.update(telemetry_files(program.law, scalar, banner(model), model, files))
             if adapted:
                 files.update(adaptation_files(system, adapted, scalar, banner(fingerprint(system))))
-            manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
+            manifest["dynamics"] = {
+                "operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}
+            }
         if scaled is not None:
             of_filter = filter_text(system, scalar, tuple(scaled))
             files.update(of_filter.files)
@@ -148,8 +160,8 @@ def banner(model_hash: str) -> list[str]:
 
 @lru_cache(maxsize=64)
 def details(law: ControlLaw) -> str:
-    """SHA-256 of what the C of a law depends on besides its `fingerprint`: names and texts of the law and its outputs,
-    conditions, how the outputs are composed, and the virtual input.
+    """SHA-256 of what the C of a law depends on besides its `fingerprint`: names and texts of the law and its
+    outputs, conditions, how the outputs are composed, and the virtual input.
     """
     output = law.output
     lines = [law.name, output.about, f"{output.path and output.path.kind} {output.kinematic}"]
@@ -168,8 +180,8 @@ def details(law: ControlLaw) -> str:
 
 @lru_cache(maxsize=64)
 def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
-    """SHA-256 of the model from which the C is derived: names, units, defaults, signs and expressions. See `details` for what
-    else the C of a law depends on.
+    """SHA-256 of the model from which the C is derived: names, units, defaults, signs and expressions. See
+    `details` for what else the C of a law depends on.
     """
     mechanism = system.mechanism
     groups = [*mechanism.parameters, *mechanism.inputs, *system.state]
@@ -181,11 +193,18 @@ def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
         expressions += [law.linearization.h, law.linearization.Phi, law.linearization.Phidot, law.tau]
         expressions += [law.extension_rate] if law.extension else []
     expressions += [
-        part for contact in mechanism.contacts for part in (contact.along, contact.across, contact.mass, contact.left)
+        part
+        for contact in mechanism.contacts
+        for part in (contact.along, contact.across, contact.mass, contact.left)
     ]
     expressions += [contact.ahead for contact in mechanism.standing if mechanism.places_named]
     expressions += [part for support in mechanism.supports for part in (support.mass, support.left)]
-    lines = [mechanism.name, mechanism.about, *mechanism.constraint_names, *(contact.name for contact in mechanism.standing)]
+    lines = [
+        mechanism.name,
+        mechanism.about,
+        *mechanism.constraint_names,
+        *(contact.name for contact in mechanism.standing),
+    ]
     lines += [f"{q.name} {q.unit} {q.about} {q.default!r} {q.sign}" for q in groups]
     lines += [as_text(ca.SX(expression)) for expression in expressions]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

@@ -16,7 +16,8 @@ from ..model.errors import ModelError
 
 
 class Operation(StrEnum):
-    """Operation of an `Applied` node; functions of the C runtime have the same name with the prefix `noslip_`."""
+    """Operation of an `Applied` node; functions of the C runtime have the same name with the prefix
+    `noslip_`."""
 
     MUL = "mul"
     ADD = "add"
@@ -47,7 +48,8 @@ class Operation(StrEnum):
 
 OPERATIONS = tuple(Operation)
 SINCOS = (Operation.SIN, Operation.COS)
-ARITHMETIC = OPERATIONS[: OPERATIONS.index(Operation.SIN)]  # infinite or NaN if an argument is, except a denominator
+# Infinite or NaN if an argument is, except a denominator
+ARITHMETIC = OPERATIONS[: OPERATIONS.index(Operation.SIN)]
 FUNCTIONS = OPERATIONS[OPERATIONS.index(Operation.EXP) :]  # in noslip_functions.h; each returns NaN for NaN
 COMMUTATIVE = (Operation.ADD, Operation.MUL)
 BY_ORDER = attrgetter("order")
@@ -70,12 +72,14 @@ class Group(StrEnum):
     STEP = "step"
 
 
-CONSTANT_GROUPS = (Group.PARAMS, Group.CONFIG, Group.GAINS)  # known to init; the others change from step to step
+# Known to init; the others change from step to step
+CONSTANT_GROUPS = (Group.PARAMS, Group.CONFIG, Group.GAINS)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Node:
-    """A scalar, or the inverse of a matrix. A graph creates each node once: equal nodes are the same object."""
+    """A scalar, or the inverse of a matrix. A graph creates each node once:
+    equal nodes are the same object."""
 
     order: int  # of creation: arguments come before their users
     arguments: tuple["Node", ...]
@@ -86,7 +90,8 @@ class Node:
 
     def __repr__(self) -> str:
         own = [str(getattr(self, each.name)) for each in fields(self)[3:]]
-        return f"{type(self).__name__}#{self.order}({', '.join([*own, *(f'#{argument.order}' for argument in self.arguments)])})"
+        arguments = [f"#{argument.order}" for argument in self.arguments]
+        return f"{type(self).__name__}#{self.order}({', '.join(own + arguments)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,8 +179,8 @@ class Graph:
         return self.make(Element, tuple(arguments), node.number)
 
     def inverse(self, matrix: Sequence[Sequence[Node]], least: float) -> list[list[Node]]:
-        """Return the entries of the inverse of a square matrix; it is valid if the reciprocal condition number exceeds
-        `least`."""
+        """Return the entries of the inverse of a square matrix; it is valid if the reciprocal condition
+        number exceeds `least`."""
         whole = self.make(MatrixInverse, tuple(entry for row in matrix for entry in row), least)
         size = range(len(matrix))
         return [[self.make(Element, (whole,), i * len(matrix) + j) for j in size] for i in size]
@@ -191,7 +196,10 @@ class Graph:
         match operation, arguments:
             case Operation.MUL, (a, b):
                 return self._simplify_product(a, b)
-            case (Operation.ADD, (Constant(0), other)) | (Operation.ADD | Operation.SUB, (other, Constant(0))):
+            case (Operation.ADD, (Constant(0), other)) | (
+                Operation.ADD | Operation.SUB,
+                (other, Constant(0)),
+            ):
                 return other
             case Operation.ADD, (a, Applied(Operation.NEG, (b,))):
                 return self.apply(Operation.SUB, a, b)
@@ -242,7 +250,9 @@ class Graph:
                     return self.apply(Operation.NEG, self.apply(Operation.MUL, self.constant(-value), other))
         (first, scale), (second, more) = self._power_of_two(a), self._power_of_two(b)
         if scale != 1 and more != 1:
-            return self.apply(Operation.MUL, self.apply(Operation.MUL, first, second), self.constant(scale * more))
+            return self.apply(
+                Operation.MUL, self.apply(Operation.MUL, first, second), self.constant(scale * more)
+            )
         return None
 
     def _power_of_two(self, node: Node) -> tuple[Node, float]:
@@ -304,7 +314,8 @@ def angles(nodes: Iterable[Node]) -> list[Node]:
 
 
 def headers(roots: Iterable[Node]) -> list[str]:
-    """Return the headers of the C runtime, without .h, that the C of these nodes needs in addition to those of every law."""
+    """Return the headers of the C runtime, without .h, that the C of these nodes needs in addition to those
+    of every law."""
     nodes = reachable(roots)
     functions = any(is_operation(node, *FUNCTIONS) for node in nodes)
     inverses = any(isinstance(node, MatrixInverse) for node in nodes)
@@ -318,19 +329,23 @@ def count(nodes: Iterable[Node]) -> dict[str, int]:
     counted: dict[str, int] = {operation: used[operation] for operation in ARITHMETIC}
     counted["sincos"] = len(angles(nodes))
     counted.update({function: used[function] for function in FUNCTIONS if used[function]})
-    inverses = Counter(f"inverse {node.size}x{node.size}" for node in nodes if isinstance(node, MatrixInverse))
+    inverses = Counter(
+        f"inverse {node.size}x{node.size}" for node in nodes if isinstance(node, MatrixInverse)
+    )
     return {**counted, **inverses}
 
 
 def from_casadi(
     graph: Graph, expression: ca.SX, symbols: Sequence[ca.SX], leaves: Sequence[Node], where: str
 ) -> list[list[Node]]:
-    """Return the entries of an SX matrix as nodes, by rows. Raises ModelError for an operation that the C runtime does not
-    have."""
+    """Return the entries of an SX matrix as nodes, by rows. Raises ModelError for an operation that the C
+    runtime does not have."""
 
     def apply(code: int, arguments: tuple[Node, ...]) -> Node:
         if code not in FROM_CASADI:
-            raise ModelError(f"{where}: {NAMES.get(code, f'operation {code}')} is not supported in generated C; {USABLE}")
+            raise ModelError(
+                f"{where}: {NAMES.get(code, f'operation {code}')} is not supported in generated C; {USABLE}"
+            )
         try:
             return FROM_CASADI[code](graph, *arguments)
         except ModelError as error:
@@ -359,7 +374,8 @@ def _equal(graph: Graph, a: Node, b: Node) -> Node:
 
 
 def _power(graph: Graph, base: Node, exponent: Node) -> Node:
-    """Return base^n: for an integer or half-integer n by repeated squaring, else by logarithm and exponential."""
+    """Return base^n: for an integer or half-integer n by repeated squaring,
+    else by logarithm and exponential."""
     if not isinstance(exponent, Constant):
         raise ModelError("the exponent of a power must be a constant")
     twice = exponent.value * 2
@@ -376,11 +392,26 @@ def _power(graph: Graph, base: Node, exponent: Node) -> Node:
 
 
 SAME = {  # operations with the same meaning in CasADi
-    **{ca.OP_ADD: Operation.ADD, ca.OP_SUB: Operation.SUB, ca.OP_MUL: Operation.MUL, ca.OP_DIV: Operation.DIV},
+    **{
+        ca.OP_ADD: Operation.ADD,
+        ca.OP_SUB: Operation.SUB,
+        ca.OP_MUL: Operation.MUL,
+        ca.OP_DIV: Operation.DIV,
+    },
     **{ca.OP_NEG: Operation.NEG, ca.OP_SQRT: Operation.SQRT, ca.OP_FABS: Operation.ABS},
-    **{ca.OP_SIN: Operation.SIN, ca.OP_COS: Operation.COS, ca.OP_EXP: Operation.EXP, ca.OP_LOG: Operation.LOG},
+    **{
+        ca.OP_SIN: Operation.SIN,
+        ca.OP_COS: Operation.COS,
+        ca.OP_EXP: Operation.EXP,
+        ca.OP_LOG: Operation.LOG,
+    },
     **{ca.OP_SINH: Operation.SINH, ca.OP_COSH: Operation.COSH, ca.OP_TANH: Operation.TANH},
-    **{ca.OP_ASIN: Operation.ASIN, ca.OP_ACOS: Operation.ACOS, ca.OP_ATAN: Operation.ATAN, ca.OP_ATAN2: Operation.ATAN2},
+    **{
+        ca.OP_ASIN: Operation.ASIN,
+        ca.OP_ACOS: Operation.ACOS,
+        ca.OP_ATAN: Operation.ATAN,
+        ca.OP_ATAN2: Operation.ATAN2,
+    },
     **{ca.OP_SIGN: Operation.SIGN, ca.OP_FMIN: Operation.MIN, ca.OP_FMAX: Operation.MAX},
     **{ca.OP_LT: Operation.LESS, ca.OP_NOT: Operation.NOT, ca.OP_IF_ELSE_ZERO: Operation.IF},
 }

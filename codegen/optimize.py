@@ -1,7 +1,8 @@
 """Fewer operations for the same value: passes over a law's graph, each exact in real arithmetic.
 
-The passes see sums of products: a term is a sign, a factor that init computes, and factors that change from step to step.
-The results are rounded in the order in which they are then written in C; nothing is regrouped afterwards.
+The passes see sums of products: a term is a sign, a factor that init computes, and factors that change from
+step to step. The results are rounded in the order in which they are then written in C; nothing is regrouped
+afterwards.
 """
 
 from collections import Counter
@@ -19,7 +20,7 @@ Signed = tuple[int, Node]
 Pair = tuple[Node, Node, int]  # two arguments and their relative sign
 
 
-# -- nodes with any number of arguments, used between the passes only ---------------------------------------------------
+# -- nodes with any number of arguments, used between the passes only ----------------------------------------
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,9 +65,9 @@ class Term:
 
 
 class Optimizer:
-    """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value. `kept`:
-    products that stay together where they have several users; `totals`: sums that are not merged with those that contain them,
-    such as those from body to body along a chain."""
+    """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a
+    value. `kept`: products that stay together where they have several users; `totals`: sums that are not
+    merged with those that contain them, such as those from body to body along a chain."""
 
     def __init__(
         self,
@@ -80,7 +81,8 @@ class Optimizer:
         self.kept = kept
         self.totals = totals
         self._terms_of: dict[Product, tuple[Node | None, tuple[Node, ...]]] = {}
-        self._in_order: set[tuple[Node, bool]] = set()  # products that remain what they are when made again, and if shared
+        # Products that remain what they are when made again, and if shared
+        self._in_order: set[tuple[Node, bool]] = set()
 
     def _name(self, old: Node, sign: int, new: Node) -> Signed:
         """Give the name of the old node to the new one, which has the same value."""
@@ -101,10 +103,11 @@ class Optimizer:
             signed = improve(self, signed)
             yield name, self.binary(signed)
 
-    # -- sums of products -----------------------------------------------------------------------------------------
+    # -- sums of products ------------------------------------------------------------------------------------
 
     def sums_of_products(self, roots: Sequence[Node]) -> list[Signed]:
-        """Merge nested sums and nested products; collect in each term the factors that init computes into one."""
+        """Merge nested sums and nested products; collect in each term the factors that init computes into
+        one."""
         uses = Counter(argument for node in reachable(roots) for argument in node.arguments)
         uses.update(roots)
         done: dict[Node, Signed] = {}
@@ -121,10 +124,14 @@ class Optimizer:
                 done[node] = self._positive(node)
             elif is_operation(node, *SIGNS):
                 both = zip(SIGNS[node.operation], node.arguments, strict=True)
-                done[node] = self.sum([Term(t.sign * sign, t.factor, t.others) for sign, a in both for t in terms(a)])
+                done[node] = self.sum(
+                    [Term(t.sign * sign, t.factor, t.others) for sign, a in both for t in terms(a)]
+                )
             elif is_operation(node, Operation.MUL, Operation.DIV):
                 (sign, a), (other, b) = (done[argument] for argument in node.arguments)
-                made = self.product(sign * other, a, b if node.operation == Operation.MUL else self._inverse(b))
+                made = self.product(
+                    sign * other, a, b if node.operation == Operation.MUL else self._inverse(b)
+                )
                 done[node] = made if uses[node] == 1 else self._keep(*made, whole=node in self.kept)
             else:
                 arguments = [self._plain(done[argument]) for argument in node.arguments]
@@ -160,18 +167,25 @@ class Optimizer:
         for node in nodes:
             term = self._term(1, node)
             if term.factor is not None:
-                factor = term.factor if factor is None else self.graph.apply(Operation.MUL, factor, term.factor)
+                factor = (
+                    term.factor if factor is None else self.graph.apply(Operation.MUL, factor, term.factor)
+                )
             others += term.others
-        return self._signed_product(sign, factor or self.graph.constant(1), tuple(sorted(others, key=lambda node: node.order)))
+        return self._signed_product(
+            sign, factor or self.graph.constant(1), tuple(sorted(others, key=lambda node: node.order))
+        )
 
     def _keep(self, sign: int, node: Node, whole: bool = False) -> Signed:
-        """Return a product with several users: its changing factors stay together, and that of init with them if `whole`."""
+        """Return a product with several users: its changing factors stay together,
+        and that of init with them if `whole`."""
         if whole and isinstance(node, Product):
             return sign, self.graph.make(KeptProduct, node.arguments)
         term = self._term(sign, node)
         if len(term.others) < 2:
             return sign, node
-        return self._signed_product(sign, term.factor or self.graph.constant(1), (self.graph.make(KeptProduct, term.others),))
+        return self._signed_product(
+            sign, term.factor or self.graph.constant(1), (self.graph.make(KeptProduct, term.others),)
+        )
 
     def _signed_product(self, sign: int, factor: Node, others: tuple[Node, ...]) -> Signed:
         more, factor = self._positive(factor)
@@ -184,7 +198,10 @@ class Optimizer:
         if isinstance(node, Product):
             if node not in self._terms_of:
                 known = next((argument for argument in node.arguments if argument.fixed), None)
-                self._terms_of[node] = known, tuple(argument for argument in node.arguments if not argument.fixed)
+                self._terms_of[node] = (
+                    known,
+                    tuple(argument for argument in node.arguments if not argument.fixed),
+                )
             return Term(sign, *self._terms_of[node])
         return Term(sign, node, ()) if node.fixed else Term(sign, None, (node,))
 
@@ -222,7 +239,7 @@ class Optimizer:
             return self.graph.apply(Operation.NEG, signed[1])
         return self.graph.make(Product, (self.graph.constant(-1), signed[1]))
 
-    # -- a quotient within the numerator of another -----------------------------------------------------------------
+    # -- a quotient within the numerator of another ----------------------------------------------------------
 
     def nested_quotients(self, signed: Sequence[Signed]) -> list[Signed]:
         """Replace (a + b/c)/d by (a c + b)/(c d): a division costs as much as several products."""
@@ -231,14 +248,17 @@ class Optimizer:
 
         def only(terms: Sequence[Term]) -> list[Reciprocal]:
             """Return the reciprocals that these terms use, and nothing else uses."""
-            counted = Counter(factor for term in terms for factor in term.others if isinstance(factor, Reciprocal))
+            counted = Counter(
+                factor for term in terms for factor in term.others if isinstance(factor, Reciprocal)
+            )
             return [each for each, times in counted.items() if times == uses[each]]
 
         def change(sign: int, node: Node) -> Signed:
             terms = self._terms(node)
             for outer in only(terms):
                 over = [self._without(term, outer) for term in terms if outer in term.others]
-                common = reduce(and_, (Counter(self._factors(term)) for term in over))  # a factor as often as each term has it
+                # a factor as often as each term has it
+                common = reduce(and_, (Counter(self._factors(term)) for term in over))
                 shared = [each for each in common.elements() if not isinstance(each, Sum)]
                 inside: list[Term] = []
                 for term in over:
@@ -255,7 +275,9 @@ class Optimizer:
                     denominator = self._plain(self.product(1, below, outer.arguments[0]))
                     quotient = self.product(numerator[0], *shared, numerator[1], self._inverse(denominator))
                     others = [term for term in terms if outer not in term.others]
-                    return self._signed(sign, self.sum([*others, self._term(*quotient)]) if others else quotient)
+                    return self._signed(
+                        sign, self.sum([*others, self._term(*quotient)]) if others else quotient
+                    )
             return sign, node
 
         nested = any(change(1, node)[1] is not node for node in nodes if isinstance(node, Sum | Product))
@@ -263,9 +285,13 @@ class Optimizer:
 
     def _terms(self, node: Node) -> list[Term]:
         """Return a sum's terms, or the node as one."""
-        return [self._term(s, argument) for s, argument in node.terms] if isinstance(node, Sum) else [self._term(1, node)]
+        return (
+            [self._term(s, argument) for s, argument in node.terms]
+            if isinstance(node, Sum)
+            else [self._term(1, node)]
+        )
 
-    # -- common factors within a sum --------------------------------------------------------------------------------
+    # -- common factors within a sum -------------------------------------------------------------------------
 
     def common_factors(self, signed: Sequence[Signed]) -> list[Signed]:
         """Factor sums, a x + a y = a (x + y); the factor that saves most operations comes first."""
@@ -279,7 +305,15 @@ class Optimizer:
         shared = [factor for factor, times in counted.items() if times > 1]
         if not shared:
             return sign, node
-        best = max(shared, key=lambda factor: (counted[factor], not factor.fixed, isinstance(factor, Reciprocal), -factor.order))
+        best = max(
+            shared,
+            key=lambda factor: (
+                counted[factor],
+                not factor.fixed,
+                isinstance(factor, Reciprocal),
+                -factor.order,
+            ),
+        )
         inside = [self._without(term, best) for term in terms if best in self._factors(term)]
         outside = [term for term in terms if best not in self._factors(term)]
         s, made = self._factored(*self.sum(inside))
@@ -298,7 +332,7 @@ class Optimizer:
         place = term.others.index(factor)
         return Term(term.sign, term.factor, term.others[:place] + term.others[place + 1 :])
 
-    # -- common subexpressions of sums and of products -----------------------------------------------------------------------
+    # -- common subexpressions of sums and of products -------------------------------------------------------
 
     def common_sums(self, signed: Sequence[Signed]) -> list[Signed]:
         """Replace pairs of terms that several sums share, up to a sign, by a common sum."""
@@ -312,15 +346,21 @@ class Optimizer:
         signed, index, live = list(roots), PairIndex(), Live()
         appeared, gone = live.move([node for _, node in signed])
         while True:
-            index.update(*(((node for node in nodes if isinstance(node, kind))) for nodes in (appeared, gone)))
+            index.update(
+                *(((node for node in nodes if isinstance(node, kind))) for nodes in (appeared, gone))
+            )
             found = index.most_shared()
             if found is None:
                 return signed
             (x, y, relative), users = found
-            pair = self._sum_of([(1, x), (relative, y)]) if kind is Sum else self.graph.make(KeptProduct, (x, y))
+            pair = (
+                self._sum_of([(1, x), (relative, y)]) if kind is Sum else self.graph.make(KeptProduct, (x, y))
+            )
             self._name(self.graph.make(Product, (x, y)), 1, pair)
 
-            def replace(sign: int, node: Node, x: Node = x, y: Node = y, relative: int = relative, pair: Node = pair) -> Signed:
+            def replace(
+                sign: int, node: Node, x: Node = x, y: Node = y, relative: int = relative, pair: Node = pair
+            ) -> Signed:
                 if not isinstance(node, kind) or node is pair or (x, y, relative) not in index.pairs(node):
                     return sign, node
                 if not isinstance(node, Sum):
@@ -328,7 +368,11 @@ class Optimizer:
                     rest.remove(x)
                     rest.remove(y)
                     return sign, self.graph.make(Product, (*rest, pair)) if rest else pair
-                terms = [self._atom(s, argument) for s, argument in node.terms if argument is not x and argument is not y]
+                terms = [
+                    self._atom(s, argument)
+                    for s, argument in node.terms
+                    if argument is not x and argument is not y
+                ]
                 lead = next(s for s, argument in node.terms if argument is x)
                 return self._signed(sign, self.sum([*terms, self._atom(lead, pair)]))
 
@@ -336,18 +380,27 @@ class Optimizer:
             appeared, gone = live.move([node for _, node in signed])
 
     def _rewrite_users(
-        self, signed: Sequence[Signed], change: Callable[[int, Node], Signed], users: Iterable[Node], live: "Live"
+        self,
+        signed: Sequence[Signed],
+        change: Callable[[int, Node], Signed],
+        users: Iterable[Node],
+        live: "Live",
     ) -> list[Signed]:
-        """As `_rewrite_signed` of all nodes, where `change` changes only these users. The others that are built again are those
-        above a node that has changed, and products that are not yet in order."""
-        waiting = {*users, *(node for node in live.products if (node, live.uses[node] > 1) not in self._in_order)}
+        """As `_rewrite_signed` of all nodes, where `change` changes only these users. The others that are
+        built again are those above a node that has changed, and products that are not yet in order."""
+        waiting = {
+            *users,
+            *(node for node in live.products if (node, live.uses[node] > 1) not in self._in_order),
+        }
         heap = [(node.order, node) for node in waiting]
         heapify(heap)
         done: dict[Node, Signed] = {}
         while heap:
             _, node = heappop(heap)
             shared = live.uses[node] > 1
-            made = self._rebuilt(node, [done.get(argument, (1, argument)) for argument in node.arguments], shared)
+            made = self._rebuilt(
+                node, [done.get(argument, (1, argument)) for argument in node.arguments], shared
+            )
             sign, new = self._name(node, *change(*made))
             if new is node and sign > 0:
                 self._in_order.add((node, shared))
@@ -367,7 +420,9 @@ class Optimizer:
     def _signed(sign: int, other: Signed) -> Signed:
         return sign * other[0], other[1]
 
-    def _rewrite_signed(self, signed: Sequence[Signed], change: Callable[[int, Node], Signed]) -> list[Signed]:
+    def _rewrite_signed(
+        self, signed: Sequence[Signed], change: Callable[[int, Node], Signed]
+    ) -> list[Signed]:
         rewritten = self._rewrite([node for _, node in signed], change)
         return [(sign * s, node) for (sign, _), (s, node) in zip(signed, rewritten, strict=True)]
 
@@ -400,12 +455,13 @@ class Optimizer:
             return self._keep(*rebuilt) if shared else rebuilt
         return 1, self.graph.again(node, [self._plain(argument) for argument in new])
 
-    # -- signs -------------------------------------------------------------------------------------------------------
+    # -- signs -----------------------------------------------------------------------------------------------
 
     def turned(self, roots: Sequence[Signed]) -> list[Signed]:
         """Replace -(a + (b - c)) by (c - b) - a, and b - c by c - b everywhere."""
         signed: list[Signed] = list(roots)
-        tried: set[Node] = set()  # each is reversed once, so that two roots that need opposite signs do not alternate
+        # Each is reversed once, so that two roots that need opposite signs do not alternate
+        tried: set[Node] = set()
         while (found := self._to_turn(signed, tried)) is not None:
             turned = self._sum_of(found.opposite)
             tried |= {found, turned}
@@ -425,10 +481,11 @@ class Optimizer:
                         return argument
         return None
 
-    # -- back to two operands ---------------------------------------------------------------------------------------
+    # -- back to two operands --------------------------------------------------------------------------------
 
     def binary(self, signed: Sequence[Signed]) -> list[Node]:
-        """Return the roots with sums and products of two operands, from the left; a reciprocal used once becomes a division."""
+        """Return the roots with sums and products of two operands, from the left;
+        a reciprocal used once becomes a division."""
         nodes = reachable(node for _, node in signed)
         uses = Counter(argument for node in nodes for argument in node.arguments)
         done: dict[Node, Node] = {}
@@ -481,7 +538,8 @@ PASSES: tuple[NamedPass, ...] = (QUOTIENTS, SUMS, FACTORS, SUMS, PRODUCTS, TURNE
 
 
 class Live:
-    """The nodes on which changing roots depend: how often each is used, by which nodes, and the products among them."""
+    """The nodes on which changing roots depend: how often each is used, by which nodes,
+    and the products among them."""
 
     def __init__(self) -> None:
         self.uses: Counter[Node] = Counter()  # as argument and as root
@@ -551,7 +609,8 @@ class PairIndex:
                 heappush(self._heap, (self._rank(pair), pair))
 
     def most_shared(self) -> tuple[Pair, set[Node]] | None:
-        """Return the pair with the most users, the oldest among equals, and its users; None if every pair has one user."""
+        """Return the pair with the most users, the oldest among equals, and its users;
+        None if every pair has one user."""
         while self._heap:
             rank, pair = self._heap[0]
             if len(self._users[pair]) > 1 and rank == self._rank(pair):

@@ -1,4 +1,5 @@
-"""A law as a program: one graph for all its entry points, split into what init computes and what a step computes."""
+"""A law as a program: one graph for all its entry points, split into what init computes and what a step
+computes."""
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +41,8 @@ Matrix = list[list[Node]]
 
 @dataclass(frozen=True)
 class Entry:
-    """A C function of a law or of the dynamics: its arguments besides `self` and the state, and the quantities it returns.
+    """A C function of a law or of the dynamics: its arguments besides `self` and the state, and the
+    quantities it returns.
 
     A function that is not `public` does not check its arguments; it is called by the step after its checks.
     """
@@ -64,24 +66,46 @@ class Entry:
     def within(self) -> "Entry":
         """The entry that takes its place within the band of a damped law."""
         return replace(
-            self, name=f"{self.name}_near", about=f"{self.about}, within the band", public=False, slope=None, near=True
+            self,
+            name=f"{self.name}_near",
+            about=f"{self.about}, within the band",
+            public=False,
+            slope=None,
+            near=True,
         )
 
 
-INVERTING = {Result.ACCELERATION, Result.INPUTS, Result.COMMAND, Result.INPUTS_OF_V, Result.COMMAND_OF_V, Result.SLOPE}
+INVERTING = {
+    Result.ACCELERATION,
+    Result.INPUTS,
+    Result.COMMAND,
+    Result.INPUTS_OF_V,
+    Result.COMMAND_OF_V,
+    Result.SLOPE,
+}
 SLOPE = Entry(
-    "slope", "Derivative of the inputs by the virtual input of the speed, the output of degree 1", (Result.SLOPE,), public=False
+    "slope",
+    "Derivative of the inputs by the virtual input of the speed, the output of degree 1",
+    (Result.SLOPE,),
+    public=False,
 )
 FOLLOW_SLOPE = Entry(
-    "follow_slope", "As slope, for a position relative to the foot of P_l", (Result.SLOPE,), public=False, at_foot=True
+    "follow_slope",
+    "As slope, for a position relative to the foot of P_l",
+    (Result.SLOPE,),
+    public=False,
+    at_foot=True,
 )
 GROUND = Entry(
     "ground",
-    "Of each contact: the ground's force along and across, the shift of the load by each metre of height, the mass on it",
+    "Of each contact: the ground's force along and across, the shift of the load by each metre of height, "
+    "the mass on it",
     (Result.GROUND,),
     Group.INPUT,
 )
-GROUND_BY_INPUTS = Entry("ground_by_inputs", "Derivatives of the first three of ground by each input", (Result.GROUND_BY_INPUTS,))
+GROUND_BY_INPUTS = Entry(
+    "ground_by_inputs", "Derivatives of the first three of ground by each input", (Result.GROUND_BY_INPUTS,)
+)
 NULL_INPUTS = Entry(
     "null_inputs",
     "Rows of inputs that do not change the motion, which span all of these: 1 - (S'E)^+ S'E, transposed (12)",
@@ -90,7 +114,8 @@ NULL_INPUTS = Entry(
 )
 WHEELS = Entry(
     "wheels",
-    "Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its radius",
+    "Of each driven wheel: the force of the inputs at its rim, its inertia over its squared radius, its "
+    "radius",
     (Result.WHEELS,),
     Group.INPUT,
     public=False,
@@ -145,18 +170,19 @@ ENTRIES = (
 
 @dataclass(frozen=True, eq=False)
 class EntryBody:
-    """What one entry point computes: its quantities as nodes; singular where not first > second of a pair of `singular`: that of
-    Phi, then that of S'E if it changes.
+    """What one entry point computes: its quantities as nodes; singular where not first > second of a pair of
+    `singular`: that of Phi, then that of S'E if it changes.
 
-    `singular` is empty where nothing is inverted, or where the inversion itself tells. Where `margin`, which init computes, is
-    positive, the first exceeds the second of the first pair at all angles. A damped law is outside its band where
-    first > second of `band`.
+    `singular` is empty where nothing is inverted, or where the inversion itself tells. Where `margin`, which
+    init computes, is positive, the first exceeds the second of the first pair at all angles. A damped law is
+    outside its band where first > second of `band`.
     """
 
     quantities: dict[Result, Matrix]
     singular: tuple[Node, ...]
     margin: Node | None = None
-    kept: frozenset[Node] = frozenset()  # products that these leave together; before they ran, those that they may
+    # Products that these leave together; before they ran, those that they may
+    kept: frozenset[Node] = frozenset()
     band: tuple[Node, ...] = ()
 
     @property
@@ -206,8 +232,8 @@ class Program:
 def hidden_inputs(body: EntryBody) -> list[Leaf]:
     """Inputs of a step that can be infinite or NaN while every result is finite.
 
-    Sums, products, roots and numerators pass such a value on, also to an angle, which is checked; a denominator or a function
-    that is bounded need not. A matrix's inverse leaves the function then.
+    Sums, products, roots and numerators pass such a value on, also to an angle, which is checked; a
+    denominator or a function that is bounded need not. A matrix's inverse leaves the function then.
     """
     shown: set[Node] = set()
     stack = [root for matrix in body.quantities.values() for row in matrix for root in row]
@@ -223,13 +249,17 @@ def hidden_inputs(body: EntryBody) -> list[Leaf]:
 def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = None) -> Program:
     """Build the graph of every entry point of the law and split off what init computes.
 
-    `stages` says whether to write the law in short steps first, `optimize` whether to run the optimizer's passes; without
-    both, the expressions are the model's own, as they come out of CasADi.
+    `stages` says whether to write the law in short steps first, `optimize` whether to run the optimizer's
+    passes; without both, the expressions are the model's own, as they come out of CasADi.
     """
     graph = Graph()
     source = in_steps(law) if (optimize if stages is None else stages) else plain(law)
     groups = _groups(law)
-    nodes = {q.symbol.element_hash(): graph.leaf(group, q.name) for group, members in groups.items() for q in members}
+    nodes = {
+        q.symbol.element_hash(): graph.leaf(group, q.name)
+        for group, members in groups.items()
+        for q in members
+    }
     where = f"{law.system.mechanism.name} {law.name}"
     labels: dict[Node, str] = {}
     kept: set[Node] = set()
@@ -242,7 +272,9 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     for step in source.steps:
         made = build(step.expression)
         made = made if step.least is None else graph.inverse(made, step.least)
-        for one, node in zip(ca.vertsplit(ca.vec(step.symbol.T)), (node for row in made for node in row), strict=True):
+        for one, node in zip(
+            ca.vertsplit(ca.vec(step.symbol.T)), (node for row in made for node in row), strict=True
+        ):
             nodes[one.element_hash()] = node
             if step.kept:
                 kept.add(node)
@@ -264,10 +296,14 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
         body = EntryBody(chosen, singular, kept=frozenset(kept))
-        if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
+        if chosen and not (
+            entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))
+        ):
             entries[entry] = _optimized(graph, body, labels, totals) if optimize else body
             if near and entry.inverts and not entry.near:
-                entries[entry] = replace(entries[entry], band=_band(graph, given[Result.BAND], labels, optimize))
+                entries[entry] = replace(
+                    entries[entry], band=_band(graph, given[Result.BAND], labels, optimize)
+                )
     entries = dict(sorted(entries.items(), key=lambda each: not each[0].near))  # the others call them
     conditions = [row[0] for row in quantities[Result.CONDITIONS]]
     regular = [row[0] for made in (quantities, at_foot) for row in made.get(Result.REGULAR, ())]
@@ -282,7 +318,8 @@ def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
 
 
 def in_steps(law: ControlLaw) -> Stages:
-    """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
+    """The law's quantities in short steps; those at the foot too,
+    where they need nothing else of place and heading."""
     found = staged(law)
     if not (law.extension or law.kinematic):  # a step with an extension or without inputs does not keep grip
         floor = staged_ground(inner_velocities(law.system)[0])
@@ -290,7 +327,8 @@ def in_steps(law: ControlLaw) -> Stages:
         found.quantities |= floor.quantities
     if has_foot_form(law):
         foot = staged_at_foot(law)
-        shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
+        # The velocities
+        shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}
         found.steps += [step for step in foot.steps if step.symbol.element_hash() not in shared]
         found.at_foot, found.near_at_foot = foot.quantities, foot.near
     return found
@@ -299,7 +337,9 @@ def in_steps(law: ControlLaw) -> Stages:
 def plain(law: ControlLaw) -> Stages:
     """The law's quantities as the model has them, in one step."""
     found = law.linearization
-    given, of_v = (Result.COMMAND, Result.COMMAND_OF_V) if law.kinematic else (Result.INPUTS, Result.INPUTS_OF_V)
+    given, of_v = (
+        (Result.COMMAND, Result.COMMAND_OF_V) if law.kinematic else (Result.INPUTS, Result.INPUTS_OF_V)
+    )
     quantities = {
         Result.OUTPUTS: found.h,
         Result.RATES: found.rate,
@@ -328,7 +368,9 @@ def plain(law: ControlLaw) -> Stages:
         }
 
     def moved(made: dict[Result, ca.SX]) -> dict[Result, ca.SX]:
-        return {name: plain_at_foot(law, made[name]) for name in (*at_foot_of(law), Result.BAND) if name in made}
+        return {
+            name: plain_at_foot(law, made[name]) for name in (*at_foot_of(law), Result.BAND) if name in made
+        }
 
     at_foot, near_at_foot = (moved(quantities), moved(near)) if has_foot_form(law) else ({}, {})
     return Stages([], [], quantities, at_foot, near, near_at_foot)
@@ -348,14 +390,15 @@ def _inputs_singular(found: Linearization) -> list[ca.SX]:
 
 
 def _band(graph: Graph, band: Matrix, labels: dict[Node, str], optimize: bool) -> tuple[Node, ...]:
-    """The test of the band of a damped law, optimized by itself: outside it, the law is computed as without a band."""
+    """The test of the band of a damped law, optimized by itself: outside it,
+    the law is computed as without a band."""
     nodes = [node for row in band for node in row]
     return tuple(Optimizer(graph, labels).run(nodes) if optimize else nodes)
 
 
 def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], totals: Container[Node]) -> EntryBody:
-    """The body after the optimizer's passes, with products kept or not, whichever costs less; names follow the nodes of their
-    value. `totals`: sums that stay as they are."""
+    """The body after the optimizer's passes, with products kept or not, whichever costs less; names follow
+    the nodes of their value. `totals`: sums that stay as they are."""
     keeps = list(dict.fromkeys((body.kept.intersection(reachable(body.roots)), frozenset[Node]())))
     tried = [(named := dict(labels), Optimizer(graph, named, kept, totals).run(body.roots)) for kept in keeps]
     costs = [cycles(roots) for _, roots in tried]
@@ -364,7 +407,9 @@ def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], totals: C
     labels.update(named)
     improved = iter(roots)
     singular = tuple(next(improved) for _ in body.singular)
-    quantities = {name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()}
+    quantities = {
+        name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()
+    }
     margin = _margin(graph, *singular[:2]) if singular else None
     if margin is not None:
         labels.setdefault(margin, MARGIN)
@@ -372,18 +417,27 @@ def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str], totals: C
 
 
 def _margin(graph: Graph, one: Node, other: Node) -> Node | None:
-    """A node that init computes; if it is positive, `one` exceeds `other` at all angles. None if there is none.
+    """A node that init computes; if it is positive, `one` exceeds `other` at all angles. None if there is
+    none.
 
     Twice the bound, since both are rounded.
     """
     bound = _at_most(graph, other) if one.fixed and not other.fixed else None
-    return None if bound is None else graph.apply(Operation.SUB, one, graph.apply(Operation.MUL, graph.constant(2), bound))
+    return (
+        None
+        if bound is None
+        else graph.apply(Operation.SUB, one, graph.apply(Operation.MUL, graph.constant(2), bound))
+    )
 
 
 def _at_most(graph: Graph, node: Node) -> Node | None:
     """A bound of the absolute value that init computes: no sine exceeds 1. None if there is none."""
     if node.fixed:
-        return graph.constant(abs(node.value)) if isinstance(node, Constant) else graph.apply(Operation.ABS, node)
+        return (
+            graph.constant(abs(node.value))
+            if isinstance(node, Constant)
+            else graph.apply(Operation.ABS, node)
+        )
     if is_operation(node, *SINCOS):
         return graph.constant(1)
     if not is_operation(node, *BOUNDED_BY):
@@ -393,17 +447,27 @@ def _at_most(graph: Graph, node: Node) -> Node | None:
 
 
 def _reads(body: EntryBody, names: frozenset[str]) -> bool:
-    """Is one of these coordinates read? A sine of more than the heading, which FOOT does not have, keeps it."""
-    return any(isinstance(node, Leaf) and node.group is Group.STATE and node.name in names for node in reachable(body.roots))
+    """Is one of these coordinates read? A sine of more than the heading, which FOOT does not have,
+    keeps it."""
+    return any(
+        isinstance(node, Leaf) and node.group is Group.STATE and node.name in names
+        for node in reachable(body.roots)
+    )
 
 
 def _grip_reads(law: ControlLaw, names: frozenset[str]) -> bool:
-    """Do the ground's forces, in steps, depend on one of these coordinates? A kinematic law does not use them."""
+    """Do the ground's forces, in steps, depend on one of these coordinates? A kinematic law does not use
+    them."""
     if law.kinematic:
         return False
     floor = staged_ground(inner_velocities(law.system)[0])
     expressions = [*(step.expression for step in floor.steps), *floor.quantities.values()]
-    return any(ca.depends_on(each, q.symbol) for each in expressions for q in law.groups[Group.STATE] if q.name in names)
+    return any(
+        ca.depends_on(each, q.symbol)
+        for each in expressions
+        for q in law.groups[Group.STATE]
+        if q.name in names
+    )
 
 
 def _own_names(law: ControlLaw, quantities: dict[Result, Matrix]) -> dict[Node, str]:
@@ -420,7 +484,9 @@ def _own_names(law: ControlLaw, quantities: dict[Result, Matrix]) -> dict[Node, 
         Result.EXTENSION_RATE: [[f"{q.name}_rate"] for q in law.extension],
     }
     labels: dict[Node, str] = {}
-    for quantity, texts in ((quantity, texts) for quantity, texts in names.items() if quantities.get(quantity)):
+    for quantity, texts in (
+        (quantity, texts) for quantity, texts in names.items() if quantities.get(quantity)
+    ):
         for nodes, row in zip(quantities[quantity], texts, strict=True):
             for node, text in zip(nodes, row, strict=True):
                 if node.arguments:
@@ -438,11 +504,15 @@ def constants_of(roots: Sequence[Node], labels: dict[Node, str]) -> dict[Node, s
     names: dict[Node, str] = {}
     taken = set(OWN_FIELDS)
     for node in (node for node in kept if isinstance(node, Leaf)):
-        names[node] = free_name(in_c(node.name) if node.name not in taken else f"{node.group}_{node.name}", taken)
+        names[node] = free_name(
+            in_c(node.name) if node.name not in taken else f"{node.group}_{node.name}", taken
+        )
     numbers = (f"k{number}" for number in count(1))
     for node in (node for node in kept if node.arguments):
         named = node in labels and labels[node] not in taken
-        names[node] = free_name(in_c(labels[node]) if named else next(name for name in numbers if name not in taken), taken)
+        names[node] = free_name(
+            in_c(labels[node]) if named else next(name for name in numbers if name not in taken), taken
+        )
     return {node: names[node] for node in kept}
 
 

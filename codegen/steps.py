@@ -14,7 +14,8 @@ from .program import Matrix
 
 @dataclass(frozen=True, eq=False)
 class NamedStep:
-    """A named value, represented by `leaf` in later steps; a pivot is singular if it is not greater than `bound`."""
+    """A named value, represented by `leaf` in later steps; a pivot is singular if it is not greater than
+    `bound`."""
 
     leaf: Node
     node: Node
@@ -37,11 +38,16 @@ class SteppedBody:
         """All nodes that must be computed, including those of checks."""
         matrices = [*self.quantities.values(), *(self.looped or ())]
         bounds = [step.bound for step in self.steps if step.bound is not None]
-        return [*(step.node for step in self.steps), *bounds, *(node for matrix in matrices for row in matrix for node in row)]
+        return [
+            *(step.node for step in self.steps),
+            *bounds,
+            *(node for matrix in matrices for row in matrix for node in row),
+        ]
 
 
 class StepBuilder:
-    """Collects steps group by group; an expression in parameters only is not a step and is inserted where it is used.
+    """Collects steps group by group; an expression in parameters only is not a step and is inserted where it
+    is used.
 
     `groups` are the leaves of the graph; `where` is named in errors.
     """
@@ -54,7 +60,9 @@ class StepBuilder:
         self.regular: list[tuple[Node, Node]] = []
         self.taken: set[str] = set()  # names of steps
         self.nodes = {
-            q.symbol.element_hash(): self.graph.leaf(group, q.name) for group, members in groups.items() for q in members
+            q.symbol.element_hash(): self.graph.leaf(group, q.name)
+            for group, members in groups.items()
+            for q in members
         }
         self.symbols = {q.symbol.element_hash(): q.symbol for members in groups.values() for q in members}
 
@@ -65,15 +73,25 @@ class StepBuilder:
         while stack:
             leaves = [node for node in reachable([stack.pop()]) if node in self.steps and node not in needed]
             needed.update(leaves)
-            stack += [node for leaf in leaves for node in (self.steps[leaf].node, self.steps[leaf].bound) if node is not None]
+            stack += [
+                node
+                for leaf in leaves
+                for node in (self.steps[leaf].node, self.steps[leaf].bound)
+                if node is not None
+            ]
         return (step for leaf, step in self.steps.items() if leaf in needed)
 
     def group(self, steps: Sequence[tuple[ca.SX, ca.SX]], bounds: Sequence[ca.SX] = ()) -> None:
         """Add steps that are optimized together; a later one may use an earlier one. `bounds`: of pivots."""
         for symbol, _ in steps:
             self.symbols[symbol.element_hash()] = symbol
-            self.nodes[symbol.element_hash()] = self.graph.leaf(Group.STEP, free_name(str(symbol), self.taken))
-        nodes = [matrix[0][0] for matrix in self.built([expression for _, expression in (*steps, *((None, b) for b in bounds))])]
+            self.nodes[symbol.element_hash()] = self.graph.leaf(
+                Group.STEP, free_name(str(symbol), self.taken)
+            )
+        nodes = [
+            matrix[0][0]
+            for matrix in self.built([expression for _, expression in (*steps, *((None, b) for b in bounds))])
+        ]
         for k, (symbol, _) in enumerate(steps):
             leaf, node = self.nodes[symbol.element_hash()], nodes[k]
             bound = nodes[len(steps) + k] if bounds else None

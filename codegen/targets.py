@@ -1,4 +1,5 @@
-"""The table of targets, firmware/boards/targets.toml, and the include of firmware/Makefile that is made from it."""
+"""The table of targets, firmware/boards/targets.toml, and the include of firmware/Makefile that is made from
+it."""
 
 import tomllib
 from collections.abc import Sequence
@@ -8,7 +9,8 @@ from typing import Any
 BOARDS = Path(__file__).resolve().parent.parent / "firmware" / "boards"
 TABLE: dict[str, Any] = tomllib.loads((BOARDS / "targets.toml").read_text(encoding="utf-8"))
 STANDARD: tuple[str, ...] = tuple(TABLE["standard"])  # flags with which all targets compute the same bits
-SAME_BITS: tuple[str, ...] = tuple(flag for flag in STANDARD if not flag.startswith("-std="))  # the dialect is set apart
+# The dialect is set apart
+SAME_BITS: tuple[str, ...] = tuple(flag for flag in STANDARD if not flag.startswith("-std="))
 
 HEAD = """# Made from boards/targets.toml by `make generate`; edit that file.
 """
@@ -21,13 +23,15 @@ def entries(target: str) -> dict[str, Any]:
 
 
 def flags(target: str) -> tuple[str, ...]:
-    """The flags of a target's processor, without those of `STANDARD`. Raises KeyError for an unknown target."""
+    """The flags of a target's processor, without those of `STANDARD`. Raises KeyError for an unknown
+    target."""
     row = entries(target)
     return (*row["flags"], *TABLE["toolchain"][row["toolchain"]]["flags"])
 
 
 def makefile() -> str:
-    """Text of firmware/targets.mk: the targets that a vehicle is built for, a variable for each of their entries."""
+    """Text of firmware/targets.mk: the targets that a vehicle is built for,
+    a variable for each of their entries."""
     rows = {name: entries(name) for name, row in TABLE["target"].items() if "vehicle" in row}
     lines = [HEAD, f"standard := {' '.join(STANDARD)}", f"TARGETS := {' '.join(rows)}"]
     for name, row in rows.items():

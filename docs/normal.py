@@ -17,7 +17,8 @@ from noslip.simulation.specification.spec import spec_of
 
 SPEC = """
 robot = "labmate"
-output = {{ type = "IV", near_singular = "damped", band = 0.2, path = {{ kind = "line", A = 0.0, B = 1.0, C = 0.0 }} }}
+output = {{ type = "IV", near_singular = "damped", band = 0.2, path = {{ kind = "line", A = 0.0, B = 1.0, C \
+= 0.0 }} }}
 reference = {{ speed = 1.0 }}
 initial = {{ point = [0.0, 2.0], heading = "{heading} deg", speed = 1.0 }}
 simulation = {{ duration = {duration}, period = 0.01, output_step = 0.02 }}
@@ -31,12 +32,22 @@ def draw_paths(axes: Axes, duration: float) -> None:
     for heading in HEADINGS:
         run = simulate(spec_of(SPEC.format(heading=heading, duration=duration), ""))
         normal = heading % 180 == 90
-        colour, label = (STOP, "start exactly normal to the line") if normal else (COLOURS[0], "other starts, 45° apart")
+        colour, label = (
+            (STOP, "start exactly normal to the line") if normal else (COLOURS[0], "other starts, 45° apart")
+        )
         first = heading in (0, 90)
-        axes.plot(*run.q[:, :2].T, color=colour, linewidth=2 if normal else 1.2, label=label if first else None)
+        axes.plot(
+            *run.q[:, :2].T, color=colour, linewidth=2 if normal else 1.2, label=label if first else None
+        )
     axes.plot([-9, 9], [0, 0], "--", color="black", linewidth=1, label="line")
     axes.plot(0, 2, "o", color="black")
-    axes.set(title="P$_l$ from 2 m beside a line, 1 m/s, band 0.2", xlabel="x (m)", ylabel="y (m)", xlim=(-9, 9), aspect="equal")
+    axes.set(
+        title="P$_l$ from 2 m beside a line, 1 m/s, band 0.2",
+        xlabel="x (m)",
+        ylabel="y (m)",
+        xlim=(-9, 9),
+        aspect="equal",
+    )
     legend_below(axes, 3)
 
 
@@ -49,7 +60,12 @@ def draw_inverse(axes: Axes) -> None:
         c = side * np.geomspace(0.05, 0.8, 200)
         axes.plot(c, 1 / c, color=COLOURS[0], linewidth=1.2, label="1/c" if side > 0 else None)
     about = "c, cosine of the angle between heading and path"
-    axes.set(title="Inverse, and what replaces it", xlabel=about, ylabel="factor of the yaw acceleration", ylim=(-13, 13))
+    axes.set(
+        title="Inverse, and what replaces it",
+        xlabel=about,
+        ylabel="factor of the yaw acceleration",
+        ylim=(-13, 13),
+    )
     legend_below(axes, 4)
 
 

@@ -1,1 +1,2 @@
-"""SPECs of runs, the figures of the paper and further ones with their claims, and a page with a robot to drag."""
+"""SPECs of runs, the figures of the paper and further ones with their claims,
+and a page with a robot to drag."""

@@ -1,4 +1,5 @@
-"""Contacts with the ground: how the velocities of the contact points follow from the constraints, and the forces there."""
+"""Contacts with the ground: how the velocities of the contact points follow from the constraints,
+and the forces there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,10 +21,10 @@ GRAVITY = 9.81  # m/s^2
 class Ground:
     """What the ground does at the c contacts of a robot, supports included.
 
-    `force`, 2 c x 1 (N): on the robot, along and across at each contact in turn. `mass`, c x 1 (kg): what rests on the contact.
-    `shift`, c x 1 (N/m): what the forces add to the load, for each metre of height of the centre of mass, see
-    `shift_by_forces`. The load is gravity times `mass` plus height times `shift`. All are affine in the inputs, and so in the
-    virtual input.
+    `force`, 2 c x 1 (N): on the robot, along and across at each contact in turn. `mass`, c x 1 (kg): what
+    rests on the contact. `shift`, c x 1 (N/m): what the forces add to the load, for each metre of height of
+    the centre of mass, see `shift_by_forces`. The load is gravity times `mass` plus height times `shift`. All
+    are affine in the inputs, and so in the virtual input.
     """
 
     force: ca.SX
@@ -35,8 +36,9 @@ class Ground:
 class Wheel:
     """A driven wheel by whose rate the ground's force F along its contact is known: mass rim' = drive - F.
 
-    `contact`, `velocity`: numbers of the contact and of the quasi-velocity that is the wheel's rate; the rim's speed (m/s) is
-    the rate times `radius` (m). `drive` (N): the force of the inputs at the rim; `mass` (kg): inertia over the squared radius.
+    `contact`, `velocity`: numbers of the contact and of the quasi-velocity that is the wheel's rate; the
+    rim's speed (m/s) is the rate times `radius` (m). `drive` (N): the force of the inputs at the rim; `mass`
+    (kg): inertia over the squared radius.
     """
 
     contact: int
@@ -47,8 +49,8 @@ class Wheel:
 
 
 def driven_wheels(mechanism: Mechanism, tau: ca.SX) -> list[Wheel]:
-    """Return the wheels with inertia whose rates are quasi-velocities, and which nothing but their contacts and the inputs tau
-    couples to the robot: their rows of (8) are I theta'' = E tau - r F.
+    """Return the wheels with inertia whose rates are quasi-velocities, and which nothing but their contacts
+    and the inputs tau couples to the robot: their rows of (8) are I theta'' = E tau - r F.
     """
     rates, rows, found = mechanism.quasi_velocity_rows, mechanism.contact_rows, []
     for i, row in enumerate(() if rates is None else ca.vertsplit(rates)):
@@ -59,7 +61,11 @@ def driven_wheels(mechanism: Mechanism, tau: ca.SX) -> list[Wheel]:
         inertia, radius = canonical(mechanism.M[j, :]), -rows[touched[0], j]
         drive = mechanism.E[j, :] @ tau
         alone = inertia.nnz() == 1 and not inertia[j].is_zero() and canonical(mechanism.V[j]).is_zero()
-        if alone and not ca.depends_on(ca.vertcat(inertia[j], radius), ca.vertcat(mechanism.q, mechanism.qdot)) and drive.nnz():
+        if (
+            alone
+            and not ca.depends_on(ca.vertcat(inertia[j], radius), ca.vertcat(mechanism.q, mechanism.qdot))
+            and drive.nnz()
+        ):
             found.append(Wheel(touched[0] // 2, i, drive / radius, inertia[j] / radius**2, radius))
     return found
 
@@ -72,18 +78,21 @@ def unknown_loads(mechanism: Mechanism) -> str:
     moves = ca.which_depends(resting, mechanism.q, 1, False)
     units = [c.unit for c, does in zip(mechanism.coordinates, moves, strict=True) if does]
     if units and "m" not in units:  # on a slope the energy depends on the place too
-        return "it rises and falls as it leans, which changes the loads of its contacts; --engine mujoco has them"
+        return (
+            "it rises and falls as it leans, which changes the loads of its contacts; --engine mujoco has "
+            "them"
+        )
     return ""
 
 
 def combination(mechanism: Mechanism) -> ca.SX:
-    """Return C(q), 2 c x m, such that the velocities along and across at the c contacts are C A qdot; they vanish with the
-    constraints. Supports are contacts without velocities, the last ones.
+    """Return C(q), 2 c x m, such that the velocities along and across at the c contacts are C A qdot; they
+    vanish with the constraints. Supports are contacts without velocities, the last ones.
 
-    The ground forces F (N, along and across at each contact in turn) have the power F' C A qdot, the constraint forces in (8)
-    -lambda' A qdot. Hence C' F = -lambda in the rows of the constraints that contacts maintain, those where C has a column.
-    Raises ModelError for a contact that can move while the constraints hold, and if the contacts cannot produce every
-    lambda of those constraints.
+    The ground forces F (N, along and across at each contact in turn) have the power F' C A qdot, the
+    constraint forces in (8) -lambda' A qdot. Hence C' F = -lambda in the rows of the constraints that
+    contacts maintain, those where C has a column. Raises ModelError for a contact that can move while the
+    constraints hold, and if the contacts cannot produce every lambda of those constraints.
     """
     A, rows = mechanism.A, _rows(mechanism)
     if not mechanism.contacts:
@@ -95,23 +104,32 @@ def combination(mechanism: Mechanism) -> ca.SX:
     if moving.largest() > RANK_TOLERANCE:
         k = moving.largest_row()
         name, way = mechanism.contacts[k // 2].name, ("along", "across")[k % 2]
-        raise ModelError(f"{mechanism.name}: contact {name!r} can move {way} while the constraints hold; correct its velocity")
+        raise ModelError(
+            f"{mechanism.name}: contact {name!r} can move {way} while the constraints hold; correct its "
+            "velocity"
+        )
     values = _sampled(mechanism, C).values
     sizes = np.abs(values).max(axis=0)
-    C = ca.sparsify(C * ca.DM((sizes > RANK_TOLERANCE).astype(float)))  # where the simplification does not see a zero
+    # Where the simplification does not see a zero
+    C = ca.sparsify(C * ca.DM((sizes > RANK_TOLERANCE).astype(float)))
     largest = sizes.max(axis=0)
-    kept = [repr(name) for name, size in zip(mechanism.constraint_names, largest, strict=True) if size > RANK_TOLERANCE]
+    kept = [
+        repr(name)
+        for name, size in zip(mechanism.constraint_names, largest, strict=True)
+        if size > RANK_TOLERANCE
+    ]
     if max(map(rank, values)) < len(kept):
         raise ModelError(
-            f"{mechanism.name}: the contacts do not determine how the forces of {', '.join(kept)} are distributed; "
-            "add contacts, or write their velocities in the same form as those constraints"
+            f"{mechanism.name}: the contacts do not determine how the forces of {', '.join(kept)} are "
+            "distributed; add contacts, or write their velocities in the same form as those constraints"
         )
     return C
 
 
 def _whole_numbers(A: ca.SX, rows: ca.SX, values: Sequence[np.ndarray]) -> ca.SX | None:
-    """Return C with C A = rows if it consists of whole numbers and this is proved: the velocity of a contact is often that of a
-    constraint, or minus it, and `unit_slips` is long for many bodies. None if not. `values` are samples of A above rows.
+    """Return C with C A = rows if it consists of whole numbers and this is proved: the velocity of a contact
+    is often that of a constraint, or minus it, and `unit_slips` is long for many bodies. None if not.
+    `values` are samples of A above rows.
     """
     m = A.shape[0]
     table = np.hstack(values)
@@ -121,7 +139,11 @@ def _whole_numbers(A: ca.SX, rows: ca.SX, values: Sequence[np.ndarray]) -> ca.SX
 
     def proved(row: ca.SX, numbers: np.ndarray) -> bool:
         (places,) = np.nonzero(numbers)
-        if len(places) == 1 and numbers[places[0]] == 1 and row.serialize() == A[int(places[0]), :].serialize():
+        if (
+            len(places) == 1
+            and numbers[places[0]] == 1
+            and row.serialize() == A[int(places[0]), :].serialize()
+        ):
             return True
         return canonical(row - ca.SX(ca.DM(numbers[None])) @ A).is_zero()
 
@@ -129,16 +151,20 @@ def _whole_numbers(A: ca.SX, rows: ca.SX, values: Sequence[np.ndarray]) -> ca.SX
 
 
 def ground(system: ReducedSystem, nudot: ca.SX, tau: ca.SX) -> Ground:
-    """Return what the ground does while the robot rolls with the rates nudot of its quasi-velocities and the inputs tau.
+    """Return what the ground does while the robot rolls with the rates nudot of its quasi-velocities and the
+    inputs tau.
 
-    C' F = -lambda with lambda of (8). Contacts that share a force divide it in proportion to the masses that rest on them:
-    F minimizes the sum of F^2 / mass. Raises ModelError as `combination` does.
+    C' F = -lambda with lambda of (8). Contacts that share a force divide it in proportion to the masses that
+    rest on them: F minimizes the sum of F^2 / mass. Raises ModelError as `combination` does.
     """
     mechanism = system.mechanism
     multiplied_out = not mechanism.bodies  # what several bodies do is too long then
     simple = canonical if multiplied_out else ca.sparsify
     qddot = system.convective + system.S @ nudot
-    needed = simple(unit_slips(mechanism, multiplied_out).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
+    # -lambda
+    needed = simple(
+        unit_slips(mechanism, multiplied_out).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau)
+    )
     force = ca.densify(simple(distribution(mechanism) @ needed))
     return Ground(force, masses(mechanism), simple(shift_by_forces(mechanism) @ force))
 
@@ -149,9 +175,12 @@ def masses(mechanism: Mechanism) -> ca.SX:
 
 
 def distribution(mechanism: Mechanism) -> ca.SX:
-    """Return D, 2 c x m: the forces at the contacts are D times -lambda. Raises ModelError as `combination` does."""
+    """Return D, 2 c x m: the forces at the contacts are D times -lambda. Raises ModelError as `combination`
+    does."""
     C, mass = combination(mechanism), masses(mechanism)
-    rows, kept = ([k for k, part in enumerate(split(C)) if part.nnz()] for split in (ca.vertsplit, ca.horzsplit))
+    rows, kept = (
+        [k for k, part in enumerate(split(C)) if part.nnz()] for split in (ca.vertsplit, ca.horzsplit)
+    )
     block, D = C[rows, kept], ca.SX(*C.shape)
     if len(rows) == len(kept):
         D[rows, kept] = solve(canonical(block.T), ca.SX.eye(len(kept)))
@@ -164,19 +193,22 @@ def distribution(mechanism: Mechanism) -> ca.SX:
 def shift_by_forces(mechanism: Mechanism) -> ca.SX:
     """Return K, c x 2 c (1/m): K times the forces is the `shift` of Ground.
 
-    If the robot names the places of all that it stands on (`Mechanism.places_named`), the moments of all forces about the height
-    of the centre of mass are balanced by changes of all loads: exact for three supports, for more the changes of smallest sum of
-    squares over mass. Contacts that are all on the centre line stand for whole axles (`on_centre_line`): load moves forward and
-    back, and each axle carries the moment of side forces in itself. Without places, an axle carries the moment of its side force
-    about its own contacts, by the same rule; zero for an axle without width. The moment that the spin of wheels takes is
-    neglected.
+    If the robot names the places of all that it stands on (`Mechanism.places_named`), the moments of all
+    forces about the height of the centre of mass are balanced by changes of all loads: exact for three
+    supports, for more the changes of smallest sum of squares over mass. Contacts that are all on the centre
+    line stand for whole axles (`on_centre_line`): load moves forward and back, and each axle carries the
+    moment of side forces in itself. Without places, an axle carries the moment of its side force about its
+    own contacts, by the same rule; zero for an axle without width. The moment that the spin of wheels takes
+    is neglected.
     """
     count = len(mechanism.standing)
     K = ca.SX(count, 2 * count)
     if mechanism.places_named:
         return _shift_of_all(mechanism)
     for axle in axles(mechanism):
-        mass, left = (ca.vertcat(*[getattr(mechanism.contacts[k], name) for k in axle]) for name in ("mass", "left"))
+        mass, left = (
+            ca.vertcat(*[getattr(mechanism.contacts[k], name) for k in axle]) for name in ("mass", "left")
+        )
         arm = left - ca.dot(mass, left) / ca.sum1(mass)
         width = canonical(ca.dot(mass, arm**2))
         if not width.is_zero():
@@ -185,9 +217,12 @@ def shift_by_forces(mechanism: Mechanism) -> ca.SX:
 
 
 def _shift_of_all(mechanism: Mechanism) -> ca.SX:
-    """Return K of `shift_by_forces` for a robot all of whose supports are named; zero if they are on one line that is not its
-    centre line."""
-    mass, ahead, left = (ca.vertcat(*[getattr(each, name) for each in mechanism.standing]) for name in ("mass", "ahead", "left"))
+    """Return K of `shift_by_forces` for a robot all of whose supports are named; zero if they are on one line
+    that is not its centre line."""
+    mass, ahead, left = (
+        ca.vertcat(*[getattr(each, name) for each in mechanism.standing])
+        for name in ("mass", "ahead", "left")
+    )
     arms = ca.horzcat(*[place - ca.dot(mass, place) / ca.sum1(mass) for place in (ahead, left)])
     weighted = ca.diag(mass) @ arms
     if on_centre_line(mechanism):
@@ -195,28 +230,30 @@ def _shift_of_all(mechanism: Mechanism) -> ca.SX:
     squares = canonical(arms.T @ weighted)
     if canonical(ca.det(squares)).is_zero():
         return ca.SX(mass.numel(), 2 * mass.numel())
-    directions = canonical(_rows(mechanism) @ _translations(mechanism))  # of along and across, in the vehicle's axes
+    # Of along and across, in the vehicle's axes
+    directions = canonical(_rows(mechanism) @ _translations(mechanism))
     return canonical(-weighted @ solve(squares, directions[:, : arms.shape[1]].T))
 
 
 def on_centre_line(mechanism: Mechanism) -> bool:
-    """Return whether all that the robot stands on is named and on its centre line, as in the bicycle model: each contact stands
-    for an axle whose width is not known.
+    """Return whether all that the robot stands on is named and on its centre line, as in the bicycle model:
+    each contact stands for an axle whose width is not known.
     """
     return mechanism.places_named and all(each.left.is_zero() for each in mechanism.standing)
 
 
 def _rows(mechanism: Mechanism) -> ca.SX:
-    """Return the velocities along and across at each contact, as rows by qdot, 2 c x n; those of supports, which are last, are
-    zero."""
+    """Return the velocities along and across at each contact, as rows by qdot, 2 c x n; those of supports,
+    which are last, are zero."""
     return ca.vertcat(mechanism.contact_rows, ca.SX(2 * len(mechanism.supports), len(mechanism.coordinates)))
 
 
 def _translations(mechanism: Mechanism) -> ca.SX:
-    """Return the rates of the coordinates, n x 2, with which the whole robot moves at 1 m/s, forward and to the left.
+    """Return the rates of the coordinates, n x 2, with which the whole robot moves at 1 m/s, forward and to
+    the left.
 
-    These are directions of the body on which contacts have their places: the first one, since the vehicle's heading may be that
-    of a steered wheel; of the vehicle if the robot is not made of bodies.
+    These are directions of the body on which contacts have their places: the first one, since the vehicle's
+    heading may be that of a steered wheel; of the vehicle if the robot is not made of bodies.
     """
     vehicle, n = mechanism.required_vehicle, len(mechanism.coordinates)
     headings = (
@@ -229,7 +266,10 @@ def _translations(mechanism: Mechanism) -> ca.SX:
     place = canonical(ca.jacobian(ca.vertcat(vehicle.x, vehicle.y), mechanism.q))
     of = [[k for k in range(n) if (place[:, k] - axis).is_zero()] for axis in (ca.SX([1, 0]), ca.SX([0, 1]))]
     if not all(of):
-        raise ModelError(f"{mechanism.name}: supports require a vehicle whose x and y are coordinates, up to functions of others")
+        raise ModelError(
+            f"{mechanism.name}: supports require a vehicle whose x and y are coordinates, up to functions of "
+            "others"
+        )
     rates = ca.SX(n, 2)
     rates[[of[0][0], of[1][0]], :] = ca.vertcat(
         ca.horzcat(ca.cos(heading), -ca.sin(heading)),
@@ -239,8 +279,8 @@ def _translations(mechanism: Mechanism) -> ca.SX:
 
 
 def narrow(mechanism: Mechanism) -> list[str]:
-    """Return the contacts that cannot carry the moment of side forces: their axle has no width, or all supports
-    are on one line that is not the centre line."""
+    """Return the contacts that cannot carry the moment of side forces: their axle has no width, or all
+    supports are on one line that is not the centre line."""
     K = shift_by_forces(mechanism)
     if mechanism.places_named:
         return [contact.name for contact in mechanism.standing] if K.is_zero() else []
@@ -248,8 +288,8 @@ def narrow(mechanism: Mechanism) -> list[str]:
 
 
 def unit_slips(mechanism: Mechanism, simple: bool = True) -> ca.SX:
-    """Return n x m velocities T with A T = 1: slip in one constraint each, if possible without quasi-velocities; `simple`: in
-    canonical form."""
+    """Return n x m velocities T with A T = 1: slip in one constraint each, if possible without
+    quasi-velocities; `simple`: in canonical form."""
     A, rows = mechanism.A, mechanism.quasi_velocity_rows
     m, n = A.shape
     if rows is None or rows.shape[0] != n - m:

@@ -15,8 +15,11 @@ def placed(at: Place, heading: SX | float, points: Sequence[Place]) -> Line:
 
 
 def box(at: Place, heading: SX | float, behind: SX | float, ahead: SX | float, half: SX | float) -> Line:
-    """The closed outline of a body that reaches so far behind and ahead of a place, `half` to each side, m."""
-    return placed(at, heading, [(-behind, -half), (ahead, -half), (ahead, half), (-behind, half), (-behind, -half)])
+    """The closed outline of a body that reaches so far behind and ahead of a place,
+    `half` to each side, m."""
+    return placed(
+        at, heading, [(-behind, -half), (ahead, -half), (ahead, half), (-behind, half), (-behind, -half)]
+    )
 
 
 def wheels(at: Place, heading: SX | float, half: SX | float, radius: SX | float) -> list[Line]:

@@ -2,4 +2,5 @@
 
 
 class ModelError(ValueError):
-    """A robot, output or parameter for which the method is not applicable. The message says what, where and what to do."""
+    """A robot, output or parameter for which the method is not applicable. The message says what,
+    where and what to do."""

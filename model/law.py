@@ -1,6 +1,7 @@
 """The whole control law: outer loop, second feedback (20), first feedback (12), as one set of expressions.
 
-Of a kinematic law the second feedback gives the quasi-velocities that drives are commanded; there is no first feedback.
+Of a kinematic law the second feedback gives the quasi-velocities that drives are commanded; there is no first
+feedback.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,8 @@ from .reduction import ReducedSystem
 
 @dataclass(frozen=True, eq=False)
 class Feedbacks:
-    """Both feedbacks: `u` and `tau` with the outer loop, `u_of_v` and `tau_of_v` of the virtual input; see ControlLaw."""
+    """Both feedbacks: `u` and `tau` with the outer loop, `u_of_v` and `tau_of_v` of the virtual input;
+    see ControlLaw."""
 
     u: ca.SX
     tau: ca.SX
@@ -30,14 +32,15 @@ class Feedbacks:
 class ControlLaw:
     """A control law from state and reference to the inputs, symbolic.
 
-    Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y);
-    longer chains as degree 2, with ka on the error of the second derivative and so on (GAINS); degree 0: v = y_d.
-    `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs; with fewer inputs than n-m, `v` is r x 1. They depend on
-    `groups`: parameters, config (of the output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are
-    functions of v itself.
-    Of a kinematic law `tau` is the command nu_c, (n-m) x 1, in the units of the quasi-velocities, and `u` is empty.
-    With a dynamic extension its states xi are the last of the state, and `extension_rate` is d xi/dt, k x 1; else 0 x 1.
-    Of a damped law these are what `outside` and `within` give on either side of the edge of its band.
+    Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v =
+    ydot_d + kv (y_d - y); longer chains as degree 2, with ka on the error of the second derivative and so on
+    (GAINS); degree 0: v = y_d. `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs; with
+    fewer inputs than n-m, `v` is r x 1. They depend on `groups`: parameters, config (of the output map),
+    gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are functions of v itself.
+    Of a kinematic law `tau` is the command nu_c, (n-m) x 1, in the units of the quasi-velocities, and `u` is
+    empty. With a dynamic extension its states xi are the last of the state, and `extension_rate` is d xi/dt,
+    k x 1; else 0 x 1. Of a damped law these are what `outside` and `within` give on either side of the edge
+    of its band.
     """
 
     linearization: Linearization
@@ -77,11 +80,14 @@ class ControlLaw:
 
     @property
     def inputs(self) -> tuple[Quantity, ...]:
-        """Return what a step returns: the robot's inputs, or of a kinematic law the commanded quasi-velocities."""
+        """Return what a step returns: the robot's inputs, or of a kinematic law the commanded
+        quasi-velocities."""
         if not self.kinematic:
             return tuple(self.system.mechanism.inputs)
         velocities = self.system.quasi_velocities
-        return tuple(quantity(f"command_{q.name}", q.unit, f"commanded {q.about or q.name}") for q in velocities)
+        return tuple(
+            quantity(f"command_{q.name}", q.unit, f"commanded {q.about or q.name}") for q in velocities
+        )
 
     @property
     def extension(self) -> tuple[Quantity, ...]:
@@ -101,16 +107,16 @@ class ControlLaw:
 
     @property
     def speed_row(self) -> int | None:
-        """Return the row of relative degree 1, of a kinematic law 0, if there is exactly one: it can be reduced in favour of the
-        other rows.
+        """Return the row of relative degree 1, of a kinematic law 0, if there is exactly one: it can be
+        reduced in favour of the other rows.
         """
         degree, of_speed = self.linearization.relative_degree, 0 if self.kinematic else 1
         return degree.index(of_speed) if degree.count(of_speed) == 1 else None
 
     @property
     def slope(self) -> ca.SX:
-        """Return the derivative of tau by the virtual input of the speed row, r x 1 (0 x 1 without one); tau is affine in v
-        (20), (12).
+        """Return the derivative of tau by the virtual input of the speed row, r x 1 (0 x 1 without one); tau
+        is affine in v (20), (12).
         """
         return self.slope_of(self.tau_of_v)
 
@@ -138,19 +144,30 @@ class ControlLaw:
         io = self.linearization
         if self.kinematic:
             return {"h": io.h, "Phi": io.Phi, "command": self.tau}
-        values = {"h": io.h, "ydot": io.rate, "Phi": io.Phi, "Phidot": io.Phidot, "u": self.u, "tau": self.tau}
+        values = {
+            "h": io.h,
+            "ydot": io.rate,
+            "Phi": io.Phi,
+            "Phidot": io.Phidot,
+            "u": self.u,
+            "tau": self.tau,
+        }
         return values | ({"extension_rate": self.extension_rate} if self.extension else {})
 
     def at_state(self, *expressions: ca.SX) -> ca.Function:
-        """CasADi function from (state, parameters, config) to the expressions, which depend on nothing else."""
+        """CasADi function from (state, parameters, config) to the expressions,
+        which depend on nothing else."""
         arguments = [symbols(self.groups[name]) for name in ("state", "params", "config")]
         return ca.Function(self.name, arguments, [ca.densify(expression) for expression in expressions])
 
     def function(self, quantities: dict[str, ca.SX]) -> ca.Function:
-        """Return the CasADi function from (params, config, gains, state, reference) to the named quantities."""
+        """Return the CasADi function from (params, config, gains, state,
+        reference) to the named quantities."""
         names = [name for name in self.groups if name != "virtual_input"]
         arguments = [symbols(self.groups[name]) for name in names]
-        return ca.Function(self.name, arguments, [ca.densify(q) for q in quantities.values()], names, list(quantities))
+        return ca.Function(
+            self.name, arguments, [ca.densify(q) for q in quantities.values()], names, list(quantities)
+        )
 
 
 def symbols(quantities: Sequence[Quantity]) -> ca.SX:
@@ -165,13 +182,17 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     degrees, h, rate = linearization.relative_degree, linearization.h, linearization.rate
     v = outer_loop(degrees, [k.symbol for k in gains], [y.symbol for y in reference], h, rate)
     virtual_input = tuple(
-        quantity(f"v_{row.name}", derivative_unit(row.unit, degree), f"virtual input: {_nth(degree)}{row.name}")
+        quantity(
+            f"v_{row.name}", derivative_unit(row.unit, degree), f"virtual input: {_nth(degree)}{row.name}"
+        )
         for row, degree in zip(output.rows, degrees, strict=True)
     )
     for group, members in (("reference", reference), ("gains", gains)):
         refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
     both = v, symbols(virtual_input)
-    (u, extension_rate), (u_of_v, _) = (linearization.accelerations(linearization.second_feedback(each)) for each in both)
+    (u, extension_rate), (u_of_v, _) = (
+        linearization.accelerations(linearization.second_feedback(each)) for each in both
+    )
     outside = applied = _feedback(linearization, u, u_of_v)
     within = None
     if linearization.damping:
@@ -203,7 +224,9 @@ def _feedback(linearization: Linearization, u: ca.SX, u_of_v: ca.SX) -> Feedback
 
 def _either(condition: ca.SX, one: Feedbacks, other: Feedbacks) -> Feedbacks:
     """Return `one` where the condition holds, else `other`."""
-    return Feedbacks(*[ca.if_else(condition, a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True)])
+    return Feedbacks(
+        *[ca.if_else(condition, a, b) for a, b in zip(vars(one).values(), vars(other).values(), strict=True)]
+    )
 
 
 def _nth(order: int) -> str:
@@ -214,8 +237,11 @@ def _derivative(row: OutputRow, order: int, about: str = "") -> Quantity:
     return quantity(derivative_name(row.name, order), derivative_unit(row.unit, order), about)
 
 
-def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequence[ca.SX], h: ca.SX, rate: ca.SX) -> ca.SX:
-    """Return the virtual input v from outputs h and their derivatives, with gains and references in order, row by row."""
+def outer_loop(
+    degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequence[ca.SX], h: ca.SX, rate: ca.SX
+) -> ca.SX:
+    """Return the virtual input v from outputs h and their derivatives,
+    with gains and references in order, row by row."""
     gain, desired, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
     v = []
     for k, y in zip(degree, ca.vertsplit(h), strict=True):
@@ -225,7 +251,8 @@ def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequenc
     return ca.vertcat(*v)
 
 
-GAINS = ("kp", "kd", "ka", "kj", "ks", "kc")  # on the error of the derivative of order 0, 1, ...; kv for relative degree 1
+# On the error of the derivative of order 0, 1, ...; kv for relative degree 1
+GAINS = ("kp", "kd", "ka", "kj", "ks", "kc")
 ORDINAL = ("", "rate", *(f"{nth} derivative" for nth in ("second", "third", "fourth", "fifth", "sixth")))
 SHORT_GAINS = ("kv", *GAINS)
 
@@ -236,13 +263,15 @@ def gain_names(degree: int) -> tuple[str, ...]:
 
 
 def default_gains(degree: int) -> list[float]:
-    """Return default gains of a chain: a pole at -2 1/s; from degree 2 on one at -0.5 1/s, and all others at -2 1/s."""
+    """Return default gains of a chain: a pole at -2 1/s; from degree 2 on one at -0.5 1/s,
+    and all others at -2 1/s."""
     poles = [-2.0] * degree if degree < 2 else [-0.5, *[-2.0] * (degree - 1)]
     return polynomial.polyfromroots(poles)[:-1].tolist()
 
 
 def _outer_loop_symbols(linearization: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...]]:
-    """Return gains and references of every row. The paper's gains are illegible in the scan: 1, 2.5 and 2 are assumed."""
+    """Return gains and references of every row. The paper's gains are illegible in the scan: 1,
+    2.5 and 2 are assumed."""
     gains: list[Quantity] = []
     reference: list[Quantity] = []
     for row, degree in zip(linearization.output.rows, linearization.relative_degree, strict=True):
@@ -252,5 +281,9 @@ def _outer_loop_symbols(linearization: Linearization) -> tuple[tuple[Quantity, .
             reference.append(_derivative(row, order, f"desired {meaning}"))
         for order, (gain, default) in enumerate(zip(gain_names(degree), default_gains(degree), strict=True)):
             meaning = f"{name} error" if order == 0 else f"error of the {ORDINAL[order]} of {name}"
-            gains.append(quantity(f"{gain}_{name}", derivative_unit("1", degree - order), meaning, default, "nonnegative"))
+            gains.append(
+                quantity(
+                    f"{gain}_{name}", derivative_unit("1", degree - order), meaning, default, "nonnegative"
+                )
+            )
     return tuple(gains), tuple(reference)

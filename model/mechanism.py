@@ -1,7 +1,7 @@
 """A mechanical system with rolling constraints, described once: paper equations (2) and (8).
 
-The user names coordinates and parameters, adds the energy of each body, states which velocities vanish where something rolls, and
-where the inputs act. M, V, A and E follow by CasADi's differentiation.
+The user names coordinates and parameters, adds the energy of each body, states which velocities vanish where
+something rolls, and where the inputs act. M, V, A and E follow by CasADi's differentiation.
 """
 
 import math
@@ -54,7 +54,9 @@ class Quantity:
         try:
             number = float(value)
         except OverflowError as error:
-            raise ModelError(f"{place}{self.name} = {str(value)[:12]}... is too large for a number") from error
+            raise ModelError(
+                f"{place}{self.name} = {str(value)[:12]}... is too large for a number"
+            ) from error
         if not math.isfinite(number):
             raise ModelError(f"{place}{self.name} = {number} is not finite")
         holds, required = SIGNS[self.sign]
@@ -65,15 +67,19 @@ class Quantity:
 
 
 def quantity(name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
-    """Return a Quantity with a new symbol. Raises ModelError for a name that is invalid in C or Python, or an unknown sign."""
+    """Return a Quantity with a new symbol. Raises ModelError for a name that is invalid in C or Python,
+    or an unknown sign."""
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or is_reserved(name):
         raise ModelError(
-            f"name {name!r} cannot be used in C: use letters, digits and _ only, no keyword of C, C++ or Python, no macro of the "
-            f"standard headers, no name that begins with noslip_; call it {similar(str(name))}, for instance"
+            f"name {name!r} cannot be used in C: use letters, digits and _ only, no keyword of C, C++ or "
+            "Python, no macro of the standard headers, no name that begins with noslip_; call it "
+            f"{similar(str(name))}, for instance"
         )
     for text, label in ((unit, "unit"), (about, "about")):
         if not isinstance(text, str) or not text.isprintable() or "*/" in text:
-            raise ModelError(f"{name}: {label} {text!r} must be text on one line that is valid in a C comment")
+            raise ModelError(
+                f"{name}: {label} {text!r} must be text on one line that is valid in a C comment"
+            )
     if sign not in tuple(SIGNS):
         raise ModelError(f"{name}: sign {sign!r} is not one of {', '.join(SIGNS)}")
     new = Quantity(name, unit, about, sign=sign, symbol=ca.SX.sym(name))
@@ -93,13 +99,17 @@ def per_second(unit: str) -> str:
     return f"{base}/s^{int(power[1:] or 1) + 1}"
 
 
-DERIVATIVES = ("", "_rate", "_acceleration", "_jerk", "_snap", "_crackle", "_pop")  # what follows the name, by order
+# What follows the name, by order
+DERIVATIVES = ("", "_rate", "_acceleration", "_jerk", "_snap", "_crackle", "_pop")
 
 
 def derivative_name(name: str, order: int) -> str:
     """Return the name of a time derivative. Raises ModelError for an order without a name."""
     if order >= len(DERIVATIVES):
-        raise ModelError(f"{name}: its derivative of order {order} is needed; names exist up to order {len(DERIVATIVES) - 1}")
+        raise ModelError(
+            f"{name}: its derivative of order {order} is needed; names exist up to order "
+            f"{len(DERIVATIVES) - 1}"
+        )
     return name + DERIVATIVES[order]
 
 
@@ -164,15 +174,15 @@ def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str
 def _before_reduction(
     method: Callable[Concatenate["Mechanism", Arguments], Result],
 ) -> Callable[Concatenate["Mechanism", Arguments], Result]:
-    """Decorate a method that changes a robot's equations: it raises ModelError after these have been reduced."""
+    """Decorate a method that changes a robot's equations: it raises ModelError after these have been
+    reduced."""
 
     @wraps(method)
     def checked(self: "Mechanism", /, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
         if self.reduced:
             raise ModelError(
-                f"{self.name}: {method.__name__} was called after the robot was reduced, and laws and plants depend on the "
-                "result; "
-                "add everything before, or build a new Mechanism"
+                f"{self.name}: {method.__name__} was called after the robot was reduced, and laws and plants "
+                "depend on the result; add everything before, or build a new Mechanism"
             )
         return method(self, *arguments, **named)
 
@@ -182,10 +192,11 @@ def _before_reduction(
 class Mechanism:
     """Lagrangian, rolling constraints and inputs of one robot.
 
-    n coordinates q, m constraints A(q) qdot = 0, r inputs tau: M(q) qddot + V(q, qdot) = E(q) tau - A(q)' lambda  (8).
+    n coordinates q, m constraints A(q) qdot = 0, r inputs tau: M(q) qddot + V(q, qdot) = E(q) tau - A(q)'
+    lambda  (8).
 
-    `reduced` is true after `reduce` has formed its equations (10). From then on only outputs can be added, because robots found
-    by name are shared and what is derived from them is cached.
+    `reduced` is true after `reduce` has formed its equations (10). From then on only outputs can be added,
+    because robots found by name are shared and what is derived from them is cached.
     """
 
     def __init__(self, name: str, about: str = ""):
@@ -221,7 +232,7 @@ class Mechanism:
         self._kinetic = ca.SX(0)
         self._potential = ca.SX(0)
 
-    # -- methods for the user -----------------------------------------------------------------------------------
+    # -- methods for the user --------------------------------------------------------------------------------
 
     @_before_reduction
     def coordinate(self, name: str, unit: str, about: str = "") -> ca.SX:
@@ -233,14 +244,16 @@ class Mechanism:
         return q.symbol
 
     @_before_reduction
-    def parameter(self, name: str, default: float, unit: str, about: str = "", sign: str = "positive") -> ca.SX:
+    def parameter(
+        self, name: str, default: float, unit: str, about: str = "", sign: str = "positive"
+    ) -> ca.SX:
         """Add a physical parameter (SI) and return its symbol; `sign` is positive, nonnegative or any."""
         self.parameters.append(self._new(name, unit, about, default, sign))
         return self.parameters[-1].symbol
 
     def rate(self, expression: ca.SX) -> ca.SX:
-        """Return the time derivative of an expression in the coordinates, along qdot. Raises ModelError if the expression has
-        jumps.
+        """Return the time derivative of an expression in the coordinates, along qdot. Raises ModelError if
+        the expression has jumps.
         """
         where = "rate of an expression"
         position = self._smooth(self._at_rest(matrix(expression, f"{self.name}: rate"), where), where)
@@ -263,23 +276,39 @@ class Mechanism:
         yaw_rate: ca.SX,
         height: ca.SX | float = 0.0,
     ) -> None:
-        """Add a rigid body in the plane by the velocity (m/s) of its centre of mass along its own axes and its yaw rate (rad/s).
+        """Add a rigid body in the plane by the velocity (m/s) of its centre of mass along its own axes and
+        its yaw rate (rad/s).
 
-        `height` (m) is that of its centre of mass above the ground, which moves load between contacts; 0: not known.
+        `height` (m) is that of its centre of mass above the ground, which moves load between contacts; 0: not
+        known.
 
-        The energy is that of kinetic_energy(mass (forward^2 + left^2) / 2 + inertia yaw_rate^2 / 2). If the velocities of each
-        body are written in terms of those of the body before it, the reduced equations are formed body by body, at a cost that
-        grows linearly along a chain. `reduce` raises ModelError unless the velocities are along axes that turn at the yaw rate.
+        The energy is that of kinetic_energy(mass (forward^2 + left^2) / 2 + inertia yaw_rate^2 / 2). If the
+        velocities of each body are written in terms of those of the body before it, the reduced equations are
+        formed body by body, at a cost that grows linearly along a chain. `reduce` raises ModelError unless
+        the velocities are along axes that turn at the yaw rate.
         """
         quantity(name, "")
         refuse_twice([*(b.name for b in self.bodies), name], f"{self.name}, bodies")
-        entries = {"mass": mass, "inertia": inertia, "forward": forward, "left": left, "yaw_rate": yaw_rate, "height": height}
+        entries = {
+            "mass": mass,
+            "inertia": inertia,
+            "forward": forward,
+            "left": left,
+            "yaw_rate": yaw_rate,
+            "height": height,
+        }
         places = {key: f"body {name!r}, {key}" for key in entries}
         body = Body(
-            name, **{key: self._smooth(self._scalar(x, places[key]), places[key], bends=False) for key, x in entries.items()}
+            name,
+            **{
+                key: self._smooth(self._scalar(x, places[key]), places[key], bends=False)
+                for key, x in entries.items()
+            },
         )
         if ca.depends_on(ca.vertcat(body.mass, body.inertia, body.height), ca.vertcat(self.q, self.qdot)):
-            raise ModelError(f"{self.name}: body {name!r}: mass, inertia and height must be parameters or numbers")
+            raise ModelError(
+                f"{self.name}: body {name!r}: mass, inertia and height must be parameters or numbers"
+            )
         self.bodies.append(body)
         self._forget()
 
@@ -302,8 +331,9 @@ class Mechanism:
 
     @_before_reduction
     def rolls(self, name: str, velocity: ca.SX, surface: ca.SX | float = 0.0) -> None:
-        """Add a constraint (2): this velocity, linear in the rates, is zero; or equal to that of the `surface` on which something
-        rolls, in coordinates and parameters, at the point of contact and in the same direction: a belt, a turntable.
+        """Add a constraint (2): this velocity, linear in the rates, is zero; or equal to that of the
+        `surface` on which something rolls, in coordinates and parameters, at the point of contact and in the
+        same direction: a belt, a turntable.
 
         A drive keeps the surface at its speed, whatever the robot does.
         """
@@ -316,18 +346,21 @@ class Mechanism:
 
     @_before_reduction
     def ground_moves(self, /, **rates: ca.SX | float) -> None:
-        """Let all constraints hold on ground that moves: a robot at rest on it has these `rates` of coordinates, by their names,
-        in coordinates and parameters; the others' are zero. Adds A rates to the velocities b of the surfaces.
+        """Let all constraints hold on ground that moves: a robot at rest on it has these `rates` of
+        coordinates, by their names, in coordinates and parameters; the others' are zero. Adds A rates to the
+        velocities b of the surfaces.
 
-        A belt along x: ground_moves(x=speed); a turntable: ground_moves(x=-Omega * y, y=Omega * x, phi=Omega). Constraints may
-        be added before and after. Raises ModelError for a coordinate that is not one of the robot's, is moved already, or is
-        given (`time`, `given`).
+        A belt along x: ground_moves(x=speed); a turntable: ground_moves(x=-Omega * y, y=Omega * x,
+        phi=Omega). Constraints may be added before and after. Raises ModelError for a coordinate that is not
+        one of the robot's, is moved already, or is given (`time`, `given`).
         """
         refuse_unknown(rates, [c.name for c in self.coordinates], f"{self.name}: ground_moves")
         if given := [name for name in rates if name in self._known]:
             raise ModelError(f"{self.name}: ground_moves: {given[0]} is given; the ground cannot move it")
         if twice := [name for name in rates if name in self._ground]:
-            raise ModelError(f"{self.name}: ground_moves: {twice[0]} is moved already; add the rates and call it once")
+            raise ModelError(
+                f"{self.name}: ground_moves: {twice[0]} is moved already; add the rates and call it once"
+            )
         where = "ground_moves, rate"
         self._ground |= {
             name: self._smooth(self._at_rest(self._scalar(rate, f"{where} of {name}"), where), where)
@@ -336,16 +369,18 @@ class Mechanism:
         self._forget()
 
     def time(self, name: str = "t") -> ca.SX:
-        """Add the time, s, for what moves as a known function of it; return its symbol. It is a coordinate with the rate 1."""
+        """Add the time, s, for what moves as a known function of it;
+        return its symbol. It is a coordinate with the rate 1."""
         t = self.coordinate(name, "s", "time")
         self._knows(name, f"{name} is the time", 1.0)
         return t
 
     def given(self, name: str, unit: str, about: str = "") -> ca.SX:
-        """Add a known function of time; return its symbol. Its value and its rate are coordinates, which every state contains.
+        """Add a known function of time; return its symbol. Its value and its rate are coordinates, which
+        every state contains.
 
-        The law takes both from the state at each step. In a simulation they follow the function of [given] in the SPEC; without
-        one the rate stays as it is at the start.
+        The law takes both from the state at each step. In a simulation they follow the function of [given] in
+        the SPEC; without one the rate stays as it is at the start.
         """
         value = self.coordinate(name, unit, about)
         self.givens.append(name)
@@ -373,20 +408,32 @@ class Mechanism:
     ) -> None:
         """Add an input (force or torque) with the power input * `on`: a column of E(q).
 
-        With more inputs than n-m, many inputs give the same motion (12). Of these the law chooses those with the smallest sum of
-        weight (input - preferred)^2; their difference affects only the constraint forces (8). `weight` is a positive number or
-        an expression in parameters; `preferred`, in the unit of the input, may also depend on coordinates and rates.
-        `wanted` is the former name of `preferred` and is deprecated. Raises ModelError for an invalid weight, and if both names
-        are given.
+        With more inputs than n-m, many inputs give the same motion (12). Of these the law chooses those with
+        the smallest sum of weight (input - preferred)^2; their difference affects only the constraint forces
+        (8). `weight` is a positive number or an expression in parameters; `preferred`, in the unit of the
+        input, may also depend on coordinates and rates. `wanted` is the former name of `preferred` and is
+        deprecated. Raises ModelError for an invalid weight, and if both names are given.
         """
         new, where = self._column(name, unit, about), f"input {name!r}"
         if wanted is not None:
             if not (isinstance(preferred, int | float) and preferred == 0):
-                raise ModelError(f"{self.name}: {where}: give `preferred` or, as in older versions, `wanted`, not both")
+                raise ModelError(
+                    f"{self.name}: {where}: give `preferred` or, as in older versions, `wanted`, not both"
+                )
             preferred = wanted
-        weight, preferred = self._scalar(weight, f"{where}, weight"), self._scalar(preferred, f"{where}, preferred")
-        if ca.depends_on(weight, ca.vertcat(self.q, self.qdot)) or weight.is_constant() and not 0 < float(weight) < math.inf:
-            raise ModelError(f"{self.name}: {where}: weight {weight} must be a positive number or an expression in parameters")
+        weight, preferred = (
+            self._scalar(weight, f"{where}, weight"),
+            self._scalar(preferred, f"{where}, preferred"),
+        )
+        if (
+            ca.depends_on(weight, ca.vertcat(self.q, self.qdot))
+            or weight.is_constant()
+            and not 0 < float(weight) < math.inf
+        ):
+            raise ModelError(
+                f"{self.name}: {where}: weight {weight} must be a positive number or an expression in "
+                "parameters"
+            )
         if preferred.is_constant() and not math.isfinite(float(preferred)):
             raise ModelError(f"{self.name}: {where}: preferred {preferred} is not finite")
         self._actuation.append(self._velocity(on, where))
@@ -397,11 +444,13 @@ class Mechanism:
 
     @_before_reduction
     def quasi_velocity(self, name: str, unit: str, expression: ca.SX, about: str = "") -> None:
-        """Choose a quasi-velocity nu_i as an expression linear in the rates; all of them together determine S(q) (9)."""
+        """Choose a quasi-velocity nu_i as an expression linear in the rates;
+        all of them together determine S(q) (9)."""
         new = self._column(name, unit, about)
         if self._null_space is not None:
             raise ModelError(
-                f"{self.name}: quasi-velocity {name!r} after null_space, which defines them all; use one or the other"
+                f"{self.name}: quasi-velocity {name!r} after null_space, which defines them all; use one or "
+                "the other"
             )
         self._quasi_expressions.append(self._velocity(expression, f"quasi-velocity {name!r}"))
         self.quasi_velocities.append(new)
@@ -412,12 +461,14 @@ class Mechanism:
         """Set S(q), n x (n-m), directly; `names` maps the name of each quasi-velocity to its unit."""
         if not isinstance(names, Mapping):
             raise ModelError(
-                f"{self.name}: null_space requires the names of the quasi-velocities with their units, not {names!r}"
+                f"{self.name}: null_space requires the names of the quasi-velocities with their units, not "
+                f"{names!r}"
             )
         velocities = [self._column(name, unit) for name, unit in names.items()]
         if self.quasi_velocities:
             raise ModelError(
-                f"{self.name}: null_space after quasi-velocity {self.quasi_velocities[0].name!r}; use one or the other, once"
+                f"{self.name}: null_space after quasi-velocity {self.quasi_velocities[0].name!r}; use one or "
+                "the other, once"
             )
         S = matrix(S, f"{self.name}: S")
         refuse_unsupported(S, f"{self.name}: S")
@@ -426,7 +477,8 @@ class Mechanism:
 
     @_before_reduction
     def moves_in_plane(self, x: ca.SX, y: ca.SX, heading: ca.SX) -> None:
-        """Define the pose of the vehicle, for output Types I to IV: a point (m) and a heading (rad, from the x axis)."""
+        """Define the pose of the vehicle, for output Types I to IV: a point (m) and a heading (rad,
+        from the x axis)."""
         places = {"x": x, "y": y, "heading": heading}
         for name, place in places.items():
             where = f"the vehicle's {name}"
@@ -444,44 +496,54 @@ class Mechanism:
         ahead: ca.SX | float = 0.0,
         wheels: Sequence[tuple[ca.SX | float, ca.SX | float]] = (),
     ) -> None:
-        """Define a contact with the ground, so that the forces there can be compared with the limit of friction.
+        """Define a contact with the ground, so that the forces there can be compared with the limit of
+        friction.
 
-        `along` and `across` are the velocity (m/s) of the contact point over the ground, forward and to the left; the constraints
-        keep them zero by a force (N) in that direction. None means no force in that direction. `mass` (kg) rests on the
-        contact; `left` (m) is its position to the left of the vehicle's centre line, `ahead` (m) that ahead of any point of it,
-        which is required with `support` and for contacts on several lines. No equation of motion depends on this.
+        `along` and `across` are the velocity (m/s) of the contact point over the ground, forward and to the
+        left; the constraints keep them zero by a force (N) in that direction. None means no force in that
+        direction. `mass` (kg) rests on the contact; `left` (m) is its position to the left of the vehicle's
+        centre line, `ahead` (m) that ahead of any point of it, which is required with `support` and for
+        contacts on several lines. No equation of motion depends on this.
 
-        `wheels`: places (ahead, left) of the wheels that the contact stands for, all turned by its coordinate, such as those of
-        one side of a robot that steers by skidding. The engine has each of them, with an equal part of the mass.
+        `wheels`: places (ahead, left) of the wheels that the contact stands for, all turned by its
+        coordinate, such as those of one side of a robot that steers by skidding. The engine has each of them,
+        with an equal part of the mass.
         """
         if along is None and across is None:
             raise ModelError(
-                f"{self.name}: contact {name!r} requires a velocity along or across that the constraints keep zero; use support "
-                "for one without friction"
+                f"{self.name}: contact {name!r} requires a velocity along or across that the constraints "
+                "keep zero; use support for one without friction"
             )
         new = self._contact("contact", name, along, across, (mass, left, ahead))
         where = f"contact {name!r}, wheels"
-        places = [ca.vertcat(*[self._at_rest(self._scalar(part, where), where) for part in place]) for place in wheels]
+        places = [
+            ca.vertcat(*[self._at_rest(self._scalar(part, where), where) for part in place])
+            for place in wheels
+        ]
         self.contacts.append(replace(new, wheels=tuple(places)))
         self._forget()
 
     @_before_reduction
     def support(self, name: str, mass: ca.SX, ahead: ca.SX | float, left: ca.SX | float = 0.0) -> None:
-        """Define a contact without friction, such as a castor: it carries `mass` (kg) at rest and keeps no velocity.
+        """Define a contact without friction, such as a castor: it carries `mass` (kg) at rest and keeps no
+        velocity.
 
-        `ahead` and `left` (m) are its position, from the same point as those of the contacts. A robot with supports names all
-        that it stands on, on one frame: accelerating, it moves load forward and back too, and a support that would lift is
-        not accepted by the limiter of friction. No equation of motion depends on this.
+        `ahead` and `left` (m) are its position, from the same point as those of the contacts. A robot with
+        supports names all that it stands on, on one frame: accelerating, it moves load forward and back too,
+        and a support that would lift is not accepted by the limiter of friction. No equation of motion
+        depends on this.
         """
         self.supports.append(self._contact("support", name, None, None, (mass, left, ahead)))
         self._forget()
 
-    def output(self, name: str, about: str, rows: Sequence[tuple[Any, ...]], parameters: Sequence[Quantity] = ()) -> None:
-        """Add a user-defined output map (14), which becomes a law of this name: n-m rows (name, unit, expression, about), or with
-        fewer inputs than n-m as many as inputs.
+    def output(
+        self, name: str, about: str, rows: Sequence[tuple[Any, ...]], parameters: Sequence[Quantity] = ()
+    ) -> None:
+        """Add a user-defined output map (14), which becomes a law of this name: n-m rows (name, unit,
+        expression, about), or with fewer inputs than n-m as many as inputs.
 
-        An expression may contain coordinates, rates (`rate`), parameters, and the additional `parameters` of the map
-        (`noslip.model.config`). Types I to IV are available without this call.
+        An expression may contain coordinates, rates (`rate`), parameters, and the additional `parameters` of
+        the map (`noslip.model.config`). Types I to IV are available without this call.
         """
         where = f"{self.name}, output {name!r}"
         quantity(name, "", about)
@@ -493,15 +555,18 @@ class Mechanism:
                 raise ModelError(f"{where}: row {k + 1} must be (name, unit, expression, about)")
             label, unit, expression, meaning = (*row, "")[:4]
             place = f"output {name!r}, {label}"
-            checked.append((quantity(label, unit, meaning), self._smooth(self._scalar(expression, place), place)))
+            checked.append(
+                (quantity(label, unit, meaning), self._smooth(self._scalar(expression, place), place))
+            )
         if not all(isinstance(parameter, Quantity) for parameter in parameters):
             raise ModelError(f"{where}: parameters must be created with config(name, default, unit, about)")
         self.outputs.append(Output(name, about, tuple(checked), tuple(parameters)))
 
     def principal_inertias(self, *inertias: ca.SX) -> None:
-        """Declare that three parameters are the principal inertias (kg m^2) of one rigid body, such as (I, J, J) of a wheel with
-        I about its axle and J about any diameter. Fits of parameters keep each at most the sum of the other two; no equation
-        depends on this. With a geared motor, whose inertia counts by the square of the ratio, a wheel is no rigid body.
+        """Declare that three parameters are the principal inertias (kg m^2) of one rigid body, such as (I, J,
+        J) of a wheel with I about its axle and J about any diameter. Fits of parameters keep each at most the
+        sum of the other two; no equation depends on this. With a geared motor, whose inertia counts by the
+        square of the ratio, a wheel is no rigid body.
 
         Raises ModelError unless they are three parameters, whose defaults are those of a body.
         """
@@ -509,29 +574,39 @@ class Mechanism:
         found = [names.get(symbol.element_hash()) for symbol in map(ca.SX, inertias) if symbol.is_symbolic()]
         known = [p for p in found if p]
         if len(inertias) != 3 or len(known) != 3:
-            raise ModelError(f"{self.name}: principal_inertias requires three parameters; one may be given twice")
+            raise ModelError(
+                f"{self.name}: principal_inertias requires three parameters; one may be given twice"
+            )
         values = [p.default for p in known]
         if 2 * max(values) > sum(values) * (1 + 1e-9):
             text = ", ".join(f"{p.name} = {p.default:g}" for p in known)
-            raise ModelError(f"{self.name}: no body has the principal inertias {text} kg m^2: one exceeds the sum of the others")
+            raise ModelError(
+                f"{self.name}: no body has the principal inertias {text} kg m^2: one exceeds the sum of the "
+                "others"
+            )
         self.inertias.append((known[0].name, known[1].name, known[2].name))
 
     def draws(self, *lines: Sequence[tuple[ca.SX | float, ca.SX | float]]) -> None:
-        """Declare how the robot looks from above: lines through points (x, y), m, in coordinates and parameters.
+        """Declare how the robot looks from above: lines through points (x, y), m, in coordinates and
+        parameters.
 
-        A line that ends where it begins is the outline of a body, a line of two points is a wheel. Plots show `lines`, each
-        (2, points); no equation depends on them. `noslip.model.drawing` has functions for boxes and wheels.
+        A line that ends where it begins is the outline of a body, a line of two points is a wheel. Plots show
+        `lines`, each (2, points); no equation depends on them. `noslip.model.drawing` has functions for boxes
+        and wheels.
         """
         where = f"the points of line {len(self.lines) + 1} of the drawing"
         for line in lines:
-            points = [ca.vertcat(*[self._at_rest(self._scalar(value, where), where) for value in point]) for point in line]
+            points = [
+                ca.vertcat(*[self._at_rest(self._scalar(value, where), where) for value in point])
+                for point in line
+            ]
             self.lines.append(ca.horzcat(*points))
 
-    # -- derived quantities -------------------------------------------------------------------------------------
+    # -- derived quantities ----------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> ca.SX:
-        """Return the symbol of a coordinate or parameter by name, for robots built on this one. Raises ModelError for unknown
-        names.
+        """Return the symbol of a coordinate or parameter by name, for robots built on this one. Raises
+        ModelError for unknown names.
         """
         for each in (*self.coordinates, *self.parameters):
             if each.name == name:
@@ -542,7 +617,10 @@ class Mechanism:
     def required_vehicle(self) -> "Vehicle":
         """Return the pose of the vehicle. Raises ModelError for a robot that does not define it."""
         if self.vehicle is None:
-            raise ModelError(f"{self.name}: Types I to IV require the pose of the vehicle; call moves_in_plane(x, y, heading)")
+            raise ModelError(
+                f"{self.name}: Types I to IV require the pose of the vehicle; call moves_in_plane(x, y, "
+                "heading)"
+            )
         return self.vehicle
 
     def coordinate_numbers(self, expressions: Iterable[ca.SX]) -> list[int]:
@@ -567,7 +645,8 @@ class Mechanism:
         return ca.vertcat(*[p.symbol for p in self.parameters])
 
     def parameter_values(self, given: Mapping[str, float], where: str = "parameters") -> list[float]:
-        """Return the value of every parameter, with defaults filled in; raises ModelError as `values_of` does."""
+        """Return the value of every parameter, with defaults filled in;
+        raises ModelError as `values_of` does."""
         return values_of(self.parameters, given, where)
 
     @cached_property
@@ -588,7 +667,10 @@ class Mechanism:
     def A(self) -> ca.SX:
         """Constraint matrix (2), m x n."""
         return self._rows(
-            {f"constraint {name!r}": row for name, row in zip(self.constraint_names, self._constraints, strict=True)}
+            {
+                f"constraint {name!r}": row
+                for name, row in zip(self.constraint_names, self._constraints, strict=True)
+            }
         )
 
     @cached_property
@@ -607,7 +689,8 @@ class Mechanism:
 
     @property
     def why_carried(self) -> str:
-        """Why nu alone does not say how the robot moves, qdot = S nu + s with s other than zero; empty if it does.
+        """Why nu alone does not say how the robot moves, qdot = S nu + s with s other than zero; empty if it
+        does.
 
         The reason with which all refuse such a robot that take its motion from the velocities of its wheels.
         """
@@ -622,12 +705,19 @@ class Mechanism:
     @cached_property
     def E(self) -> ca.SX:
         """Input matrix (8), n x r."""
-        return self._rows({f"input {u.name!r}": row for u, row in zip(self.inputs, self._actuation, strict=True)}).T
+        return self._rows(
+            {f"input {u.name!r}": row for u, row in zip(self.inputs, self._actuation, strict=True)}
+        ).T
 
     @cached_property
     def contact_rows(self) -> ca.SX:
-        """Velocities along and across at each contact in turn, as rows J(q) with velocities = J qdot, 2 c x n."""
-        pairs = {f"contact {c.name!r}, {way}": getattr(c, way) for c in self.contacts for way in ("along", "across")}
+        """Velocities along and across at each contact in turn, as rows J(q) with velocities = J qdot,
+        2 c x n."""
+        pairs = {
+            f"contact {c.name!r}, {way}": getattr(c, way)
+            for c in self.contacts
+            for way in ("along", "across")
+        }
         return self._rows(pairs) if pairs else ca.SX(0, len(self.coordinates))
 
     @cached_property
@@ -650,14 +740,16 @@ class Mechanism:
 
     @property
     def height(self) -> ca.SX:
-        """Height of the centre of mass of the bodies whose height is known, m, in parameters; 0 if there are none."""
+        """Height of the centre of mass of the bodies whose height is known, m, in parameters;
+        0 if there are none."""
         known = [body for body in self.bodies if not body.height.is_zero()]
         mass = sum((body.mass for body in known), ca.SX(0))
         return sum((body.mass * body.height for body in known), ca.SX(0)) / mass if known else ca.SX(0)
 
     @property
     def places_named(self) -> bool:
-        """Whether loads follow from the places of all contacts: there are supports, or contacts on more than one line."""
+        """Whether loads follow from the places of all contacts: there are supports,
+        or contacts on more than one line."""
         return bool(self.supports) or any(not contact.ahead.is_zero() for contact in self.contacts)
 
     @property
@@ -692,7 +784,8 @@ class Mechanism:
 
     @property
     def rest(self) -> tuple[ca.SX, ca.SX]:
-        """Mass matrix, n x n, and V, n x 1, of the energies that do not belong to a `body`; without forces."""
+        """Mass matrix, n x n, and V, n x 1, of the energies that do not belong to a `body`;
+        without forces."""
         M = ca.hessian(self._kinetic, self.qdot)[0]
         return canonical(M), canonical(self._coriolis(self._kinetic) + ca.gradient(self._potential, self.q))
 
@@ -701,30 +794,42 @@ class Mechanism:
         return self._total_kinetic + self._potential
 
     def check(self) -> None:
-        """Raise ModelError for anything that makes the method inapplicable and that can be seen without numerical values."""
+        """Raise ModelError for anything that makes the method inapplicable and that can be seen without
+        numerical values."""
         if not self.coordinates:
             raise ModelError(f"{self.name}: no coordinates; add them with coordinate(name, unit)")
         if not self._constraints:
-            raise ModelError(f"{self.name}: no constraints; add them with rolls(name, velocity) or holds(name, position)")
+            raise ModelError(
+                f"{self.name}: no constraints; add them with rolls(name, velocity) or holds(name, position)"
+            )
         if not self.inputs:
             raise ModelError(f"{self.name}: no inputs; add them with input(name, unit, on=velocity)")
         if self.carried and self.bodies:
-            raise ModelError(f"{self.name}: body(...) does not go with a moving surface yet; use kinetic_energy(...)")
+            raise ModelError(
+                f"{self.name}: body(...) does not go with a moving surface yet; use kinetic_energy(...)"
+            )
         symbols = ca.vertcat(self.q, self.qdot, self.p)
         for where, expression in self._everything():
-            refuse_strangers(expression, symbols, f"{self.name}: {where}", "coordinate, rate or parameter of it")
+            refuse_strangers(
+                expression, symbols, f"{self.name}: {where}", "coordinate, rate or parameter of it"
+            )
         still = ca.SX.zeros(len(self.coordinates))
         kinetic = self._total_kinetic
         rest = ca.substitute(ca.vertcat(kinetic, ca.gradient(kinetic, self.qdot)), self.qdot, still)
         quadratic = _is_polynomial(kinetic, self.qdot) and ca.jacobian(self.M, self.qdot).is_zero()
         if not quadratic or not self._simple(rest).is_zero():
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
-        _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each raises unless linear in the rates
+        # Each raises unless linear in the rates
+        _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)
 
     def declared(self) -> str:
         """Return all that was declared, as text: robots with equal texts are equal."""
-        derived = {name for name, value in vars(Mechanism).items() if isinstance(value, cached_property)} | {"reduced"}
-        return "\n".join(f"{name} {_described(value)}" for name, value in vars(self).items() if name not in derived)
+        derived = {name for name, value in vars(Mechanism).items() if isinstance(value, cached_property)} | {
+            "reduced"
+        }
+        return "\n".join(
+            f"{name} {_described(value)}" for name, value in vars(self).items() if name not in derived
+        )
 
     @property
     def names(self) -> list[str]:
@@ -732,15 +837,15 @@ class Mechanism:
         groups = (self.coordinates, self.velocities, self.parameters, self.inputs, self.quasi_velocities)
         return [each.name for group in groups for each in group]
 
-    # -- internal -----------------------------------------------------------------------------------------------
+    # -- internal --------------------------------------------------------------------------------------------
 
     @property
     def _total_kinetic(self) -> ca.SX:
         return sum((body.kinetic_energy for body in self.bodies), start=self._kinetic)
 
     def _simple(self, matrix: ca.SX) -> ca.SX:
-        """Return the matrix simplified; unchanged if there are bodies, because the expanded matrix of a long chain is too
-        large.
+        """Return the matrix simplified; unchanged if there are bodies, because the expanded matrix of a long
+        chain is too large.
         """
         return ca.sparsify(matrix) if self.bodies else canonical(matrix)
 
@@ -762,7 +867,10 @@ class Mechanism:
             ("the preferred value of an input", self.preferred),
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
-            *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left, c.ahead, *c.wheels)) for c in self.standing],
+            *[
+                (f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left, c.ahead, *c.wheels))
+                for c in self.standing
+            ],
             *[(f"body {body.name!r}, height", body.height) for body in self.bodies],
             *([("S", self._null_space)] if self._null_space is not None else []),
             *[("a line of the drawing", line) for line in self.lines],
@@ -770,7 +878,8 @@ class Mechanism:
         ]
 
     def _rows(self, velocities: Mapping[str, ca.SX]) -> ca.SX:
-        """Return the matrix R(q) with velocities = R qdot. Raises ModelError if one is not linear in the rates."""
+        """Return the matrix R(q) with velocities = R qdot. Raises ModelError if one is not linear in the
+        rates."""
         stacked = ca.vertcat(*velocities.values())
         rows = self._simple(ca.jacobian(stacked, self.qdot))
         rest = self._simple(ca.substitute(stacked, self.qdot, ca.SX.zeros(len(self.coordinates))))
@@ -781,14 +890,23 @@ class Mechanism:
         return rows
 
     def _contact(
-        self, kind: str, name: str, along: ca.SX | None, across: ca.SX | None, entries: tuple[ca.SX | float, ...]
+        self,
+        kind: str,
+        name: str,
+        along: ca.SX | None,
+        across: ca.SX | None,
+        entries: tuple[ca.SX | float, ...],
     ) -> "Contact":
         """Return a contact or support, checked; `entries` are mass, left and ahead."""
         self._refuse_name(name, kind, [c.name for c in self.standing])
         where = f"{kind} {name!r}"
-        first, second = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
+        first, second = [
+            ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)
+        ]
         places = [f"{where}, {entry}" for entry in ("mass", "left", "ahead")]
-        m, left, ahead = [self._at_rest(self._scalar(value, at), at) for at, value in zip(places, entries, strict=True)]
+        m, left, ahead = [
+            self._at_rest(self._scalar(value, at), at) for at, value in zip(places, entries, strict=True)
+        ]
         return Contact(name, first, second, m, left, ahead)
 
     def _knows(self, coordinate: str, constraint: str, rate: ca.SX | float) -> None:
@@ -796,7 +914,9 @@ class Mechanism:
         self.rolls(constraint, self.rate(self[coordinate]), surface=rate)
         self._known[coordinate] = constraint
 
-    def _new(self, name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
+    def _new(
+        self, name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any"
+    ) -> Quantity:
         new = quantity(name, unit, about, default, sign)
         refuse_twice([*dict.fromkeys(self.names), name], self.name)
         return new
@@ -828,20 +948,23 @@ class Mechanism:
         return self._smooth(self._scalar(expression, where), where, bends=False)
 
     def _smooth(self, expression: ca.SX, where: str, bends: bool = True) -> ca.SX:
-        """Return an expression that will be differentiated. Raises ModelError for jumps, and for corners in the rates unless
-        `bends`.
+        """Return an expression that will be differentiated. Raises ModelError for jumps, and for corners in
+        the rates unless `bends`.
         """
         refuse_jumps(expression, ca.vertcat(self.q, self.qdot), f"{self.name}: {where}")
         bent = [] if bends else kinks(expression, self.qdot)
         if bent:
-            raise ModelError(f"{self.name}: {where} uses {bent[0]} of a rate; it must be a polynomial in the rates")
+            raise ModelError(
+                f"{self.name}: {where} uses {bent[0]} of a rate; it must be a polynomial in the rates"
+            )
         return expression
 
     def _at_rest(self, expression: ca.SX, where: str) -> ca.SX:
         """Return the expression. Raises ModelError if it uses rates."""
         if ca.depends_on(expression, self.qdot) if self.coordinates else False:
             raise ModelError(
-                f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and parameters"
+                f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and "
+                "parameters"
             )
         return expression
 
@@ -866,8 +989,8 @@ def _is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body in the plane: mass (kg), inertia about its centre of mass (kg m^2), velocities along its own axes, height of
-    its centre of mass (m; 0: not known)."""
+    """A rigid body in the plane: mass (kg), inertia about its centre of mass (kg m^2), velocities along its
+    own axes, height of its centre of mass (m; 0: not known)."""
 
     name: str
     mass: ca.SX
@@ -896,8 +1019,9 @@ class Vehicle:
 class Contact:
     """A contact with the ground: its velocity along and across (m/s, forward and left), both zero in rolling.
 
-    `mass` (kg) rests on it, `left` and `ahead` (m) are its position to the left of the vehicle's centre line and along it.
-    A support has no velocities. `wheels`: places (ahead, left) of those for which the contact stands; empty for one wheel.
+    `mass` (kg) rests on it, `left` and `ahead` (m) are its position to the left of the vehicle's centre line
+    and along it. A support has no velocities. `wheels`: places (ahead, left) of those for which the contact
+    stands; empty for one wheel.
     """
 
     name: str
@@ -911,7 +1035,8 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """A user-defined output map: rows as (name with unit and meaning, expression in coordinates and rates)."""
+    """A user-defined output map: rows as (name with unit and meaning,
+    expression in coordinates and rates)."""
 
     name: str
     about: str

@@ -1,7 +1,7 @@
 """Output maps y = h(q) or h(q, nu): the quantities that the controller makes follow a reference (14).
 
-Types I to IV of the paper, for any vehicle that moves in a plane. P_l is a point of the vehicle: a distance L ahead of the
-vehicle's point along its heading and, optionally, W to the left.
+Types I to IV of the paper, for any vehicle that moves in a plane. P_l is a point of the vehicle: a distance L
+ahead of the vehicle's point along its heading and, optionally, W to the left.
 """
 
 import math
@@ -15,17 +15,25 @@ from .algebra.operations import refuse_jumps, refuse_unsupported
 from .algebra.samples import Sampled
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .names import LawName, without_arclength, without_damping, without_extension, without_kinematic, without_offset
+from .names import (
+    LawName,
+    without_arclength,
+    without_damping,
+    without_extension,
+    without_kinematic,
+    without_offset,
+)
 from .paths import PATHS, SMOOTH, Path, config, course
 from .reduction import ReducedSystem, counted
 
 
 @dataclass(frozen=True, eq=False)
 class Through:
-    """An output outer(z) with z = inner(q), such as the distance of a point from a path: the chain rule in two short steps.
+    """An output outer(z) with z = inner(q), such as the distance of a point from a path: the chain rule in
+    two short steps.
 
-    If outer is an exact distance, `slope` may give its gradient with respect to z, a unit row, and `bend` the curvature of its
-    level sets.
+    If outer is an exact distance, `slope` may give its gradient with respect to z, a unit row, and `bend` the
+    curvature of its level sets.
     """
 
     symbols: ca.SX
@@ -48,14 +56,16 @@ class OutputRow:
 
     @property
     def in_motion(self) -> ca.SX:
-        """Return the expression that is differentiated along the motion: in z of a CourseFoot, if there is one."""
+        """Return the expression that is differentiated along the motion: in z of a CourseFoot,
+        if there is one."""
         return self.expression if self.of_foot is None else self.of_foot
 
 
 @dataclass(frozen=True, eq=False)
 class CourseFoot:
-    """The point of a course nearest to P_l, at `place` (m), and what moves with it, z: distance of P_l, heading relative to the
-    direction of the course, curvature and its derivatives. `values` are z as functions of q and the parameters of the course.
+    """The point of a course nearest to P_l, at `place` (m), and what moves with it, z: distance of P_l,
+    heading relative to the direction of the course, curvature and its derivatives. `values` are z as
+    functions of q and the parameters of the course.
     """
 
     place: ca.SX
@@ -72,17 +82,19 @@ class CourseFoot:
         return ca.substitute(expression, self.symbols, self.values)
 
     def up_to(self, curvatures: int) -> "CourseFoot":
-        """Return the foot without curvature and derivatives of it, but for the first of these; a curvature that is not used
-        counts as zero.
+        """Return the foot without curvature and derivatives of it, but for the first of these; a curvature
+        that is not used counts as zero.
         """
         count = 2 + max(1, curvatures)
         values = self.values[:count] if curvatures else ca.vertcat(self.values[:2], 0)
         return replace(self, symbols=self.symbols[:count], values=values)
 
     def rates(self, along: ca.SX, aside: ca.SX, turning: ca.SX) -> ca.SX:
-        """Return dz/dt from the velocity of P_l along the course and to its left (m/s), and the yaw rate of the heading.
+        """Return dz/dt from the velocity of P_l along the course and to its left (m/s), and the yaw rate of
+        the heading.
 
-        The last derivative of the curvature, which changes too, is taken to be constant: nothing that is used contains its rate.
+        The last derivative of the curvature, which changes too, is taken to be constant: nothing that is used
+        contains its rate.
         """
         distance, _, curvature, *others = ca.vertsplit(self.symbols)
         progress = along / (1 - curvature * distance)
@@ -90,19 +102,35 @@ class CourseFoot:
 
 
 FOOT = (
-    Quantity("distance", "m", "of P_l from the path, positive to the left", symbol=ca.SX.sym("foot.distance")),
-    Quantity("cosine", "1", "of the heading relative to the path's direction", symbol=ca.SX.sym("foot.cosine")),
-    Quantity("sine", "1", "of that angle, positive if the vehicle points to the left", symbol=ca.SX.sym("foot.sine")),
-    Quantity("curvature", "1/m", "of the parallel curve through P_l, positive turns left", symbol=ca.SX.sym("foot.curvature")),
+    Quantity(
+        "distance", "m", "of P_l from the path, positive to the left", symbol=ca.SX.sym("foot.distance")
+    ),
+    Quantity(
+        "cosine", "1", "of the heading relative to the path's direction", symbol=ca.SX.sym("foot.cosine")
+    ),
+    Quantity(
+        "sine",
+        "1",
+        "of that angle, positive if the vehicle points to the left",
+        symbol=ca.SX.sym("foot.sine"),
+    ),
+    Quantity(
+        "curvature",
+        "1/m",
+        "of the parallel curve through P_l, positive turns left",
+        symbol=ca.SX.sym("foot.curvature"),
+    ),
 )
-"""Position of the vehicle relative to the foot of P_l on a path: all that a law of Type IV needs to know about a path."""
+"""Position of the vehicle relative to the foot of P_l on a path:
+all that a law of Type IV needs to know about a path."""
 
 
 @dataclass(frozen=True, eq=False)
 class OutputMap:
-    """n-m outputs, or with fewer inputs as many as these, with their additional parameters. `path` is the curve followed, for
-    Type IV; `extension` allows a dynamic extension; a `kinematic` law commands quasi-velocities instead of inputs. With a `band`,
-    one of the parameters, the inverse of Phi is damped where the cosine of the angle between heading and path is less.
+    """n-m outputs, or with fewer inputs as many as these, with their additional parameters. `path` is the
+    curve followed, for Type IV; `extension` allows a dynamic extension; a `kinematic` law commands
+    quasi-velocities instead of inputs. With a `band`, one of the parameters, the inverse of Phi is damped
+    where the cosine of the angle between heading and path is less.
     """
 
     name: str
@@ -129,10 +157,11 @@ class OutputMap:
 
     @property
     def at_foot(self) -> "OutputMap | None":
-        """Return the same outputs in the frame at P_l's foot, with the parameters FOOT: y increases with the distance.
+        """Return the same outputs in the frame at P_l's foot, with the parameters FOOT: y increases with the
+        distance.
 
-        In that frame cosine and sine of the heading are those in FOOT. None unless the path defines its unit normal,
-        and with an extension.
+        In that frame cosine and sine of the heading are those in FOOT. None unless the path defines its unit
+        normal, and with an extension.
         """
         if self.path is None or self.path.unit_normal is None or self.extension:
             return None
@@ -151,8 +180,8 @@ class OutputMap:
         return replace(self, rows=tuple(rows))
 
     def check(self, system: ReducedSystem) -> None:
-        """Raise ModelError for names that are invalid in C or occur twice, and for rows that do not depend on q, nu and
-        parameters only.
+        """Raise ModelError for names that are invalid in C or occur twice, and for rows that do not depend on
+        q, nu and parameters only.
         """
         where = f"{system.mechanism.name}, output {self.name}"
         quantity(self.name, "")
@@ -167,11 +196,19 @@ class OutputMap:
             refuse_unsupported(expression, place)
             refuse_jumps(expression, system.nu, place)
             if ca.depends_on(expression, system.mechanism.qdot):
-                rates = " ".join(str(s) for s in ca.symvar(expression) if ca.depends_on(system.mechanism.qdot, s))
-                raise ModelError(
-                    f"{place} uses {rates}: write outputs in q and nu; system.along_motion(f) is the rate of f(q) in these"
+                rates = " ".join(
+                    str(s) for s in ca.symvar(expression) if ca.depends_on(system.mechanism.qdot, s)
                 )
-            refuse_strangers(expression, symbols, place, "coordinate, quasi-velocity or parameter of the robot or the output map")
+                raise ModelError(
+                    f"{place} uses {rates}: write outputs in q and nu; system.along_motion(f) is the rate of "
+                    "f(q) in these"
+                )
+            refuse_strangers(
+                expression,
+                symbols,
+                place,
+                "coordinate, quasi-velocity or parameter of the robot or the output map",
+            )
         for condition, meaning in self.conditions:
             value, place = scalar(condition, f"{where}: condition"), f"{where}: condition {meaning!r}"
             refuse_unsupported(value, place)
@@ -179,21 +216,28 @@ class OutputMap:
 
 
 def type_i(system: ReducedSystem, offset: bool = False) -> OutputMap:
-    """Return Type I: the position of P_l. With `offset`, P_l may also lie beside the axis (as for Types II to IV)."""
+    """Return Type I: the position of P_l. With `offset`, P_l may also lie beside the axis (as for Types II to
+    IV)."""
     point = body_point(offset)
-    return OutputMap(str(LawName("I")), "Type I: position of P_l", (_x(system, point), _y(system, point)), point)
+    return OutputMap(
+        str(LawName("I")), "Type I: position of P_l", (_x(system, point), _y(system, point)), point
+    )
 
 
 def type_ii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Return Type II: x of P_l and the heading."""
     point = body_point(offset)
-    return OutputMap(str(LawName("II")), "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point)
+    return OutputMap(
+        str(LawName("II")), "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point
+    )
 
 
 def type_iii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Return Type III: y of P_l and the heading."""
     point = body_point(offset)
-    return OutputMap(str(LawName("III")), "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point)
+    return OutputMap(
+        str(LawName("III")), "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point
+    )
 
 
 def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMap:
@@ -203,10 +247,14 @@ def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMa
     distance = at_point(system, point, "distance", about, path.distance, path.unit_normal)
     if path.moving:
         foot = _foot(system, point, path)
-        distance = OutputRow(distance.name, distance.unit, distance.about, distance.expression, of_foot=foot.distance)
+        distance = OutputRow(
+            distance.name, distance.unit, distance.about, distance.expression, of_foot=foot.distance
+        )
     speed = OutputRow("speed", "m/s", "forward speed", forward_speed(system))
     name, about = LawName("IV", path.kind), f"Type IV: path following, {path.about}"
-    return OutputMap(str(name), about, (distance, speed), (*point, *path.parameters), path.conditions, path, foot=foot)
+    return OutputMap(
+        str(name), about, (distance, speed), (*point, *path.parameters), path.conditions, path, foot=foot
+    )
 
 
 def _foot(system: ReducedSystem, point: tuple[Quantity, ...], path: Path) -> CourseFoot:
@@ -220,7 +268,8 @@ def _foot(system: ReducedSystem, point: tuple[Quantity, ...], path: Path) -> Cou
 
 
 def following(system: ReducedSystem, output: OutputMap) -> ReducedSystem:
-    """Return the system with the foot of the output on a course, which moves with it; the system itself if there is none.
+    """Return the system with the foot of the output on a course, which moves with it; the system itself if
+    there is none.
 
     Raises ModelError where surfaces move.
     """
@@ -233,7 +282,9 @@ def following(system: ReducedSystem, output: OutputMap) -> ReducedSystem:
     cosine, sine = ca.cos(heading), ca.sin(heading)
     ahead, left = canonical(cosine * x_rate + sine * y_rate), canonical(cosine * y_rate - sine * x_rate)
     cosine, sine = ca.cos(foot.symbols[1]), ca.sin(foot.symbols[1])
-    rates = foot.rates(cosine * ahead - sine * left, sine * ahead + cosine * left, system.along_motion(heading))
+    rates = foot.rates(
+        cosine * ahead - sine * left, sine * ahead + cosine * left, system.along_motion(heading)
+    )
     return replace(system, foot=(foot.symbols, ca.densify(ca.jacobian(rates, system.nu))))
 
 
@@ -247,22 +298,25 @@ OUTPUTS: dict[str, Callable[..., OutputMap]] = {
     },
 }
 COURSE = str(LawName("IV", "course"))
-STANDARD = OUTPUTS | {COURSE: lambda system, offset=False: type_iv(system, course(), offset)}  # those with a path that moves too
+# Those with a path that moves too
+STANDARD = OUTPUTS | {COURSE: lambda system, offset=False: type_iv(system, course(), offset)}
 
 
 def output_names(robot: Mechanism) -> tuple[str, ...]:
-    """Return the names of the output maps that this robot may have: Types I to IV, then its own. Those in OUTPUTS may have
-    `OFFSET` of names.py.
+    """Return the names of the output maps that this robot may have: Types I to IV, then its own. Those in
+    OUTPUTS may have `OFFSET` of names.py.
     """
     return (*OUTPUTS, *(output.name for output in robot.outputs))
 
 
 def output_map(system: ReducedSystem, name: str) -> OutputMap:
-    """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own. Raises KeyError.
+    """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own.
+    Raises KeyError.
 
-    With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle. With KINEMATIC the outputs
-    are those of a kinematic law. With DAMPED the inverse of Phi is damped near the singular set. Raises ModelError unless there
-    is a path then, and for one of OUTPUTS if the robot is underactuated.
+    With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle. With
+    KINEMATIC the outputs are those of a kinematic law. With DAMPED the inverse of Phi is damped near the
+    singular set. Raises ModelError unless there is a path then, and for one of OUTPUTS if the robot is
+    underactuated.
     """
     if (dynamic := without_kinematic(name)) != name:
         base_map = output_map(system, dynamic)
@@ -272,7 +326,12 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     if (plain := without_extension(name)) != name:
         base_map = output_map(system, plain)
         about = f"{base_map.about}, with dynamic extension"
-        return replace(base_map if is_own(system, plain) else on_axle(system, base_map), name=name, about=about, extension=True)
+        return replace(
+            base_map if is_own(system, plain) else on_axle(system, base_map),
+            name=name,
+            about=about,
+            extension=True,
+        )
     if (exact := without_damping(name)) != name:
         return _damped(system, output_map(system, exact), name)
     own = {output.name: output for output in system.mechanism.outputs}
@@ -282,7 +341,9 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
         raise ModelError(_only_own(system, name))
     base = without_offset(name)
     standard = STANDARD[base](system, offset=base != name)
-    return replace(standard, name=name, about=standard.about + (", P_l anywhere on the vehicle" if base != name else ""))
+    return replace(
+        standard, name=name, about=standard.about + (", P_l anywhere on the vehicle" if base != name else "")
+    )
 
 
 def _only_own(system: ReducedSystem, name: str) -> str:
@@ -290,8 +351,9 @@ def _only_own(system: ReducedSystem, name: str) -> str:
     r, mechanism = len(system.mechanism.inputs), system.mechanism
     own = ", ".join(output.name for output in mechanism.outputs if len(output.rows) == r) or "none"
     return (
-        f"{mechanism.name}, output {name}: {counted(r, 'input')} for n - m = {system.dof} degrees of freedom; Types I to IV are "
-        f"for robots with an input for each. The outputs of an underactuated robot are its own, with {counted(r, 'row')}: {own}"
+        f"{mechanism.name}, output {name}: {counted(r, 'input')} for n - m = {system.dof} degrees of "
+        "freedom; Types I to IV are for robots with an input for each. The outputs of an underactuated "
+        f"robot are its own, with {counted(r, 'row')}: {own}"
     )
 
 
@@ -299,12 +361,14 @@ PATH_GAIN = "path_gain_"  # names of the gains of a law along the way, with the 
 
 
 def _by_arclength(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
-    """Return the outputs of a law along the way: how far the motion is from that which brings P_l onto the course, and the speed.
+    """Return the outputs of a law along the way: how far the motion is from that which brings P_l onto the
+    course, and the speed.
 
-    Derivatives of the distance e by the way of P_l along the parallel of the course through it are those by time over its speed
-    along the course. Of these e, e', ... depend on q only, up to an order k - 1. The rate of the last is g(q) nu, and P_l comes
-    onto the course as e^(k) + c_(k-1) e^(k-1) + ... + c_0 e = 0 says if (g + (c_(k-1) e^(k-1) + ... + c_0 e) a) nu = 0, where
-    a nu is that speed: this is the first output. It has a regular Phi at standstill too.
+    Derivatives of the distance e by the way of P_l along the parallel of the course through it are those by
+    time over its speed along the course. Of these e, e', ... depend on q only, up to an order k - 1. The rate
+    of the last is g(q) nu, and P_l comes onto the course as e^(k) + c_(k-1) e^(k-1) + ... + c_0 e = 0 says if
+    (g + (c_(k-1) e^(k-1) + ... + c_0 e) a) nu = 0, where a nu is that speed: this is the first output. It has
+    a regular Phi at standstill too.
     """
     where, foot = f"{system.mechanism.name}, output {name}", output.foot
     if foot is None:
@@ -312,15 +376,21 @@ def _by_arclength(system: ReducedSystem, output: OutputMap, name: str) -> Output
     followed = following(system, output)
     assert followed.foot is not None, "the output has a foot"
     distance, curvature, rate = foot.distance, foot.symbols[2], foot.symbols[3]
-    along = canonical(ca.jacobian(followed.foot[1][2, :].T, rate).T * (1 - curvature * distance))  # d curvature/dt = rate ds/dt
+    # d curvature/dt = rate ds/dt
+    along = canonical(ca.jacobian(followed.foot[1][2, :].T, rate).T * (1 - curvature * distance))
     errors, states = [distance], ca.vertcat(followed.moving, system.nu)
     while True:
         rates = canonical(ca.jacobian(errors[-1], followed.moving) @ followed.directions)
-        both = Sampled(ca.vertcat(rates, along), states, (*system.mechanism.parameters, *output.parameters), where)
+        both = Sampled(
+            ca.vertcat(rates, along), states, (*system.mechanism.parameters, *output.parameters), where
+        )
         if both.rank() == 2:
             break
         if len(errors) > SMOOTH:
-            raise ModelError(f"{where}: derivatives of the distance up to order {SMOOTH} by the way do not contain the steering")
+            raise ModelError(
+                f"{where}: derivatives of the distance up to order {SMOOTH} by the way do not contain the "
+                "steering"
+            )
         column = next(k for k in range(system.dof) if not along[k].is_zero())
         errors.append(canonical(rates[column] / along[column]))
     k = len(errors)
@@ -338,10 +408,20 @@ def _by_arclength(system: ReducedSystem, output: OutputMap, name: str) -> Output
     row = ca.densify((rates + aim * along) @ system.nu)
     unit = {1: "m/s", 2: "1/s"}.get(k, f"1/(m^{k - 2} s)" if k > 3 else "1/(m s)")
     steering = OutputRow(
-        "steering", unit, "how far the motion is from that which brings P_l onto the course", foot.at(row), of_foot=row
+        "steering",
+        unit,
+        "how far the motion is from that which brings P_l onto the course",
+        foot.at(row),
+        of_foot=row,
     )
     about = f"{output.about}, errors decay along the way"
-    return replace(output, name=name, about=about, rows=(steering, output.rows[1]), parameters=(*output.parameters, *gains))
+    return replace(
+        output,
+        name=name,
+        about=about,
+        rows=(steering, output.rows[1]),
+        parameters=(*output.parameters, *gains),
+    )
 
 
 BAND = 0.2  # default; within 11.5 degrees of the normal to the path
@@ -351,24 +431,37 @@ LEAST_BAND = 0.01  # far above SINGULAR, where P_l has no acceleration
 def _damped(system: ReducedSystem, output: OutputMap, name: str) -> OutputMap:
     """Return the outputs of a damped law: the same, with the width of the band."""
     if output.path is None or output.foot:
-        raise ModelError(f"{system.mechanism.name}, output {name}: only laws of Type IV can be damped, not along a course")
-    band = config("band", BAND, "1", "cosine of the angle of heading and path up to which the inverse is damped", "positive")
+        raise ModelError(
+            f"{system.mechanism.name}, output {name}: only laws of Type IV can be damped, not along a course"
+        )
+    band = config(
+        "band",
+        BAND,
+        "1",
+        "cosine of the angle of heading and path up to which the inverse is damped",
+        "positive",
+    )
     between = (1 - band.symbol) * (band.symbol - LEAST_BAND)
-    conditions = (*output.conditions, (between, f"the band is not between {LEAST_BAND:g} and 1: it is a cosine"))
+    conditions = (
+        *output.conditions,
+        (between, f"the band is not between {LEAST_BAND:g} and 1: it is a cosine"),
+    )
     about, parameters = f"{output.about}, damped near the normal", (*output.parameters, band)
     return replace(output, name=name, about=about, parameters=parameters, conditions=conditions, band=band)
 
 
 def axle(system: ReducedSystem) -> ca.SX:
-    """Return how far the axle is ahead of the vehicle's point, m, in parameters only: where turning does not move the vehicle
-    sideways.
+    """Return how far the axle is ahead of the vehicle's point, m, in parameters only: where turning does not
+    move the vehicle sideways.
 
     Raises ModelError if no such point is fixed to the vehicle.
     """
     turning = system.along_motion(system.mechanism.required_vehicle.heading)
     ahead = ca.densify(canonical(-velocity(system)[1] / turning))
     if ca.depends_on(ahead, ca.vertcat(system.mechanism.q, system.nu)):
-        raise ModelError(f"{system.mechanism.name}: no point on the vehicle's axis moves along its heading at all times")
+        raise ModelError(
+            f"{system.mechanism.name}: no point on the vehicle's axis moves along its heading at all times"
+        )
     return ahead
 
 
@@ -409,15 +502,16 @@ def _own(system: ReducedSystem, output: Output) -> OutputMap:
 
 
 def body_point(offset: bool = False) -> tuple[Quantity, ...]:
-    """Return the parameters of P_l: L ahead of the vehicle's point (negative: behind) and, with `offset`, W to its left."""
+    """Return the parameters of P_l: L ahead of the vehicle's point (negative: behind) and, with `offset`,
+    W to its left."""
     L = config("L", 0.0, "m", "distance of the reference point P_l ahead of the vehicle's point")
     W = config("W", 0.0, "m", "distance of P_l to the left of the vehicle's axis")
     return (L, W) if offset else (L,)
 
 
 def body_offsets(parameters: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
-    """Return the distances of P_l ahead and to the left of the vehicle's point, m, from parameters that begin with
-    `body_point`.
+    """Return the distances of P_l ahead and to the left of the vehicle's point, m, from parameters that begin
+    with `body_point`.
     """
     ahead, *others = parameters
     return ahead.symbol, next((q.symbol for q in others if q.name == "W"), ca.SX(0))
@@ -437,7 +531,8 @@ def forward_speed(system: ReducedSystem) -> ca.SX:
 
 
 def velocity(system: ReducedSystem) -> tuple[ca.SX, ca.SX]:
-    """Return the velocity of the vehicle's point along its heading and to the left of it, m/s, as functions of q and nu."""
+    """Return the velocity of the vehicle's point along its heading and to the left of it, m/s,
+    as functions of q and nu."""
     vehicle = system.mechanism.required_vehicle
     x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)

@@ -18,12 +18,13 @@ def _no_foot(distance: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ...]:
 class Path:
     """A curve and its parameters. `distance(x, y)` is zero on it and has a unit gradient there.
 
-    `unit_normal(x, y)` returns the gradient of an exact distance, 1 x 2, and the curvature of the parallel curve through the
-    point (1/m, positive if the gradient points away from the centre), if these are shorter than the derivatives of `distance`.
-    `from_foot(distance, curvature)`, for a path with a unit normal, returns the parameters of the path in the frame at a foot,
-    with x along the path and y in the direction of increasing distance, such that the parallel curve at that distance has that
-    curvature. For other paths it raises ModelError.
-    `moving`: the parameters are those of the path's point nearest to P_l, and change as it moves along the path.
+    `unit_normal(x, y)` returns the gradient of an exact distance, 1 x 2, and the curvature of the parallel
+    curve through the point (1/m, positive if the gradient points away from the centre), if these are shorter
+    than the derivatives of `distance`. `from_foot(distance, curvature)`, for a path with a unit normal,
+    returns the parameters of the path in the frame at a foot, with x along the path and y in the direction of
+    increasing distance, such that the parallel curve at that distance has that curvature. For other paths it
+    raises ModelError. `moving`: the parameters are those of the path's point nearest to P_l, and change as it
+    moves along the path.
     """
 
     kind: str
@@ -37,12 +38,14 @@ class Path:
 
 
 def config(name: str, default: float, unit: str, about: str, sign: str = "any") -> Quantity:
-    """Return a parameter of an output map; its symbol is marked, to distinguish it from those of the robot."""
+    """Return a parameter of an output map; its symbol is marked,
+    to distinguish it from those of the robot."""
     return replace(quantity(name, unit, about, default, sign), symbol=ca.SX.sym(f"config.{name}"))
 
 
 def line() -> Path:
-    """Return the line A x + B y + C = 0; the distance is exact, and positive on the side to which (A, B) points."""
+    """Return the line A x + B y + C = 0; the distance is exact, and positive on the side to which (A,
+    B) points."""
     A = config("A", 1.0, "1", "line A x + B y + C = 0")
     B = config("B", -1.0, "1", "line A x + B y + C = 0")
     C = config("C", 0.0, "m", "line A x + B y + C = 0")
@@ -68,7 +71,8 @@ def circle() -> Path:
 
 
 def segment() -> Path:
-    """Return the line or arc through a point, with its direction there and its curvature; exact distance, positive to the left.
+    """Return the line or arc through a point, with its direction there and its curvature; exact distance,
+    positive to the left.
 
     One law serves all segments of a composite path: the distance is regular also for zero curvature.
     """
@@ -80,9 +84,13 @@ def segment() -> Path:
     cosine, sine = ca.cos(direction.symbol), ca.sin(direction.symbol)
 
     def from_centre(x: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return the vector from the centre in units of the radius, along the direction and to its right, and its length."""
+        """Return the vector from the centre in units of the radius, along the direction and to its right,
+        and its length."""
         dx, dy = x - x_s.symbol, y - y_s.symbol
-        along, out = curvature.symbol * (cosine * dx + sine * dy), 1 - curvature.symbol * (cosine * dy - sine * dx)
+        along, out = (
+            curvature.symbol * (cosine * dx + sine * dy),
+            1 - curvature.symbol * (cosine * dy - sine * dx),
+        )
         return along, out, ca.sqrt(along**2 + out**2)
 
     def distance(x: ca.SX, y: ca.SX) -> ca.SX:
@@ -92,16 +100,23 @@ def segment() -> Path:
 
     def unit_normal(x: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
         along, out, radii = from_centre(x, y)
-        return ca.horzcat(-sine * out - cosine * along, cosine * out - sine * along) / radii, -curvature.symbol / radii
+        return ca.horzcat(
+            -sine * out - cosine * along, cosine * out - sine * along
+        ) / radii, -curvature.symbol / radii
 
     def from_foot(beside: ca.SX, bend: ca.SX) -> tuple[ca.SX, ...]:
         return ca.SX(0), ca.SX(0), ca.SX(0), bend / (1 + bend * beside)
 
-    return Path("segment", "line or arc", (x_s, y_s, direction, curvature), distance, (), unit_normal, from_foot)
+    return Path(
+        "segment", "line or arc", (x_s, y_s, direction, curvature), distance, (), unit_normal, from_foot
+    )
 
 
-def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callable[[ca.SX, ca.SX], ca.SX]) -> Path:
-    """Return any curve f(x, y) = 0, with the first-order distance f / |grad f|: zero and of unit gradient on the curve.
+def implicit(
+    kind: str, about: str, parameters: tuple[Quantity, ...], f: Callable[[ca.SX, ca.SX], ca.SX]
+) -> Path:
+    """Return any curve f(x, y) = 0, with the first-order distance f / |grad f|: zero and of unit gradient on
+    the curve.
 
     Raises ModelError if f does not depend on the point.
     """
@@ -136,15 +151,21 @@ SMOOTH = 4  # derivatives of the curvature of a course that are continuous; see 
 
 
 def course() -> Path:
-    """Return a curve of any curvature, given at its point nearest to P_l: place, direction, curvature and its derivatives by the
-    length along it. These are parameters that change with every step. The distance is exact there, and positive to the left.
+    """Return a curve of any curvature, given at its point nearest to P_l: place, direction, curvature and its
+    derivatives by the length along it. These are parameters that change with every step. The distance is
+    exact there, and positive to the left.
     """
     x_s = config("x_s", 0.0, "m", "the point of the course nearest to P_l")
     y_s = config("y_s", 0.0, "m", "the point of the course nearest to P_l")
     direction = config("direction", 0.0, "rad", "direction of travel there")
     curvature = config("curvature", 0.2, "1/m", "curvature there, positive turns left")
     rates = [
-        config(f"curvature_{k}", 0.0, f"1/m^{k + 1}", f"derivative {k} of the curvature by the length along the course")
+        config(
+            f"curvature_{k}",
+            0.0,
+            f"1/m^{k + 1}",
+            f"derivative {k} of the curvature by the length along the course",
+        )
         for k in range(1, SMOOTH + 1)
     ]
     cosine, sine = ca.cos(direction.symbol), ca.sin(direction.symbol)
@@ -152,8 +173,19 @@ def course() -> Path:
     def distance(x: ca.SX, y: ca.SX) -> ca.SX:
         return cosine * (y - y_s.symbol) - sine * (x - x_s.symbol)
 
-    return Path("course", "course of changing curvature", (x_s, y_s, direction, curvature, *rates), distance, moving=True)
+    return Path(
+        "course",
+        "course of changing curvature",
+        (x_s, y_s, direction, curvature, *rates),
+        distance,
+        moving=True,
+    )
 
 
-PATHS: dict[str, Callable[[], Path]] = {"line": line, "circle": circle, "ellipse": ellipse, "segment": segment}
+PATHS: dict[str, Callable[[], Path]] = {
+    "line": line,
+    "circle": circle,
+    "ellipse": ellipse,
+    "segment": segment,
+}
 """Every path with a law of Type IV, by its kind."""

@@ -1,13 +1,15 @@
-"""The reduced equations (10) body by body: velocities in terms of earlier velocities, at a cost that grows linearly along a
-chain.
+"""The reduced equations (10) body by body: velocities in terms of earlier velocities, at a cost that grows
+linearly along a chain.
 
-Kane's form. A velocity u, linear in the rates, is u = J nu, and its derivative J nudot + drift. With the mass m_i and inertia
-I_i of a body whose velocities along its own axes are forward, left and yaw rate, J_i a row for each,
+Kane's form. A velocity u, linear in the rates, is u = J nu, and its derivative J nudot + drift. With the mass
+m_i and inertia I_i of a body whose velocities along its own axes are forward, left and yaw rate, J_i a row
+for each,
 
     S'MS = sum of J_i' M_i J_i,    S'(M Sdot nu + V) = sum of J_i' M_i a_i,    M_i = diag(m_i, m_i, I_i),
 
-where a_i are the drifts plus the terms due to the rotation of the axes. Rates and velocities of bodies are steps: symbols for
-expressions in earlier symbols. They are not expanded, and simplification treats one body at a time.
+where a_i are the drifts plus the terms due to the rotation of the axes. Rates and velocities of bodies are
+steps: symbols for expressions in earlier symbols. They are not expanded, and simplification treats one body
+at a time.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,7 +36,8 @@ LARGEST_PRODUCT = 100  # terms; longer products are not expanded
 
 @dataclass(frozen=True)
 class VelocityRow:
-    """sum of row[j] nu_j, with derivative sum of row[j] nudot_j + drift. Columns from n-m on are rates that are not yet known."""
+    """sum of row[j] nu_j, with derivative sum of row[j] nudot_j + drift. Columns from n-m on are rates that
+    are not yet known."""
 
     row: dict[int, ca.SX] = field(default_factory=dict)
     drift: ca.SX = field(default_factory=lambda: ca.SX(0))
@@ -50,8 +53,8 @@ class VelocityRow:
 
 @dataclass(frozen=True)
 class Effort:
-    """The force or moment, sum of row[j] nudot_j + bias, that the motion needs along a `velocity`, which is linear in the rates.
-    Inputs and constraint forces supply the sum of all."""
+    """The force or moment, sum of row[j] nudot_j + bias, that the motion needs along a `velocity`, which is
+    linear in the rates. Inputs and constraint forces supply the sum of all."""
 
     name: str
     velocity: ca.SX
@@ -61,8 +64,8 @@ class Effort:
 
 @dataclass(frozen=True)
 class Reduced:
-    """S'MS, S'(M Sdot nu + V), S'E (10) and S (9) in `steps`, ordered body by body in `groups`; `efforts` are the terms of the
-    equations of motion before they are projected, in the same steps."""
+    """S'MS, S'(M Sdot nu + V), S'E (10) and S (9) in `steps`, ordered body by body in `groups`; `efforts` are
+    the terms of the equations of motion before they are projected, in the same steps."""
 
     groups: tuple[tuple[Step, ...], ...]
     Mbar: ca.SX
@@ -93,14 +96,16 @@ class Reduced:
         named = [symbol for symbol in ca.symvar(expression) if symbol.element_hash() in values]
         if not named:
             return expression
-        return ca.substitute([expression], [ca.vertcat(*named)], [ca.vertcat(*[values[s.element_hash()] for s in named])])[0]
+        return ca.substitute(
+            [expression], [ca.vertcat(*named)], [ca.vertcat(*[values[s.element_hash()] for s in named])]
+        )[0]
 
 
 class Recursion:
     """Traverses the velocities of a mechanism, each once.
 
-    The rates follow from the constraints (2) and quasi = `T` nu, where `quasi` are the quasi-velocities as expressions in the
-    rates; if there are none, from qdot = `T` nu (9).
+    The rates follow from the constraints (2) and quasi = `T` nu, where `quasi` are the quasi-velocities as
+    expressions in the rates; if there are none, from qdot = `T` nu (9).
     """
 
     def __init__(self, mechanism: Mechanism, nu: ca.SX, T: ca.SX, quasi: Sequence[ca.SX] = ()):
@@ -123,7 +128,11 @@ class Recursion:
         self._names = {
             velocity.element_hash(): f"{body.name}_{component}"
             for body in mechanism.bodies
-            for component, velocity in (("forward", body.forward), ("left", body.left), ("yaw_rate", body.yaw_rate))
+            for component, velocity in (
+                ("forward", body.forward),
+                ("left", body.left),
+                ("yaw_rate", body.yaw_rate),
+            )
         }
         self._fixed = {symbol.element_hash() for symbol in ca.symvar(ca.SX(mechanism.p))}
         if quasi:
@@ -134,7 +143,7 @@ class Recursion:
             for body in mechanism.bodies:
                 self._add_body(body)
 
-    # -- velocities -----------------------------------------------------------------------------------------------
+    # -- velocities ------------------------------------------------------------------------------------------
 
     def velocity(self, x: ca.SX) -> VelocityRow:
         """Return an expression that is linear in the rates as a Velocity. Raises ModelError for others."""
@@ -153,10 +162,13 @@ class Recursion:
             entry = self._simple(entry)
             if not entry.is_zero():
                 row[j] = self.step(f"{name}_by_{self.nu[j]}", entry)
-        return VelocityRow(row, self.step(f"{name}_drift", self._simple(velocity.drift)), self.step(name, self._sum(row)))
+        return VelocityRow(
+            row, self.step(f"{name}_drift", self._simple(velocity.drift)), self.step(name, self._sum(row))
+        )
 
     def _simple(self, matrix: ca.SX) -> ca.SX:
-        """Return the matrix simplified: completely while there are no steps, else only by cancelling terms."""
+        """Return the matrix simplified: completely while there are no steps,
+        else only by cancelling terms."""
         if ca.n_nodes(matrix) <= SHORT:
             return matrix
         if not any(symbol.element_hash() in self._step_symbols for symbol in ca.symvar(matrix)):
@@ -181,7 +193,9 @@ class Recursion:
         return self._sum(velocity.row) if velocity.value is None else velocity.value
 
     def _sum(self, row: dict[int, ca.SX]) -> ca.SX:
-        terms = [entry * (self.nu[j] if j < self.dof else self.qdot[j - self.dof]) for j, entry in row.items()]
+        terms = [
+            entry * (self.nu[j] if j < self.dof else self.qdot[j - self.dof]) for j, entry in row.items()
+        ]
         return sum(terms[1:], start=terms[0]) if terms else ca.SX(0)
 
     def at(self, x: ca.SX) -> ca.SX:
@@ -204,7 +218,11 @@ class Recursion:
         if code in LINEAR and all(m or part.is_zero() for part, m in zip(parts, moving, strict=True)):
             sign = ca.SX({ca.OP_NEG: -1, ca.OP_TWICE: 2}.get(code, 1))
             first = VelocityRow().plus(self.velocity(parts[0]), sign)
-            return first.plus(self.velocity(parts[1]), ca.SX(1 if code == ca.OP_ADD else -1)) if len(parts) > 1 else first
+            return (
+                first.plus(self.velocity(parts[1]), ca.SX(1 if code == ca.OP_ADD else -1))
+                if len(parts) > 1
+                else first
+            )
         if code == ca.OP_MUL and moving.count(True) == 1:
             return self._times(parts[moving.index(False)], self.velocity(parts[moving.index(True)]))
         if code == ca.OP_DIV and moving == [True, False]:
@@ -225,7 +243,9 @@ class Recursion:
         """Return whether the expression depends on the rates."""
         key = x.element_hash()
         if key not in self._moving:
-            depends = key in self._columns if x.is_leaf() else any(self._moves(x.dep(k)) for k in range(x.n_dep()))
+            depends = (
+                key in self._columns if x.is_leaf() else any(self._moves(x.dep(k)) for k in range(x.n_dep()))
+            )
             self._moving[key] = (x, depends)
         return self._moving[key][1]
 
@@ -241,7 +261,7 @@ class Recursion:
             return False
         return degree(expression, moving[0]) == 1 and ca.substitute(expression, moving[0], 0).is_zero()
 
-    # -- rates ----------------------------------------------------------------------------------------------------
+    # -- rates -----------------------------------------------------------------------------------------------
 
     def _given(self, row: ca.SX, qdot: ca.SX) -> VelocityRow:
         entries = {j: row[j] for j in range(self.dof) if not row[j].is_zero()}
@@ -258,11 +278,15 @@ class Recursion:
             self._velocities[constraint.element_hash()] = (constraint, self.slip(k))
 
     def _solve(self, constraints: list[ca.SX], quasi: list[ca.SX], T: ca.SX) -> None:
-        """Solve for all rates, in small sets of equations that contain only rates known before; each body as soon as possible."""
+        """Solve for all rates, in small sets of equations that contain only rates known before;
+        each body as soon as possible."""
         equations = [*constraints, *quasi]
         rates = [self._places(self.qdot, equation) for equation in equations]
         # a derivative also requires the rates of the coordinates in the coefficients
-        needs = [unknown | self._places(self.q, equation) for unknown, equation in zip(rates, equations, strict=True)]
+        needs = [
+            unknown | self._places(self.q, equation)
+            for unknown, equation in zip(rates, equations, strict=True)
+        ]
         waiting = {}
         for body in self.mechanism.bodies:
             velocities = ca.vertcat(body.forward, body.left, body.yaw_rate)
@@ -271,9 +295,14 @@ class Recursion:
         sets = _sets(ca.Sparsity.triplet(self.n, self.n, *map(list, zip(*places, strict=True))))
         while sets:
             ready = (s for s in sets if all(k in self.rates or k in s[1] for i in s[0] for k in needs[i]))
-            rows, columns = chosen = next(ready, (sum((s[0] for s in sets), start=[]), sum((s[1] for s in sets), start=[])))
+            rows, columns = chosen = next(
+                ready, (sum((s[0] for s in sets), start=[]), sum((s[1] for s in sets), start=[]))
+            )
             sets = [s for s in sets if s is not chosen and chosen in sets]
-            right = [T[i - len(constraints), :] if i >= len(constraints) else self._by_nu(self.slip(i)) for i in rows]
+            right = [
+                T[i - len(constraints), :] if i >= len(constraints) else self._by_nu(self.slip(i))
+                for i in rows
+            ]
             self._solve_set([equations[i] for i in rows], columns, ca.vertcat(*right))
             self._maintain(i for i in rows if i < len(constraints))
             for body in [body for body, needed in waiting.items() if needed <= self.rates.keys()]:
@@ -295,18 +324,25 @@ class Recursion:
         left = [self.velocity(x) for x in equations]
         inverse, velocities = self._solved(left, unknown, right)
         values = ca.vertcat(*map(self.value, velocities))
-        drift = -inverse @ ca.substitute(ca.vertcat(*[each.drift for each in left]), self.qdot[unknown], values)
+        drift = -inverse @ ca.substitute(
+            ca.vertcat(*[each.drift for each in left]), self.qdot[unknown], values
+        )
         for key in set(self._velocities) - before:
             if not self._is_known(self._velocities[key][1]):
                 del self._velocities[key]
         for k, (at, velocity) in enumerate(zip(unknown, velocities, strict=True)):
             name = f"{self.mechanism.velocities[at].name}_drift"
             rate = self._simple(drift[k])
-            self.rates[at] = VelocityRow(velocity.row, self.step(name, rate) if len(unknown) == 1 else rate, velocity.value)
+            self.rates[at] = VelocityRow(
+                velocity.row, self.step(name, rate) if len(unknown) == 1 else rate, velocity.value
+            )
             self._velocities[self.qdot[at].element_hash()] = (self.qdot[at], self.rates[at])
 
-    def _solved(self, left: list[VelocityRow], unknown: list[int], right: ca.SX) -> tuple[ca.SX, list[VelocityRow]]:
-        """Return the inverse of the matrix by the rates `unknown`, and these rates without their drift; a single one is named."""
+    def _solved(
+        self, left: list[VelocityRow], unknown: list[int], right: ca.SX
+    ) -> tuple[ca.SX, list[VelocityRow]]:
+        """Return the inverse of the matrix by the rates `unknown`, and these rates without their drift;
+        a single one is named."""
         from .algebra.linear import eliminate  # imports this module in turn
 
         known = [*range(self.dof), *sorted({j for each in left for j in each.row if j >= self.dof + self.n})]
@@ -314,7 +350,9 @@ class Recursion:
             ca.vertcat(*[ca.horzcat(*[each.row.get(j, ca.SX(0)) for j in columns]) for each in left])
             for columns in ([self.dof + k for k in unknown], known)
         )
-        inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
+        inverse = (
+            1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
+        )
         rows = self._simple(inverse @ (ca.horzcat(right, ca.SX(len(left), len(known) - self.dof)) - by_known))
         velocities = [
             VelocityRow({j: rows[i, place] for place, j in enumerate(known) if not rows[i, place].is_zero()})
@@ -324,7 +362,7 @@ class Recursion:
             velocities = [self.named(self.mechanism.velocities[unknown[0]].name, velocities[0])]
         return inverse, velocities
 
-    # -- equations ------------------------------------------------------------------------------------------------
+    # -- equations -------------------------------------------------------------------------------------------
 
     def reduced(self) -> Reduced:
         """Return the reduced equations; terms that do not belong to a body are added last."""
@@ -340,7 +378,9 @@ class Recursion:
         p = range(self.dof)
         return Reduced(
             groups,
-            ca.SX(ca.vertcat(*[ca.horzcat(*[self._Mbar.get((min(i, j), max(i, j)), 0) for j in p]) for i in p])),
+            ca.SX(
+                ca.vertcat(*[ca.horzcat(*[self._Mbar.get((min(i, j), max(i, j)), 0) for j in p]) for i in p])
+            ),
             ca.SX(ca.vertcat(*[self._bias.get((i,), 0) for i in p])),
             ca.horzcat(*[self._column(velocity) for velocity in columns]),
             ca.horzcat(*[self._column(velocity) for velocity in (self.rates[k] for k in range(self.n))]).T,
@@ -349,8 +389,10 @@ class Recursion:
 
     def _add_body(self, body: Body) -> None:
         forward, left, yaw_rate = (self.velocity(x) for x in (body.forward, body.left, body.yaw_rate))
-        v, w, omega = (self._sum(velocity.row) for velocity in (forward, left, yaw_rate))  # expanded, so that terms can cancel
-        turned = ca.vertcat(-body.mass * omega * w, body.mass * omega * v, 0)  # due to the rotation of the axes
+        # Expanded, so that terms can cancel
+        v, w, omega = (self._sum(velocity.row) for velocity in (forward, left, yaw_rate))
+        # Due to the rotation of the axes
+        turned = ca.vertcat(-body.mass * omega * w, body.mass * omega * v, 0)
         along = [body.forward, body.left, body.yaw_rate]
         self._add(body.name, ca.diag(ca.vertcat(body.mass, body.mass, body.inertia)), along, turned)
 
@@ -376,7 +418,9 @@ class Recursion:
         for total, part, label in ((self._Mbar, more, "Mbar"), (self._bias, push, "bias")):
             for key, entry in part.items():
                 place = "".join(str(k + 1) for k in key)
-                total[key] = self.step(f"{label}{place}_{name}", total.get(key, ca.SX(0)) + self._simple(entry))
+                total[key] = self.step(
+                    f"{label}{place}_{name}", total.get(key, ca.SX(0)) + self._simple(entry)
+                )
         self._groups.append(tuple(self.steps[self._grouped :]))
         self._grouped = len(self.steps)
 
@@ -390,10 +434,12 @@ class Recursion:
 
 
 def check_bodies(mechanism: Mechanism) -> None:
-    """Raise ModelError for a body whose velocities are not those of a rigid body along its own axes, at random states.
+    """Raise ModelError for a body whose velocities are not those of a rigid body along its own axes, at
+    random states.
 
-    For velocities u = j qdot along axes that turn at omega = j_omega qdot the terms dj/dt - du/dq, which are zero for the rate
-    of a coordinate, must be omega j_left - left j_omega, forward j_omega - omega j_forward, and zero.
+    For velocities u = j qdot along axes that turn at omega = j_omega qdot the terms dj/dt - du/dq, which are
+    zero for the rate of a coordinate, must be omega j_left - left j_omega, forward j_omega - omega j_forward,
+    and zero.
     """
     if not mechanism.bodies:
         return
@@ -402,17 +448,21 @@ def check_bodies(mechanism: Mechanism) -> None:
     for body in mechanism.bodies:
         velocities = forward, left, omega = body.forward, body.left, body.yaw_rate
         j = [ca.gradient(u, qdot) for u in velocities]
-        turned = [time_derivative(row, q, qdot) - ca.gradient(u, q) for row, u in zip(j, velocities, strict=True)]
+        turned = [
+            time_derivative(row, q, qdot) - ca.gradient(u, q) for row, u in zip(j, velocities, strict=True)
+        ]
         required = [omega * j[1] - left * j[2], forward * j[2] - omega * j[0], ca.SX.zeros(q.numel())]
         differences.append(ca.norm_inf(ca.vertcat(*turned) - ca.vertcat(*required)))
         sizes.append(1 + ca.norm_inf(ca.vertcat(*required)))
     table = ca.horzcat(ca.vertcat(*differences), ca.vertcat(*sizes))
-    for value in Sampled(table, ca.vertcat(q, qdot), mechanism.parameters, f"{mechanism.name}: bodies").values:
+    for value in Sampled(
+        table, ca.vertcat(q, qdot), mechanism.parameters, f"{mechanism.name}: bodies"
+    ).values:
         for body, (difference, size) in zip(mechanism.bodies, value, strict=True):
             if difference > RANK_TOLERANCE * size:
                 raise ModelError(
-                    f"{mechanism.name}: body {body.name!r}: forward and left are not the velocity of its centre of mass along "
-                    "axes that turn at yaw_rate; check the signs, or use kinetic_energy"
+                    f"{mechanism.name}: body {body.name!r}: forward and left are not the velocity of its "
+                    "centre of mass along axes that turn at yaw_rate; check the signs, or use kinetic_energy"
                 )
 
 
@@ -420,7 +470,10 @@ def _sets(pattern: ca.Sparsity) -> list[tuple[list[int], list[int]]]:
     """Return rows and columns of the blocks of the block triangular form of a square pattern."""
     count, rows, columns, row_start, column_start, *_ = pattern.btf()
     return [
-        (sorted(rows[row_start[k] : row_start[k + 1]]), sorted(columns[column_start[k] : column_start[k + 1]]))
+        (
+            sorted(rows[row_start[k] : row_start[k + 1]]),
+            sorted(columns[column_start[k] : column_start[k + 1]]),
+        )
         for k in range(count)
     ]
 
@@ -461,12 +514,20 @@ def cancelled(expression: ca.SX) -> ca.SX:
         first = polynomial(x.dep(0))
         if code in (ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN):
             return scaled(first, {ca.OP_NEG: -1.0, ca.OP_TWICE: 2.0}.get(code, 1.0))
-        second = first if code == ca.OP_SQ else atom(x.dep(1), divides=True) if code == ca.OP_DIV else polynomial(x.dep(1))
+        second = (
+            first
+            if code == ca.OP_SQ
+            else atom(x.dep(1), divides=True)
+            if code == ca.OP_DIV
+            else polynomial(x.dep(1))
+        )
         if code in (ca.OP_ADD, ca.OP_SUB):
             return gathered([*first.items(), *scaled(second, 1.0 if code == ca.OP_ADD else -1.0).items()])
         if len(first) * len(second) > LARGEST_PRODUCT:
             return atom(x)
-        return gathered([(tuple(sorted(a + b)), m * n) for (a, m), (b, n) in product(first.items(), second.items())])
+        return gathered(
+            [(tuple(sorted(a + b)), m * n) for (a, m), (b, n) in product(first.items(), second.items())]
+        )
 
     def scaled(terms: Polynomial, factor: float) -> Polynomial:
         return {key: factor * value for key, value in terms.items()}
@@ -483,5 +544,8 @@ def cancelled(expression: ca.SX) -> ca.SX:
     if not alike:
         return expression
     factors = list(atoms.values())
-    written = sum((factor * prod((factors[k] for k in key), start=ca.SX(1)) for key, factor in terms.items()), start=ca.SX(0))
+    written = sum(
+        (factor * prod((factors[k] for k in key), start=ca.SX(1)) for key, factor in terms.items()),
+        start=ca.SX(0),
+    )
     return written if ca.n_nodes(written) < ca.n_nodes(expression) else expression

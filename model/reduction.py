@@ -16,15 +16,17 @@ from .errors import ModelError
 from .mechanism import Mechanism, Quantity, is_number, per_second, quantity
 from .recursion import Recursion, Reduced, check_bodies
 
-NEGLIGIBLE_MASS = 1e-12  # S'MS is regarded as singular if its smallest eigenvalue, scaled to a unit diagonal, is at or below
+# S'MS is regarded as singular if its smallest eigenvalue, scaled to a unit diagonal, is at or below
+NEGLIGIBLE_MASS = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedSystem:
     """S'MS nudot + S'(M Sdot nu + V) = S'E tau  (10), with qdot = S(q) nu  (9).
 
-    Where surfaces move, A qdot = b: then qdot = S nu + s with the particular solution s(q), A s = b, and in (10) ds/dt is added
-    to Sdot nu. Quasi-velocities that the user chose are nu = Gamma qdot still: Gamma s = 0.
+    Where surfaces move, A qdot = b: then qdot = S nu + s with the particular solution s(q), A s = b, and in
+    (10) ds/dt is added to Sdot nu. Quasi-velocities that the user chose are nu = Gamma qdot still: Gamma
+    s = 0.
     """
 
     mechanism: Mechanism
@@ -32,7 +34,8 @@ class ReducedSystem:
     S: ca.SX
     reduced: Reduced | None = None  # the equations body by body, if computed together with S
     particular: ca.SX | None = None  # s, n x 1; None: zero, because no surface moves
-    foot: tuple[ca.SX, ca.SX] | None = None  # z, k x 1, which are no coordinates but move with them, and Z: dz/dt = Z nu
+    # z, k x 1, which are no coordinates but move with them, and Z: dz/dt = Z nu
+    foot: tuple[ca.SX, ca.SX] | None = None
 
     @property
     def nu(self) -> ca.SX:
@@ -61,9 +64,12 @@ class ReducedSystem:
 
     @cached_property
     def coordinates_by_velocity(self) -> tuple[tuple[int, ...], ...]:
-        """For each quasi-velocity the places in q of the coordinates whose rate it is: of a wheel's rate, the wheel's angle."""
+        """For each quasi-velocity the places in q of the coordinates whose rate it is: of a wheel's rate,
+        the wheel's angle."""
         rates = ca.vertsplit(canonical(self.qdot))
-        return tuple(tuple(k for k, rate in enumerate(rates) if ca.is_equal(rate, nu)) for nu in ca.vertsplit(self.nu))
+        return tuple(
+            tuple(k for k, rate in enumerate(rates) if ca.is_equal(rate, nu)) for nu in ca.vertsplit(self.nu)
+        )
 
     @cached_property
     def convective(self) -> ca.SX:
@@ -122,7 +128,9 @@ class ReducedSystem:
         if self.by_bodies:
             expression = self.by_bodies.written_out(self.by_bodies.bias)
             return self.checked("the bias", expression, (self.S, forces), lambda S, forces: S.T @ forces)
-        return self.simplified("the bias", self.S.T @ forces, (self.S, forces), lambda S, forces: S.T @ forces)
+        return self.simplified(
+            "the bias", self.S.T @ forces, (self.S, forces), lambda S, forces: S.T @ forces
+        )
 
     @cached_property
     def input_map(self) -> ca.SX:
@@ -136,7 +144,9 @@ class ReducedSystem:
         """Return the expression in canonical form, verified by `checked`."""
         return self.checked(name, canonical(expression), parts, combined)
 
-    def checked(self, name: str, expression: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
+    def checked(
+        self, name: str, expression: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]
+    ) -> ca.SX:
         """Return the expression, which must equal `combined` of the values of `parts` (see `added_pole`).
 
         Raises ModelError if it has a pole that the robot does not have.
@@ -180,7 +190,8 @@ class ReducedSystem:
 
     @cached_property
     def annihilator(self) -> ca.SX:
-        """N, (n-m-r) x (n-m), with N S'E = 0 and the identity in its columns `passive`: multiplied by N, (10) has no inputs."""
+        """N, (n-m-r) x (n-m), with N S'E = 0 and the identity in its columns `passive`: multiplied by N,
+        (10) has no inputs."""
         B, rows, others = self.input_map, list(self.driven), list(self.passive)
         N = ca.SX(len(others), self.dof)
         if others:
@@ -190,21 +201,26 @@ class ReducedSystem:
 
     @cached_property
     def preferred(self) -> ca.SX:
-        """Preferred inputs tau_0, r x 1, in q, nu and parameters, used as far as (12) allows; zero unless `redundant`."""
+        """Preferred inputs tau_0, r x 1, in q, nu and parameters, used as far as (12) allows;
+        zero unless `redundant`."""
         mechanism = self.mechanism
         none = ca.SX(len(mechanism.inputs), 1)
-        return ca.sparsify(ca.substitute(mechanism.preferred, mechanism.qdot, self.qdot)) if self.redundant else none
+        return (
+            ca.sparsify(ca.substitute(mechanism.preferred, mechanism.qdot, self.qdot))
+            if self.redundant
+            else none
+        )
 
     def spread(self, weight: Sequence[float] | None = None) -> ca.SX:
-        """Return W^-1 (S'E)', r x (n-m), whose columns span the inputs of smallest sum(weight_i tau_i^2); `weight` as in
-        `input_inverse`.
+        """Return W^-1 (S'E)', r x (n-m), whose columns span the inputs of smallest sum(weight_i tau_i^2);
+        `weight` as in `input_inverse`.
         """
         weights = self.mechanism.weights if weight is None else _weights(weight, len(self.mechanism.inputs))
         return ca.diag(1 / weights) @ self.input_map.T
 
     def input_inverse(self, weight: Sequence[float] | None = None) -> ca.SX:
-        """Return (S'E)^+, r x (n-m); with more inputs than n-m, the one of smallest sum(weight_i tau_i^2); with fewer, that of
-        the rows `driven`.
+        """Return (S'E)^+, r x (n-m); with more inputs than n-m, the one of smallest sum(weight_i tau_i^2);
+        with fewer, that of the rows `driven`.
 
         `weight` is r positive numbers; None means the robot's own weights.
         """
@@ -222,7 +238,8 @@ class ReducedSystem:
 
     @cached_property
     def distribution(self) -> ca.SX:
-        """The square matrix that (12) inverts: S'E; with more inputs than n-m S'E W^-1 (S'E)', with fewer the rows `driven`."""
+        """The square matrix that (12) inverts: S'E; with more inputs than n-m S'E W^-1 (S'E)',
+        with fewer the rows `driven`."""
         B = self.input_map
         if self.underactuated:
             return B[list(self.driven), :]
@@ -230,7 +247,8 @@ class ReducedSystem:
 
     @cached_property
     def inputs_change(self) -> bool:
-        """Whether the matrix that (12) inverts changes with q; at random states, if that is not seen in its entries."""
+        """Whether the matrix that (12) inverts changes with q; at random states,
+        if that is not seen in its entries."""
         B, q = self.distribution, self.mechanism.q
         if not ca.depends_on(B, q):
             return False
@@ -239,8 +257,9 @@ class ReducedSystem:
 
     @cached_property
     def input_measure(self) -> tuple[ca.SX, ca.SX] | None:
-        """Two nonnegative expressions: inputs reach every motion where the first exceeds SINGULAR times the second, in which
-        sines and cosines are at their largest, so that an input that loses its effect shows. None if S'E does not change with q.
+        """Two nonnegative expressions: inputs reach every motion where the first exceeds SINGULAR times the
+        second, in which sines and cosines are at their largest, so that an input that loses its effect shows.
+        None if S'E does not change with q.
         """
         B = self.distribution
         return regularity(B, largest(B)) if self.inputs_change else None
@@ -248,11 +267,14 @@ class ReducedSystem:
     def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
         """Return tau (12) that makes nudot = u (13), r x 1; `weight` as in `input_inverse`.
 
-        With more inputs than n-m, the one nearest to the preferred tau_0: (S'E)^+ (Mbar u + bias) + (1 - (S'E)^+ S'E) tau_0.
-        The contribution of tau_0 is in the null space of S'E: it changes the constraint forces and not the motion. With fewer
-        inputs u must be an acceleration that the robot can have: N (Mbar u + bias) = 0.
+        With more inputs than n-m, the one nearest to the preferred tau_0: (S'E)^+ (Mbar u + bias) + (1 -
+        (S'E)^+ S'E) tau_0. The contribution of tau_0 is in the null space of S'E: it changes the constraint
+        forces and not the motion. With fewer inputs u must be an acceleration that the robot can have: N
+        (Mbar u + bias) = 0.
         """
-        return self.preferred + self.input_inverse(weight) @ (self.Mbar @ u + self.bias - self.input_map @ self.preferred)
+        return self.preferred + self.input_inverse(weight) @ (
+            self.Mbar @ u + self.bias - self.input_map @ self.preferred
+        )
 
     def constraint_forces(self, tau: ca.SX, nudot: ca.SX) -> ca.SX:
         """Return lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""
@@ -267,12 +289,12 @@ class ReducedSystem:
 
 
 def reduce(mechanism: Mechanism, partially: bool = False) -> ReducedSystem:
-    """Return the reduced system with S(q) given by the user, from the user's quasi-velocities, or computed; check the
-    assumptions.
+    """Return the reduced system with S(q) given by the user, from the user's quasi-velocities, or computed;
+    check the assumptions.
 
-    Raises ModelError if A does not have full rank, A S is not zero, S or S'E does not have full rank, S'MS is not positive
-    definite, or there are too few inputs: fewer than n-m, unless the robot has outputs with as many rows, which can be linearized
-    partially, or `partially` says that it need not have any.
+    Raises ModelError if A does not have full rank, A S is not zero, S or S'E does not have full rank, S'MS is
+    not positive definite, or there are too few inputs: fewer than n-m, unless the robot has outputs with as
+    many rows, which can be linearized partially, or `partially` says that it need not have any.
     """
     mechanism.check()
     check_bodies(mechanism)
@@ -281,14 +303,17 @@ def reduce(mechanism: Mechanism, partially: bool = False) -> ReducedSystem:
     r = len(mechanism.inputs)
     if r < n - m and not (partially or any(len(output.rows) == r for output in mechanism.outputs)):
         raise ModelError(
-            f"{mechanism.name}: {counted(r, 'input')} for n - m = {n - m} degrees of freedom; an underactuated robot cannot be "
-            f"linearized as a whole. Declare outputs with {counted(r, 'row')}, output(name, about, rows), which are linearized "
-            f"partially; or add {counted(n - m - r, 'input')} or {counted(n - m - r, 'constraint')}, or leave out what no input "
-            "drives"
+            f"{mechanism.name}: {counted(r, 'input')} for n - m = {n - m} degrees of freedom; an "
+            f"underactuated robot cannot be linearized as a whole. Declare outputs with {counted(r, 'row')}, "
+            "output(name, about, rows), which are linearized partially; or add "
+            f"{counted(n - m - r, 'input')} or {counted(n - m - r, 'constraint')}, or leave out what no "
+            "input drives"
         )
     S, quasi_velocities, by_bodies = null_space(mechanism)
     if S.shape != (n, n - m):
-        raise ModelError(f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}; it must be n x (n-m) = {n} x {n - m}")
+        raise ModelError(
+            f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}; it must be n x (n-m) = {n} x {n - m}"
+        )
     check_number(mechanism, len(quasi_velocities))
     product = _sampled(mechanism, mechanism.A @ S, "A S")
     if product.largest() > RANK_TOLERANCE:
@@ -301,32 +326,37 @@ def reduce(mechanism: Mechanism, partially: bool = False) -> ReducedSystem:
     system = ReducedSystem(mechanism, quasi_velocities, S, by_bodies, particular_solution(mechanism))
     if _sampled(mechanism, system.input_map, "S'E").rank() < (needed := min(r, n - m)):
         raise ModelError(
-            f"{mechanism.name}: S'E has rank below {needed}: inputs depend on each other; leave one of them out"
+            f"{mechanism.name}: S'E has rank below {needed}: inputs depend on each other; leave one of them "
+            "out"
             if system.underactuated
-            else f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not affect every motion; "
-            "move an input to a coordinate that is free"
+            else f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not affect every "
+            "motion; move an input to a coordinate that is free"
         )
-    for k, weight in enumerate(np.transpose([value[:, 0] for value in _sampled(mechanism, mechanism.weights, "weights").values])):
+    for k, weight in enumerate(
+        np.transpose([value[:, 0] for value in _sampled(mechanism, mechanism.weights, "weights").values])
+    ):
         if weight.min() <= 0.0:
             raise ModelError(
-                f"{mechanism.name}: input {mechanism.inputs[k].name!r}: its weight is not positive; a weight must be a "
-                "product or "
-                "sum of positive parameters"
+                f"{mechanism.name}: input {mechanism.inputs[k].name!r}: its weight is not positive; a weight "
+                "must be a product or sum of positive parameters"
             )
     Mbar = _sampled(mechanism, system.Mbar, "S'MS")
     if min(map(smallest_eigenvalue, Mbar.at_defaults), default=0.0) < -NEGLIGIBLE_MASS:
         raise ModelError(
-            f"{mechanism.name}: the mass matrix S'MS is not positive definite: a motion has negative kinetic energy; "
-            "check signs and defaults"
+            f"{mechanism.name}: the mass matrix S'MS is not positive definite: a motion has negative kinetic "
+            "energy; check signs and defaults"
         )
     if max(map(smallest_eigenvalue, Mbar.values)) <= NEGLIGIBLE_MASS:
-        raise ModelError(f"{mechanism.name}: the mass matrix S'MS is singular: a motion without kinetic energy")
+        raise ModelError(
+            f"{mechanism.name}: the mass matrix S'MS is singular: a motion without kinetic energy"
+        )
     mechanism.reduced = True
     return system
 
 
 def warnings(system: ReducedSystem) -> list[str]:
-    """Return where the constraints lose rank, or the given quasi-velocities are not coordinates of the motion: one line each.
+    """Return where the constraints lose rank, or the given quasi-velocities are not coordinates of the
+    motion: one line each.
 
     Found by `singular_sets`; empty if there are none, or if S was given directly or chosen automatically.
     """
@@ -337,10 +367,11 @@ def warnings(system: ReducedSystem) -> list[str]:
     square = ca.vertcat(mechanism.A, mechanism.quasi_velocity_rows)
     sets = singular_sets(square, mechanism.A.shape[0], mechanism.q, mechanism.p, values)
     return [
-        f"{mechanism.name}: the constraints lose rank where {where}; the robot has more degrees of freedom there than S(q) "
-        "has columns"
+        f"{mechanism.name}: the constraints lose rank where {where}; the robot has more degrees of freedom "
+        "there than S(q) has columns"
         if lost
-        else f"{mechanism.name}: the quasi-velocities do not determine the motion where {where}; avoid this, or choose others"
+        else f"{mechanism.name}: the quasi-velocities do not determine the motion where {where}; avoid this, "
+        "or choose others"
         for where, lost in sets
     ]
 
@@ -352,7 +383,8 @@ def check_constraints(mechanism: Mechanism) -> None:
     if A.rank() < m:
         dependent = mechanism.constraint_names[A.dependent_row()]
         raise ModelError(
-            f"{mechanism.name}: the constraints are not independent: {dependent!r} follows from the others; remove it"
+            f"{mechanism.name}: the constraints are not independent: {dependent!r} follows from the others; "
+            "remove it"
         )
     if m >= n:
         raise ModelError(f"{mechanism.name}: {m} constraints allow no motion in {n} coordinates")
@@ -383,7 +415,8 @@ def check_number(mechanism: Mechanism, count: int) -> None:
 
 
 def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduced | None]:
-    """Return S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from automatically chosen rates.
+    """Return S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from automatically
+    chosen rates.
 
     Also returns the reduced equations if they are computed together with S.
     """
@@ -398,7 +431,8 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
     square = ca.vertcat(mechanism.A, rows)
     if _sampled(mechanism, square, "the quasi-velocities").rank() < n:
         raise ModelError(
-            f"{mechanism.name}: the quasi-velocities do not determine the motion: they depend on the constraints or on each other"
+            f"{mechanism.name}: the quasi-velocities do not determine the motion: they depend on the "
+            "constraints or on each other"
         )
     right = ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m))
     if mechanism.bodies and mechanism.quasi_expressions:
@@ -409,8 +443,8 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
 
 
 def particular_solution(mechanism: Mechanism) -> ca.SX | None:
-    """Return s(q), n x 1, with A s = b, the velocity of the surfaces: with Gamma s = 0 if the user chose quasi-velocities, else
-    of least norm; None if no surface moves.
+    """Return s(q), n x 1, with A s = b, the velocity of the surfaces: with Gamma s = 0 if the user chose
+    quasi-velocities, else of least norm; None if no surface moves.
     """
     if not mechanism.carried:
         return None
@@ -427,12 +461,16 @@ def _by_bodies(mechanism: Mechanism, nu: Sequence[Quantity], T: ca.SX) -> Reduce
 
 
 def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
-    """Return n-m velocities that determine the motion, as rows of Gamma: those of inputs first, then rates of coordinates.
+    """Return n-m velocities that determine the motion, as rows of Gamma: those of inputs first, then rates of
+    coordinates.
 
-    Of each kind, the one is chosen first that, together with A, is farthest from singular in the worst sample.
+    Of each kind, the one is chosen first that, together with A, is farthest from singular in the worst
+    sample.
     """
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
-    candidates = _actuated_velocities(mechanism) + [(ca.SX.eye(n)[k, :], _rate(mechanism.coordinates[k])) for k in range(n)]
+    candidates = _actuated_velocities(mechanism) + [
+        (ca.SX.eye(n)[k, :], _rate(mechanism.coordinates[k])) for k in range(n)
+    ]
     actuated = len(mechanism.inputs)
     stacked = _sampled(mechanism, ca.vertcat(mechanism.A, *[row for row, _ in candidates]), "A and E").values
     chosen: list[int] = []
@@ -448,9 +486,9 @@ def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
     for _, velocity in velocities:
         if velocity.name in mechanism.names:
             raise ModelError(
-                f"{mechanism.name}: the name {velocity.name!r} is used twice: it is also that of an automatically chosen "
-                "quasi-velocity; "
-                "choose your own with quasi_velocity(name, unit, expression)"
+                f"{mechanism.name}: the name {velocity.name!r} is used twice: it is also that of an "
+                "automatically chosen quasi-velocity; choose your own with quasi_velocity(name, unit, "
+                "expression)"
             )
     return velocities
 
@@ -467,7 +505,12 @@ def _actuated_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
         ]
         unit = {"N": "m/s", "N m": "rad/s"}.get(force.unit, f"W/({force.unit})")
         velocities.append(
-            (row, _rate(rates[0]) if rates else quantity(f"{force.name}_velocity", unit, f"velocity on which {force.name} acts"))
+            (
+                row,
+                _rate(rates[0])
+                if rates
+                else quantity(f"{force.name}_velocity", unit, f"velocity on which {force.name} acts"),
+            )
         )
     return velocities
 

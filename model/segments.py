@@ -10,8 +10,8 @@ from .algebra.trigonometry import angle_of, sine, sine_cosine
 class Segment:
     """A line or an arc from (x, y) in the direction of travel `heading`, with `curvature` and `length`.
 
-    m, rad, 1/m (positive turns left, 0 is a line). `backward`: the vehicle drives it in reverse, with its heading
-    opposite to the direction of travel.
+    m, rad, 1/m (positive turns left, 0 is a line). `backward`: the vehicle drives it in reverse, with its
+    heading opposite to the direction of travel.
     """
 
     x: float
@@ -22,7 +22,8 @@ class Segment:
     backward: bool = False
 
     def pose(self, s: float) -> tuple[float, float, float]:
-        """Return point and direction of travel s metres from the start; the line or circle continues beyond both ends."""
+        """Return point and direction of travel s metres from the start;
+        the line or circle continues beyond both ends."""
         half = self.curvature * s / 2
         chord = s * (sine(half) / half if half else 1.0)
         s, c = sine_cosine(self.heading + half)
@@ -38,15 +39,16 @@ class Segment:
         return [self.pose(self.length * k / (count - 1))[:2] for k in range(count)]
 
     def distance(self, x: float, y: float) -> float:
-        """Return the signed distance of a point from the whole line or circle, m; positive to the left of the direction of
-        travel.
+        """Return the signed distance of a point from the whole line or circle, m; positive to the left of the
+        direction of travel.
         """
         along, left = self._seen_from_start(x, y)
         from_centre = math.hypot(self.curvature * along, 1 - self.curvature * left)  # in units of the radius
         return (2 * left - self.curvature * (along * along + left * left)) / (1 + from_centre)
 
     def progress(self, x: float, y: float, near: float = 0.0) -> float:
-        """Return the position of the point's foot, m from the start; on an arc of several turns the one nearest to `near`."""
+        """Return the position of the point's foot, m from the start;
+        on an arc of several turns the one nearest to `near`."""
         along, left = self._seen_from_start(x, y)
         if not self.curvature:
             return along

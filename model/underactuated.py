@@ -1,13 +1,15 @@
-"""Robots with fewer inputs than degrees of freedom: partial feedback linearization, zero dynamics, and the robot at rest.
+"""Robots with fewer inputs than degrees of freedom: partial feedback linearization, zero dynamics, and the
+robot at rest.
 
-With B = S'E of rank r < n-m, some accelerations cannot be chosen. Multiplied by N, N B = 0, (10) has no inputs:
+With B = S'E of rank r < n-m, some accelerations cannot be chosen. Multiplied by N, N B = 0, (10) has no
+inputs:
 
     N (Mbar u + bias) = 0,    u = nudot
 
-Collocated partial feedback linearization (M. W. Spong, Partial feedback linearization of underactuated mechanical systems, IROS
-1994) chooses the rates of the velocities w = B' nu at the inputs, w' = v; noncollocated, those of r other velocities. Together
-these are n-m equations for u. What is left when w stays zero are the zero dynamics: nu = Z eta with B' Z = 0, so that
-N (Mbar (Z eta' + Z' eta) + bias) = 0.
+Collocated partial feedback linearization (M. W. Spong, Partial feedback linearization of underactuated
+mechanical systems, IROS 1994) chooses the rates of the velocities w = B' nu at the inputs, w' = v;
+noncollocated, those of r other velocities. Together these are n-m equations for u. What is left when w stays
+zero are the zero dynamics: nu = Z eta with B' Z = 0, so that N (Mbar (Z eta' + Z' eta) + bias) = 0.
 """
 
 from collections.abc import Sequence
@@ -40,20 +42,22 @@ class PartialLinearization:
         return self.system.input_map.T @ self.system.nu
 
     def directions(self, chosen: Sequence[int] = ()) -> ca.SX:
-        """Return Z, (n-m) x (n-m-r): motions that leave the velocities that are linearized zero; see `acceleration`."""
+        """Return Z, (n-m) x (n-m-r): motions that leave the velocities that are linearized zero;
+        see `acceleration`."""
         if not chosen:
             return self.annihilator.T
         return ca.SX.eye(self.system.dof)[:, [k for k in range(self.system.dof) if k not in chosen]]
 
     def coupling(self, chosen: Sequence[int] = ()) -> ca.SX:
-        """Return N Mbar Z, (n-m-r) x (n-m-r). Where it is singular, the inputs cannot choose the rates of these velocities; Spong
-        calls the robot strongly inertially coupled where it is regular.
+        """Return N Mbar Z, (n-m-r) x (n-m-r). Where it is singular, the inputs cannot choose the rates of
+        these velocities; Spong calls the robot strongly inertially coupled where it is regular.
         """
         return self.annihilator @ self.system.Mbar @ self.directions(chosen)
 
     def acceleration(self, v: ca.SX, chosen: Sequence[int] = ()) -> ca.SX:
-        """Return u = nudot, (n-m) x 1, with w' = v: collocated. With the numbers of r quasi-velocities in `chosen`, others than
-        those at the inputs, these have the rates v: noncollocated, where `coupling` is regular.
+        """Return u = nudot, (n-m) x 1, with w' = v: collocated. With the numbers of r quasi-velocities in
+        `chosen`, others than those at the inputs, these have the rates v: noncollocated, where `coupling` is
+        regular.
         """
         system, N = self.system, self.annihilator
         B = system.input_map
@@ -67,8 +71,8 @@ class PartialLinearization:
         return self.system.first_feedback(u)
 
     def zero_dynamics(self, eta: ca.SX, chosen: Sequence[int] = ()) -> tuple[ca.SX, ca.SX]:
-        """Return qdot, n x 1, and eta', (n-m-r) x 1, while the velocities at the inputs, or the `chosen` ones, are zero:
-        nu = Z eta.
+        """Return qdot, n x 1, and eta', (n-m-r) x 1, while the velocities at the inputs, or the `chosen`
+        ones, are zero: nu = Z eta.
         """
         system, N, Z = self.system, self.annihilator, self.directions(chosen)
         nu = ca.densify(Z @ eta)
@@ -79,11 +83,12 @@ class PartialLinearization:
 
 
 def passive_equations(system: ReducedSystem, annihilator: ca.SX | None = None) -> tuple[ca.SX, ca.SX]:
-    """Return P, (n-m-r) x (n-m), and p of the equations 0 = P u + p, which have no inputs; no rows unless underactuated.
+    """Return P, (n-m-r) x (n-m), and p of the equations 0 = P u + p, which have no inputs; no rows unless
+    underactuated.
 
-    They are the rows of N (Mbar u + bias), each divided by the inertia N_k Mbar N_k': P is as large as the identity, whatever
-    the masses are, so that the measure of Phi tells how strongly inertia couples the outputs to the inputs. N is `annihilator`,
-    by default that of the system.
+    They are the rows of N (Mbar u + bias), each divided by the inertia N_k Mbar N_k': P is as large as the
+    identity, whatever the masses are, so that the measure of Phi tells how strongly inertia couples the
+    outputs to the inputs. N is `annihilator`, by default that of the system.
     """
     if not system.underactuated:
         return ca.SX(0, system.dof), ca.SX(0, 1)
@@ -98,12 +103,14 @@ def passive_inertias(system: ReducedSystem, annihilator: ca.SX) -> ca.SX:
 
 
 def passive_names(system: ReducedSystem) -> tuple[str, ...]:
-    """Return the names of these equations: each has the quasi-velocity that occurs in no other, see `annihilator`."""
+    """Return the names of these equations: each has the quasi-velocity that occurs in no other,
+    see `annihilator`."""
     return tuple(f"passive_{system.quasi_velocities[k].name}" for k in system.passive)
 
 
 def partial_linearization(mechanism: Mechanism) -> PartialLinearization:
-    """Return the robot, whose inputs must be independent and fewer than its n-m degrees of freedom. Raises ModelError."""
+    """Return the robot, whose inputs must be independent and fewer than its n-m degrees of freedom. Raises
+    ModelError."""
     system = reduce(mechanism, partially=True)
     if not system.underactuated:
         r = counted(len(mechanism.inputs), "input")
@@ -111,10 +118,15 @@ def partial_linearization(mechanism: Mechanism) -> PartialLinearization:
     return PartialLinearization(system)
 
 
-def at_rest(system: ReducedSystem, q: Sequence[float], parameters: Sequence[float]) -> tuple[list[float], float]:
-    """Return the inputs, r, that hold the robot at rest at q as well as inputs can, and the largest force that they leave."""
+def at_rest(
+    system: ReducedSystem, q: Sequence[float], parameters: Sequence[float]
+) -> tuple[list[float], float]:
+    """Return the inputs, r, that hold the robot at rest at q as well as inputs can,
+    and the largest force that they leave."""
     nothing = [0.0] * system.dof
-    needed = ca.Function("needed", [system.mechanism.q, system.nu, system.mechanism.p], [system.bias, system.input_map])
+    needed = ca.Function(
+        "needed", [system.mechanism.q, system.nu, system.mechanism.p], [system.bias, system.input_map]
+    )
     bias, B = needed(q, nothing, parameters)
     tau = ca.pinv(B) @ bias
     return tau.full().ravel().tolist(), float(ca.norm_inf(B @ tau - bias))

@@ -16,7 +16,11 @@ from .tables import NANOSECONDS, Column, Table, column_name, read_table, yaw_of
 OFFSET = 0.05  # s: what differs more between topics, of the times of headers and of the bag, is said
 MARKS = (b"#ROSBAG", b"SQLite format 3")
 PROFILE = b"\x04\0\0\0ros2"  # behind the first 17 bytes of an MCAP of ROS 2
-JOINT_STATE, QUATERNION, TIME = "sensor_msgs/msg/JointState", "geometry_msgs/msg/Quaternion", "builtin_interfaces/msg/Time"
+JOINT_STATE, QUATERNION, TIME = (
+    "sensor_msgs/msg/JointState",
+    "geometry_msgs/msg/Quaternion",
+    "builtin_interfaces/msg/Time",
+)
 OF_JOINTS = ("position", "velocity", "effort")
 FORM = "--map theta_r=/joint_states:JOINT.position, or --map phi=/odom:pose.pose.orientation for the yaw"
 MENDING = "; one that was not closed is mended by `rosbag reindex`, `ros2 bag reindex` or `mcap recover`"
@@ -24,8 +28,8 @@ MENDING = "; one that was not closed is mended by `rosbag reindex`, `ros2 bag re
 
 @dataclass
 class Topic:
-    """What was read of a topic: its first message, the names of all joints; and of each message the time of the bag and the stamp
-    of its header (0: none), ns since 1970, and the values of fields.
+    """What was read of a topic: its first message, the names of all joints; and of each message the time of
+    the bag and the stamp of its header (0: none), ns since 1970, and the values of fields.
     """
 
     first: Any
@@ -39,7 +43,12 @@ def is_bag(file: str | Path) -> bool:
     """Return whether a file or folder is a bag by its name or its first bytes. Raises OSError."""
     head = _head(file)
     is_of_ros2 = head.startswith(b"\x89MCAP") and head[17:] == PROFILE
-    return Path(file).is_dir() or is_of_ros2 or head.startswith(MARKS) or Path(file).suffix.lower() in (".bag", ".db3")
+    return (
+        Path(file).is_dir()
+        or is_of_ros2
+        or head.startswith(MARKS)
+        or Path(file).suffix.lower() in (".bag", ".db3")
+    )
 
 
 def _head(file: str | Path) -> bytes:
@@ -51,12 +60,13 @@ def _head(file: str | Path) -> bytes:
 
 
 def table_of_log(file: str | Path, columns: Sequence[str], mapped: Mapping[str, str]) -> Table:
-    """Return the columns of a log: of a bag those fields that are `mapped`, quantity -> "TOPIC:FIELD", else as `read_table`.
+    """Return the columns of a log: of a bag those fields that are `mapped`, quantity -> "TOPIC:FIELD", else
+    as `read_table`.
 
-    The times of a topic are those of its headers, if its messages have them, else those of the bag; from the first message on,
-    in s. Messages that lack a field, of joints that are published separately, are not among its rows, so it has times of its
-    own then. Raises BadInput for a file that is damaged or no bag, for a topic, field or joint that it does not have, and if
-    the library is missing; and OSError.
+    The times of a topic are those of its headers, if its messages have them, else those of the bag; from the
+    first message on, in s. Messages that lack a field, of joints that are published separately, are not among
+    its rows, so it has times of its own then. Raises BadInput for a file that is damaged or no bag, for a
+    topic, field or joint that it does not have, and if the library is missing; and OSError.
     """
     if not is_bag(file):
         return read_table(file, columns)
@@ -74,7 +84,9 @@ def table_of_log(file: str | Path, columns: Sequence[str], mapped: Mapping[str, 
         for (name, field), values in zip(fields[topic].items(), np.array(read.values).T, strict=True):
             there, where = np.flatnonzero(np.isfinite(values)), f"{file} {name}"
             if not there.size:
-                raise BadInput(f"{where} is in none of {len(values)} messages; {_known_fields(read.first, read.joints)}")
+                raise BadInput(
+                    f"{where} is in none of {len(values)} messages; {_known_fields(read.first, read.joints)}"
+                )
             if there.size < len(values):
                 table.remarks.append(f"{name} is in {there.size} of {len(values)} messages")
             clock = clocks.setdefault(there.tobytes(), f"{topic} ({field})" if clocks else topic)
@@ -83,7 +95,9 @@ def table_of_log(file: str | Path, columns: Sequence[str], mapped: Mapping[str, 
                 there = there[np.argsort(times[there], kind="stable")]
             rows, first = (there + 1).tolist(), _field(read.first, field)
             values = values - start / NANOSECONDS if _is(first, TIME) else values
-            table[name] = Column(values[there].tolist(), "rad" if _is(first, QUATERNION) else None, where, rows, clock)
+            table[name] = Column(
+                values[there].tolist(), "rad" if _is(first, QUATERNION) else None, where, rows, clock
+            )
             table.clocks[clock] = Column(times[there].tolist(), "s", f"{file} {clock} time", rows, clock)
     if len(table.clocks) == 1 and "t" not in mapped:
         (table["t"],) = table.clocks.values()
@@ -91,28 +105,34 @@ def table_of_log(file: str | Path, columns: Sequence[str], mapped: Mapping[str, 
 
 
 def _is_nearly_sorted(times: np.ndarray) -> bool:
-    """Return whether times go back by little only, as those of several publishers do, not those of a clock that was set back."""
+    """Return whether times go back by little only, as those of several publishers do,
+    not those of a clock that was set back."""
     return bool((np.maximum.accumulate(times) - times).max() <= OFFSET)
 
 
 def _remarks(topics: Mapping[str, "Topic"]) -> list[str]:
-    """Return remarks on how the times of headers differ from those of the bag, which replace them where none is set."""
+    """Return remarks on how the times of headers differ from those of the bag,
+    which replace them where none is set."""
     remarks, late = [], {}
     for name, topic in topics.items():
         if not any(topic.stamps):
             topic.stamps = topic.times
             remarks.append(f"messages of {name} have no stamps in a header: their times are those of the bag")
-        late[name] = float(np.median([time - stamp for time, stamp in zip(topic.times, topic.stamps, strict=True)])) / NANOSECONDS
+        late[name] = (
+            float(np.median([time - stamp for time, stamp in zip(topic.times, topic.stamps, strict=True)]))
+            / NANOSECONDS
+        )
     if max(late.values()) - min(late.values()) > OFFSET:
         offsets = ", ".join(f"{offset:.3g} s for {name}" for name, offset in late.items())
         remarks.append(
-            f"the times of the bag are later than those of the headers, by {offsets}; that differs by more than {OFFSET:g} s: "
-            "messages were recorded late, or their clocks differ, and their topics do not fit together in time"
+            f"the times of the bag are later than those of the headers, by {offsets}; that differs by more "
+            f"than {OFFSET:g} s: messages were recorded late, or their clocks differ, and their topics do "
+            "not fit together in time"
         )
     return remarks
 
 
-# -- fields ----------------------------------------------------------------------------------------------------------------
+# -- fields --------------------------------------------------------------------------------------------------
 
 
 def _is(value: Any, kind: str) -> bool:
@@ -128,25 +148,33 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _field(message: Any, field: str) -> Any:
-    """Return the value of a nested field, "pose.pose.position.x", or of an entry of an array, "data[0]" or "data.0"; None if
-    the message does not have it. Entries of lists of messages have no fixed place, and so no name.
+    """Return the value of a nested field, "pose.pose.position.x", or of an entry of an array, "data[0]" or
+    "data.0"; None if the message does not have it. Entries of lists of messages have no fixed place, and so
+    no name.
     """
     for part in re.split(r"[.[]", field.replace("]", "")):
         if isinstance(message, np.ndarray) and part.isdecimal():
             message = message[int(part)] if int(part) < len(message) else math.nan
         else:
-            message = getattr(message, part, None) if part in getattr(message, "__dataclass_fields__", ()) else None
+            message = (
+                getattr(message, part, None) if part in getattr(message, "__dataclass_fields__", ()) else None
+            )
     return message
 
 
 def _value(message: Any, name: str, where: str) -> float:
-    """Return a field of a message as a number, NaN where it is not in this message: of a joint, looked up by its name; of a
-    quaternion its yaw, rad; of a time s since 1970. Raises BadInput if messages of this type have no such field.
+    """Return a field of a message as a number, NaN where it is not in this message: of a joint, looked up by
+    its name; of a quaternion its yaw, rad; of a time s since 1970. Raises BadInput if messages of this type
+    have no such field.
     """
     joint, _, kind = name.rpartition(".")
     if _is(message, JOINT_STATE) and joint and kind in OF_JOINTS:
         values = getattr(message, kind)
-        return float(values[k]) if joint in message.name and (k := message.name.index(joint)) < len(values) else math.nan
+        return (
+            float(values[k])
+            if joint in message.name and (k := message.name.index(joint)) < len(values)
+            else math.nan
+        )
     value: Any = None if _is(message, JOINT_STATE) and name.startswith(OF_JOINTS) else _field(message, name)
     if _is(value, QUATERNION):
         return yaw_of(value.x, value.y, value.z, value.w)
@@ -179,12 +207,13 @@ def _numeric(message: Any, path: str = "") -> Iterator[str]:
     yield from arrays
 
 
-# -- files -----------------------------------------------------------------------------------------------------------------
+# -- files ---------------------------------------------------------------------------------------------------
 
 
 @contextmanager
 def _saying(what: str, advice: str = "") -> Iterator[None]:
-    """Raise BadInput with `what` before any error of the library, whose parsers raise many kinds for damaged bytes."""
+    """Raise BadInput with `what` before any error of the library,
+    whose parsers raise many kinds for damaged bytes."""
     try:
         yield
     except (BadInput, PermissionError):
@@ -194,26 +223,36 @@ def _saying(what: str, advice: str = "") -> Iterator[None]:
 
 
 def _read(file: Path, fields: Mapping[str, Mapping[str, str]]) -> dict[str, Topic]:
-    """Return what a bag has of these topics and their `fields`, which are given with the name under which they were asked for.
-    Raises BadInput.
+    """Return what a bag has of these topics and their `fields`, which are given with the name under which
+    they were asked for. Raises BadInput.
     """
     if file.is_dir() and not (file / "metadata.yaml").exists():
-        raise BadInput(f"{file} is a folder without metadata.yaml, so no bag; give the .db3 or .mcap in it, or reindex it")
+        raise BadInput(
+            f"{file} is a folder without metadata.yaml, so no bag; give the .db3 or .mcap in it, or reindex "
+            "it"
+        )
     for log in file.glob("*-wal") if file.is_dir() else [file.with_name(f"{file.name}-wal")]:
         if log.exists() and log.stat().st_size:
-            raise BadInput(f"{file} was not closed, it has messages in {log}; `sqlite3 DB3 'PRAGMA wal_checkpoint'` moves them")
+            raise BadInput(
+                f"{file} was not closed, it has messages in {log}; `sqlite3 DB3 'PRAGMA wal_checkpoint'` "
+                "moves them"
+            )
     is_first = file.suffix.lower() == ".bag" or _head(file).startswith(MARKS[0])
     rosbags = library(f"rosbags.rosbag{1 if is_first else 2}", "bags of ROS need the library rosbags", "logs")
     topics: dict[str, Topic] = {}
     with _saying(f"{file} cannot be read as a bag", MENDING), rosbags.Reader(file) as reader:
         infos = reader.topics
-        about = {name: f"{name} ({_shown(info.msgtype)}, {info.msgcount} messages)" for name, info in infos.items()}
+        about = {
+            name: f"{name} ({_shown(info.msgtype)}, {info.msgcount} messages)" for name, info in infos.items()
+        }
         known = f"its topics are {', '.join(about.values()) or 'none'}"
         if not fields:
             raise BadInput(f"{file} is a bag of ROS: say which field each quantity is, {FORM}; {known}")
         for name in fields:
             if name not in infos:
-                raise BadInput(f"{file}: no topic {name!r}{suggestion(name, infos).partition('; known')[0]}; {known}")
+                raise BadInput(
+                    f"{file}: no topic {name!r}{suggestion(name, infos).partition('; known')[0]}; {known}"
+                )
             if not infos[name].msgcount:
                 raise BadInput(f"{file}: topic {name} has no messages; {known}")
         connections = [each for each in reader.connections if each.topic in fields]
@@ -225,13 +264,16 @@ def _read(file: Path, fields: Mapping[str, Mapping[str, str]]) -> dict[str, Topi
             topic = topics.setdefault(name, Topic(message))
             if "" in fields[name].values():
                 raise BadInput(
-                    f"{file}: no field of {name} is named; write {name}:FIELD, {_known_fields(message, _joints(message))}"
+                    f"{file}: no field of {name} is named; write {name}:FIELD, "
+                    f"{_known_fields(message, _joints(message))}"
                 )
             stamp = _field(message, "header.stamp")
             topic.joints |= dict.fromkeys(_joints(message))
             topic.times.append(time)
             topic.stamps.append(_nanoseconds(stamp) if _is(stamp, TIME) else 0)
-            topic.values.append([_value(message, part, f"{file} {column}") for column, part in fields[name].items()])
+            topic.values.append(
+                [_value(message, part, f"{file} {column}") for column, part in fields[name].items()]
+            )
         for name in fields:
             if (count := len(topics[name].times) if name in topics else 0) != infos[name].msgcount:
                 raise ValueError(f"only {count} messages are there of {about[name]}")
@@ -243,8 +285,8 @@ def _shown(kind: str | None) -> str:
 
 
 def _decoder(connection: Any, is_first: bool, where: str) -> Callable[[bytes, str], Any]:
-    """Return what decodes the messages of a connection, by the definition in the bag, or by that of ROS itself: older bags of
-    ROS 2 have none. Raises BadInput for types that cannot be decoded.
+    """Return what decodes the messages of a connection, by the definition in the bag, or by that of ROS
+    itself: older bags of ROS 2 have none. Raises BadInput for types that cannot be decoded.
     """
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -256,7 +298,14 @@ def _decoder(connection: Any, is_first: bool, where: str) -> Callable[[bytes, st
             store = get_typestore(Stores.EMPTY)
             parts = [part.partition("\n")[2] for part in text.split("=" * 80 + "\nIDL: ")[1:]] or [text]
             for part in parts if form.name == "IDL" else [text]:
-                store.register(get_types_from_idl(part) if form.name == "IDL" else get_types_from_msg(part, connection.msgtype))
+                store.register(
+                    get_types_from_idl(part)
+                    if form.name == "IDL"
+                    else get_types_from_msg(part, connection.msgtype)
+                )
     if connection.msgtype not in store.fielddefs:
-        raise BadInput(f"{where} cannot be decoded: the bag has no definition of its type; record it as MCAP, which stores them")
+        raise BadInput(
+            f"{where} cannot be decoded: the bag has no definition of its type; record it as MCAP, which "
+            "stores them"
+        )
     return store.deserialize_ros1 if is_first else store.deserialize_cdr

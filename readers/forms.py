@@ -1,7 +1,7 @@
 """Canonical forms of expressions that earlier runs found, in a database in the folder of results.
 
-SQLite lets processes read and write at once. Each row has the digest of its packed text, so that a damaged one is not used;
-without a usable folder nothing is kept.
+SQLite lets processes read and write at once. Each row has the digest of its packed text, so that a damaged
+one is not used; without a usable folder nothing is kept.
 """
 
 import os
@@ -17,7 +17,9 @@ from .kept import check_private, digest, digest_of_code, folder_of_results
 
 DETERMINE = ("model/algebra",)  # folders whose code determines a form
 LIBRARIES = ("casadi", "sympy", "python-flint")
-TABLE = "create table if not exists packed_forms (key text primary key, packed blob, digest text) without rowid"
+TABLE = (
+    "create table if not exists packed_forms (key text primary key, packed blob, digest text) without rowid"
+)
 
 
 class Forms:
@@ -38,12 +40,15 @@ class Forms:
         with suppress(BadInput, OSError, sqlite3.Error):
             packed = zlib.compress(text.encode(), 1)
             row = digest(key.encode()), packed, digest(packed)
-            _database(folder_of_results(), os.getpid()).execute("insert or replace into packed_forms values (?, ?, ?)", row)
+            _database(folder_of_results(), os.getpid()).execute(
+                "insert or replace into packed_forms values (?, ?, ?)", row
+            )
 
 
 @cache
 def _database(folder: Path, process: int) -> sqlite3.Connection:
-    """Return the database for this code and these libraries; a process must not use that of another, which it was forked from."""
+    """Return the database for this code and these libraries; a process must not use that of another,
+    which it was forked from."""
     versions = [version(library) for library in LIBRARIES]
     path = folder / f"{digest(repr((digest_of_code(DETERMINE), versions)).encode())}.forms"
     with suppress(FileExistsError):

@@ -1,6 +1,7 @@
 """Results cached between runs: compiled and derived laws, each under the digest of all that determines it.
 
-The name of a file also contains the digest of its content, so that a damaged file is detected and computed again.
+The name of a file also contains the digest of its content, so that a damaged file is detected and computed
+again.
 """
 
 import hashlib
@@ -28,10 +29,11 @@ def remembered(
     rooms: tuple[str, ...] = DERIVES,
     lasts: Callable[[Result], bool] = lambda _: True,
 ) -> Result:
-    """Return make(), or a copy of its result in an earlier run with the same `key` and the same code of noslip.
+    """Return make(), or a copy of its result in an earlier run with the same `key` and the same code of
+    noslip.
 
-    `shared`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. `lasts`: whether
-    a result is to be cached. Without a usable cache folder nothing is cached.
+    `shared`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that
+    code. `lasts`: whether a result is to be cached. Without a usable cache folder nothing is cached.
     """
     whole = ("remembered", digest_of_code(rooms), *key)
     with suppress(BadInput, OSError):
@@ -102,7 +104,8 @@ def _digest_of(key: tuple) -> str:
 def _is_sound(path: Path) -> bool:
     """Whether the content of a file agrees with the digest in its name.
 
-    Raises BadInput if it belongs to another user or others can write it, since it is executed with this user's rights.
+    Raises BadInput if it belongs to another user or others can write it, since it is executed with this
+    user's rights.
     """
     with suppress(OSError):  # removed in the meantime, or unreadable
         check_private(path)
@@ -119,25 +122,35 @@ def folder_of_results() -> Path:
     """Return the folder for cached results: $NOSLIP_CACHE, else the user's cache folder."""
     base = os.environ.get("NOSLIP_CACHE")
     try:
-        folder = Path(base or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip").absolute()
+        folder = Path(
+            base or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip"
+        ).absolute()
     except RuntimeError as error:  # the user has no home folder
-        raise BadInput("there is no home folder for compiled laws; set NOSLIP_CACHE to a folder of your own") from error
+        raise BadInput(
+            "there is no home folder for compiled laws; set NOSLIP_CACHE to a folder of your own"
+        ) from error
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"cannot make the folder for compiled laws {folder}: {error.strerror}; set NOSLIP_CACHE") from error
+        raise BadInput(
+            f"cannot make the folder for compiled laws {folder}: {error.strerror}; set NOSLIP_CACHE"
+        ) from error
     check_private(folder)
     return folder
 
 
 def check_private(path: Path) -> None:
-    """Raise BadInput if a folder or file with programs to execute belongs to another user, or others can write it."""
+    """Raise BadInput if a folder or file with programs to execute belongs to another user,
+    or others can write it."""
     status = path.stat()
     advice = "set NOSLIP_CACHE to a folder of your own"
     if status.st_uid != os.geteuid():
-        raise BadInput(f"{path} belongs to another user, and noslip does not execute programs of others; {advice}")
+        raise BadInput(
+            f"{path} belongs to another user, and noslip does not execute programs of others; {advice}"
+        )
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise BadInput(
-            f"{path} can be written by others, and noslip does not execute programs of others; chmod go-w it, or {advice}"
+            f"{path} can be written by others, and noslip does not execute programs of others; chmod go-w "
+            f"it, or {advice}"
         )

@@ -18,7 +18,8 @@ def columns(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value in a form that JSON has: arrays as lists, complex numbers as pairs, None for numbers that are not finite."""
+    """Return a value in a form that JSON has: arrays as lists, complex numbers as pairs,
+    None for numbers that are not finite."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = dataclasses.asdict(value)
     if isinstance(value, Mapping):
@@ -33,15 +34,18 @@ def plain(value: Any) -> Any:
 
 
 def as_json(value: Any, indent: int = 0) -> str:
-    """Return a value that `plain` has given as JSON, in lines of at most WIDTH columns where its texts allow: what fits on one
-    line is on one, and lines are filled with members that fit on one.
+    """Return a value that `plain` has given as JSON, in lines of at most WIDTH columns where its texts allow:
+    what fits on one line is on one, and lines are filled with members that fit on one.
     """
     text = json.dumps(value, ensure_ascii=False, allow_nan=False)
     if len(text) + indent < WIDTH or not value or not isinstance(value, Mapping | list | tuple):
         return text
     indent += 1
     if isinstance(value, Mapping):
-        members = [f"{json.dumps(key, ensure_ascii=False)}: {as_json(member, indent)}" for key, member in value.items()]
+        members = [
+            f"{json.dumps(key, ensure_ascii=False)}: {as_json(member, indent)}"
+            for key, member in value.items()
+        ]
     else:
         members = [as_json(member, indent) for member in value]
     lines = [members[0]]
@@ -57,7 +61,9 @@ def as_json(value: Any, indent: int = 0) -> str:
 def toml(value: Any) -> str:
     """Return a value as TOML, on one line."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }" if value else "{}"
+        return (
+            "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }" if value else "{}"
+        )
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml, value))}]"
     return json.dumps(value)

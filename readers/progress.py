@@ -9,9 +9,11 @@ Reported = Callable[[float, float, str], None]  # called with the number done, t
 
 
 class Progress:
-    """Prints what is done and the time left on one line of the terminal of stderr; prints nothing if stderr is no terminal.
+    """Prints what is done and the time left on one line of the terminal of stderr; prints nothing if stderr
+    is no terminal.
 
-    The line is cleared at the end of a `with` block. Time is counted from the first call for each kind of work.
+    The line is cleared at the end of a `with` block. Time is counted from the first call for each kind of
+    work.
     """
 
     def __init__(self) -> None:
@@ -26,7 +28,8 @@ class Progress:
         self.clear()
 
     def __call__(self, count: float, total: float, of: str) -> None:
-        """Print that `count` of `total` are done, such as 3 of 7 "laws compared", at most five times a second."""
+        """Print that `count` of `total` are done, such as 3 of 7 "laws compared",
+        at most five times a second."""
         now = time.monotonic()
         if of != self._of:
             self._of, self._start, self._before = of, now, count

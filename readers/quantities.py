@@ -1,8 +1,8 @@
-"""Numbers with and without units, and the range of numbers in files and options; outside it, products and powers would overflow
-or underflow.
+"""Numbers with and without units, and the range of numbers in files and options; outside it, products and
+powers would overflow or underflow.
 
-A number may be given with a unit, "36 km/h"; pint knows the units. It is given single names only: as an evaluator of
-expressions it would compute "9**9**9**9 m".
+A number may be given with a unit, "36 km/h"; pint knows the units. It is given single names only: as an
+evaluator of expressions it would compute "9**9**9**9 m".
 """
 
 import argparse
@@ -40,7 +40,8 @@ class Measured(float):
 
 
 def measured(text: str, where: str, unit: str | None = None) -> Measured:
-    """Return the number of a text such as "36 km/h" in SI, rounded once; `unit`, if known, is what it must be in.
+    """Return the number of a text such as "36 km/h" in SI, rounded once; `unit`, if known, is what it must be
+    in.
 
     Raises BadInput for anything but a number and a known unit, and for a unit of another kind.
     """
@@ -60,7 +61,8 @@ def measured(text: str, where: str, unit: str | None = None) -> Measured:
 
 
 def check_unit(value: float, unit: str, where: str) -> None:
-    """Raise BadInput if a number was given with a unit of another kind than `unit`, which must be one of SI."""
+    """Raise BadInput if a number was given with a unit of another kind than `unit`,
+    which must be one of SI."""
     if not isinstance(value, Measured):
         return
     try:
@@ -68,7 +70,9 @@ def check_unit(value: float, unit: str, where: str) -> None:
     except BadInput:
         factor, dimension = Decimal(0), frozenset()
     if factor != 1:
-        raise BadInput(f'{where} = "{value.text}": its unit, {unit!r}, is not one of SI; write a plain number')
+        raise BadInput(
+            f'{where} = "{value.text}": its unit, {unit!r}, is not one of SI; write a plain number'
+        )
     if value.dimension != dimension:
         units = (name if power == 1 else f"{name}^{power}" for name, power in sorted(value.dimension))
         actual = " ".join(units) or "a plain number"
@@ -84,12 +88,22 @@ def _advice(unit: str | None) -> str:
     return f'; write a number in {unit}, or a number, a space and a unit, such as "1 {unit}"'
 
 
-ALIASES = {"°": "deg", "µ": "u", "μ": "u", "²": "^2", "Nm": "N m", "RPM": "rpm", "revs": "turn", "rev": "turn"}
+ALIASES = {
+    "°": "deg",
+    "µ": "u",
+    "μ": "u",
+    "²": "^2",
+    "Nm": "N m",
+    "RPM": "rpm",
+    "revs": "turn",
+    "rev": "turn",
+}
 SCALED = rf"(?:({NUMBER}) ?)?({UNIT})(?: ?/ ?({NUMBER}))?"
 
 
 def scaled_units(text: str) -> tuple[Decimal, Dimension]:
-    """Return as `in_base_units` for a unit with a factor, "turn/4096" or "0.1 deg", in a spelling of tables, "µs" or "°/s".
+    """Return as `in_base_units` for a unit with a factor, "turn/4096" or "0.1 deg", in a spelling of tables,
+    "µs" or "°/s".
 
     Raises BadInput for what is not a unit, and for a factor of 0.
     """
@@ -116,7 +130,8 @@ def is_unit(text: str) -> bool:
 
 @cache
 def in_base_units(text: str) -> tuple[Decimal, Dimension]:
-    """Return the factor from a unit to SI's base units, and their powers. Raises BadInput for what is not a unit."""
+    """Return the factor from a unit to SI's base units, and their powers. Raises BadInput for what is not a
+    unit."""
     if text in PLAIN:
         return Decimal(1), frozenset()
     if not re.fullmatch(UNIT, text):
@@ -128,7 +143,8 @@ def in_base_units(text: str) -> tuple[Decimal, Dimension]:
 
 
 def _unit(name: str) -> Any:
-    """Return one unit in base units. Raises BadInput for an unknown one, and for one such as degC, whose zero is not zero."""
+    """Return one unit in base units. Raises BadInput for an unknown one, and for one such as degC,
+    whose zero is not zero."""
     registry = _registry()
     try:
         zero, one = (registry.Quantity(Decimal(k), registry.Unit(name)).to_base_units() for k in (0, 1))
@@ -157,9 +173,11 @@ def in_range(value: float) -> bool:
 
 
 def quantity(unit: str | None = None) -> Callable[[str], float]:
-    """Return a reader of a number on the command line, for argparse: in `unit`, or with another of the same kind.
+    """Return a reader of a number on the command line, for argparse: in `unit`, or with another of the same
+    kind.
 
-    The option itself must check that the number is finite and, if no unit is named here, that it was given in the right one.
+    The option itself must check that the number is finite and, if no unit is named here, that it was given in
+    the right one.
     """
 
     def read(text: str) -> float:
@@ -168,7 +186,9 @@ def quantity(unit: str | None = None) -> Callable[[str], float]:
         except BadInput as error:
             raise argparse.ArgumentTypeError(str(error)) from error
         if value - value == 0 and not in_range(value):
-            raise argparse.ArgumentTypeError(f"{text} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
+            raise argparse.ArgumentTypeError(
+                f"{text} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}"
+            )
         return value
 
     read.__name__ = "float"  # argparse prints this name if the text is not a number

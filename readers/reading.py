@@ -25,7 +25,11 @@ BOUNDS: dict[str, Schema] = {"any": {}, "positive": {"exclusiveMinimum": 0}, "no
 SI = "in SI units"
 MOST_ANGLE = 6.284  # rad: a turn, also a rounded one; a larger plain number is likely to be in degrees
 DEFINITIONS: dict[str, Schema] = {  # of JSON Schema, for `ref`
-    "quantity": {"type": "string", "pattern": f"^{QUANTITY}$", "description": 'a number with a unit, such as "36 km/h"'}
+    "quantity": {
+        "type": "string",
+        "pattern": f"^{QUANTITY}$",
+        "description": 'a number with a unit, such as "36 km/h"',
+    }
 }
 
 
@@ -33,9 +37,9 @@ DEFINITIONS: dict[str, Schema] = {  # of JSON Schema, for `ref`
 class Reader:
     """A reader of a value: `read(value, where)` returns the value or raises BadInput.
 
-    `schema()` returns its JSON Schema. `unit` is that of a number, or of each number of a list, in SI; None where it depends on
-    the robot. `kind` is the dataclass that a table is read into. `check(value, where)` raises BadInput for a number beyond the
-    bounds of the reader.
+    `schema()` returns its JSON Schema. `unit` is that of a number, or of each number of a list, in SI; None
+    where it depends on the robot. `kind` is the dataclass that a table is read into. `check(value, where)`
+    raises BadInput for a number beyond the bounds of the reader.
     """
 
     read: Callable[[Any, str], Any]
@@ -61,12 +65,14 @@ class Reader:
 def reads(
     schema: Schema | Callable[[], Schema], unit: str | None = None, **options: Any
 ) -> Callable[[Callable[[Any, str], Any]], Reader]:
-    """Return a decorator that makes a function a Reader of values with this schema, with further `options` of Reader."""
+    """Return a decorator that makes a function a Reader of values with this schema,
+    with further `options` of Reader."""
     return lambda read: Reader(read, schema if callable(schema) else lambda: schema, unit, **options)
 
 
 def of_type(value: Any, kind: type | tuple[type, ...], where: str, what: str) -> Any:
-    """Return the value if it is of this type; `what` names it. Raises BadInput for others; true and false are no numbers."""
+    """Return the value if it is of this type; `what` names it. Raises BadInput for others;
+    true and false are no numbers."""
     if not isinstance(value, kind) or isinstance(value, bool) and kind is not bool:
         raise BadInput(f"{where} = {value!r} is not {what}")
     return value
@@ -92,11 +98,11 @@ def number(
     least: float | None = None,
     most: float | None = None,
 ) -> Reader:
-    """Return a reader of a finite number with a sign: any, positive or nonnegative; between `above` and `below`, and from `least`
-    to `most`.
+    """Return a reader of a finite number with a sign: any, positive or nonnegative; between `above` and
+    `below`, and from `least` to `most`.
 
-    A number may be given as a string with a unit and is returned in SI; without `unit`, as Measured: the robot or the law
-    decides by `check_unit` whether it is the right one.
+    A number may be given as a string with a unit and is returned in SI; without `unit`, as Measured: the
+    robot or the law decides by `check_unit` whether it is the right one.
     """
     holds, requirement = SIGNS[sign]
     described = SI if unit is None else "a number without unit" if unit in PLAIN else f"in {unit}"
@@ -117,7 +123,11 @@ def number(
             if not within(size, limit):
                 raise BadInput(f"{where} = {size:g} must be {words} {limit:g}")
 
-    @reads({"anyOf": [{"type": "number", **bounds}, ref("quantity")], "description": described}, unit, check=check)
+    @reads(
+        {"anyOf": [{"type": "number", **bounds}, ref("quantity")], "description": described},
+        unit,
+        check=check,
+    )
     def read(value: Any, where: str) -> float:
         if isinstance(value, str):
             value = measured(value, where, unit)
@@ -130,7 +140,9 @@ def number(
         if not math.isfinite(size):
             raise BadInput(f"{where} = {size} is not finite")
         if not in_range(size):
-            raise BadInput(f"{where} = {size:g} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
+            raise BadInput(
+                f"{where} = {size:g} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}"
+            )
         if not holds(size):
             raise BadInput(f"{where} = {size:g} must be {requirement}")
         check(size, where)
@@ -166,11 +178,15 @@ def row(form: str, *readers: Reader, entries: str = "numbers") -> Reader:
     def read_all(value: Any, where: str) -> tuple[float, ...]:
         if len(of_type(value, list, where, f"a list of {entries}")) != len(readers):
             raise BadInput(f"{where} has {len(value)} {entries}; it must be {form}")
-        return tuple(read(item, f"{where}[{k}]") for k, (read, item) in enumerate(zip(readers, value, strict=True)))
+        return tuple(
+            read(item, f"{where}[{k}]") for k, (read, item) in enumerate(zip(readers, value, strict=True))
+        )
 
     schema = {"type": "array", "items": items, "minItems": len(items), "maxItems": len(items)}
     units = tuple(reader.unit for reader in readers if isinstance(reader.unit, str))
-    return Reader(read_all, lambda: {**schema, "description": f"{form} in {', '.join(dict.fromkeys(units))}"}, units)
+    return Reader(
+        read_all, lambda: {**schema, "description": f"{form} in {', '.join(dict.fromkeys(units))}"}, units
+    )
 
 
 def ascending(item: Reader, form: str = "[a, b]") -> Reader:
@@ -191,7 +207,8 @@ pose = row("[x, y, heading]", number(unit="m"), number(unit="m"), angle)
 
 
 def each_of(item: Callable[[Any, str], Any], value: Any, where: str, what: str) -> tuple[Any, ...]:
-    """Return what a reader reads of each item of a list; `what` names the list. Raises BadInput for what is no list."""
+    """Return what a reader reads of each item of a list; `what` names the list. Raises BadInput for what is
+    no list."""
     return tuple(item(each, f"{where}[{k}]") for k, each in enumerate(of_type(value, list, where, what)))
 
 
@@ -216,30 +233,38 @@ def numbers_of(item: Reader, empty: str = "") -> Reader:
 numbers = numbers_of(number())  # those with a unit are Measured: the robot or law checks it
 
 
-def one_for_each(values: Sequence[float], names: Sequence[str], where: str, of_all: bool = True) -> tuple[float, ...]:
-    """Return as many values as names; a single one is for all of them, if it may be `of_all`. Raises BadInput for another number
-    of values.
+def one_for_each(
+    values: Sequence[float], names: Sequence[str], where: str, of_all: bool = True
+) -> tuple[float, ...]:
+    """Return as many values as names; a single one is for all of them, if it may be `of_all`. Raises BadInput
+    for another number of values.
     """
     if len(values) == len(names):
         return tuple(values)
     if len(values) == 1 and of_all:
         return tuple(values) * len(names)
     count = f"1 or {len(names)}" if of_all else str(len(names))
-    raise BadInput(f"{where} has {len(values)} numbers; it must have {count}: {', '.join(names) or 'there is none'}")
+    raise BadInput(
+        f"{where} has {len(values)} numbers; it must have {count}: {', '.join(names) or 'there is none'}"
+    )
 
 
 _plain = number(unit="1")
 
 
 def by_name(option: str, texts: Iterable[str], example: str, read: Reader = _plain) -> dict[str, float]:
-    """Return the numbers of an option of a command line, NAME=NUMBER each, by name; `read` reads each, by default without a unit.
-    Raises BadInput, with an example, for a text of another form, and for a name that has a number already.
+    """Return the numbers of an option of a command line, NAME=NUMBER each, by name; `read` reads each, by
+    default without a unit. Raises BadInput, with an example, for a text of another form, and for a name that
+    has a number already.
     """
     numbers: dict[str, float] = {}
     for text in texts:
         name, equals, size = text.rpartition("=")
         if not equals or name in numbers:
-            raise BadInput(f"{option} {text}: {f'{name or option} has a number already' if equals else f'give {example}'}")
+            raise BadInput(
+                f"{option} {text}: "
+                f"{f'{name or option} has a number already' if equals else f'give {example}'}"
+            )
         try:
             numbers[name] = read(float(size), f"{option} {name}")
         except ValueError:
@@ -272,7 +297,9 @@ def whole(least: int, most: int | None = None) -> Reader:
     @reads({"type": "integer", "minimum": least, **maximum})
     def read(value: Any, where: str) -> int:
         if not least <= of_type(value, int, where, "an integer") <= (value if most is None else most):
-            raise BadInput(f"{where} = {value} must be {f'{least} or more' if value < least else f'at most {most}'}")
+            raise BadInput(
+                f"{where} = {value} must be {f'{least} or more' if value < least else f'at most {most}'}"
+            )
         return value
 
     return read
@@ -300,7 +327,8 @@ one_or_more = one_or_each(number())
 
 @reads({"type": "object", "additionalProperties": number().schema(), "description": SI})
 def named_numbers(value: Any, where: str) -> dict[str, float]:
-    """Read a table of finite numbers. The robot or law checks the names and, of Measured numbers, the units."""
+    """Read a table of finite numbers. The robot or law checks the names and, of Measured numbers,
+    the units."""
     return {key: number()(item, f"{where} {key}") for key, item in table(value, where).items()}
 
 
@@ -320,11 +348,19 @@ def section(kind: "type[DataclassInstance]") -> Reader:
         for e in entries:
             if _required(e) and e.name not in values:
                 raise BadInput(f"{_path(where, e)} is missing")
-        return kind(**{e.name: e.metadata["read"](values[e.name], _path(where, e)) for e in entries if e.name in values})
+        return kind(
+            **{
+                e.name: e.metadata["read"](values[e.name], _path(where, e))
+                for e in entries
+                if e.name in values
+            }
+        )
 
     def schema() -> Schema:
         entries = dataclasses.fields(kind)
-        base = table_of({e.name: e.metadata["read"] for e in entries}, [e.name for e in entries if _required(e)])
+        base = table_of(
+            {e.name: e.metadata["read"] for e in entries}, [e.name for e in entries if _required(e)]
+        )
         for e in entries:
             if isinstance(e.default, str | int | float):
                 base["properties"][e.name] = base["properties"][e.name] | {"default": e.default}
@@ -354,7 +390,8 @@ def list_of(kind: "type[DataclassInstance]", example: str) -> Reader:
 
 
 def units(kind: "type[DataclassInstance]", prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the dotted name and the unit of each number of a section whose unit does not depend on the robot."""
+    """Yield the dotted name and the unit of each number of a section whose unit does not depend on the
+    robot."""
     for e in dataclasses.fields(kind):
         reader: Reader = e.metadata["read"]
         if reader.kind is not None:
@@ -366,7 +403,8 @@ def units(kind: "type[DataclassInstance]", prefix: str = "") -> Iterator[tuple[s
 
 
 def entry(read: Reader, default: Any = dataclasses.MISSING, about: str = "") -> Any:
-    """Declare an entry of a section: its reader, its default and its meaning; without a default the entry is required."""
+    """Declare an entry of a section: its reader, its default and its meaning;
+    without a default the entry is required."""
     metadata = {"read": read.about(about) if about else read}
     if isinstance(default, dict):
         return dataclasses.field(default_factory=lambda: dict(default), metadata=metadata)

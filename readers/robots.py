@@ -42,7 +42,8 @@ keep_in(Forms())
 
 @dataclass(frozen=True)
 class Source:
-    """The user's file that defines a robot: path, text, and first and last line of the statement that defines its name."""
+    """The user's file that defines a robot: path, text, and first and last line of the statement that defines
+    its name."""
 
     path: Path
     text: bytes
@@ -50,8 +51,8 @@ class Source:
     last: int
 
     def line_of(self, message: str) -> int:
-        """Return the line of the call that a message is about: one that contains a name quoted there, or calls a method named
-        there.
+        """Return the line of the call that a message is about: one that contains a name quoted there, or
+        calls a method named there.
 
         If there are several, the first one; lines of the robot's own function take precedence.
         """
@@ -59,7 +60,9 @@ class Source:
         calls.sort(key=lambda call: (not self.line <= call.lineno <= self.last, call.lineno))
         for name in re.findall(r"'([^']+)'", message):
             for call in calls:
-                if any(isinstance(argument, ast.Constant) and argument.value == name for argument in call.args):
+                if any(
+                    isinstance(argument, ast.Constant) and argument.value == name for argument in call.args
+                ):
                     return call.lineno
         words = message.replace("-", " ")
         for call in calls:
@@ -73,12 +76,13 @@ _sources: WeakKeyDictionary[Mechanism, Source] = WeakKeyDictionary()
 
 @cache
 def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
-    """Return a robot: a shipped name, or "path/to/file.py:name", where name is a Mechanism (or another of `kinds`) or a function
-    that returns one.
+    """Return a robot: a shipped name, or "path/to/file.py:name", where name is a Mechanism (or another of
+    `kinds`) or a function that returns one.
 
-    Integers after the name, each preceded by a colon, are arguments of the function: "tractor_trailer:4". The same name always
-    returns the same object, which accepts only further outputs once it has been reduced. Raises BadInput for an unknown name, a
-    missing file, invalid arguments, or, with file and line, an error raised by the user's code.
+    Integers after the name, each preceded by a colon, are arguments of the function: "tractor_trailer:4". The
+    same name always returns the same object, which accepts only further outputs once it has been reduced.
+    Raises BadInput for an unknown name, a missing file, invalid arguments, or, with file and line, an error
+    raised by the user's code.
     """
     whole, text = text, re.sub(r"(:-?\d{1,15})*\Z", "", text, count=1)
     numbers = [int(number) for number in whole[len(text) :].split(":")[1:]]
@@ -90,9 +94,15 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
         raise BadInput(f"robot {text!r} is not a valid file name")
     file, colon, name = text.rpartition(":")
     if not colon and (text.endswith(".toml") or text in {file.stem for file in SPECS.rglob("*.toml")}):
-        raise BadInput(f"{text} is a SPEC, where a robot is expected: give the robot that it names, or `noslip simulate {text}`")
+        raise BadInput(
+            f"{text} is a SPEC, where a robot is expected: give the robot that it names, or `noslip simulate "
+            f"{text}`"
+        )
     if not colon and not text.endswith(".py"):
-        raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, SHIPPED)}")
+        raise BadInput(
+            f"unknown robot {text!r} (neither a shipped name nor "
+            f"path/to/file.py:name){suggestion(text, SHIPPED)}"
+        )
     if file in SHIPPED:
         raise BadInput(f"robot {whole!r}: the arguments after a shipped name must be integers")
     if not colon:
@@ -101,8 +111,8 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
 
 
 def find_laws(system: ReducedSystem) -> tuple[str, ...]:
-    """Return the names of the laws that this robot can have, Types I to IV first, then its own; if there are none, its own that
-    need a dynamic extension.
+    """Return the names of the laws that this robot can have, Types I to IV first, then its own; if there are
+    none, its own that need a dynamic extension.
     """
     found = tuple(name for name in output_names(system.mechanism) if _fits(system, name))
     extended = (output.name + EXTENDED for output in system.mechanism.outputs)
@@ -111,7 +121,8 @@ def find_laws(system: ReducedSystem) -> tuple[str, ...]:
 
 @cache
 def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
-    """Return the control law, built once per process. Raises BadInput for an unknown name, ModelError as `control_law` does."""
+    """Return the control law, built once per process. Raises BadInput for an unknown name,
+    ModelError as `control_law` does."""
     mechanism = robot if isinstance(robot, Mechanism) else robot.mechanism
     check_law(mechanism, law_name)
     system = system_of(robot) if isinstance(robot, Mechanism) else robot
@@ -130,20 +141,27 @@ def check_law(robot: Mechanism, law_name: str) -> None:
     if in_time != dynamic and in_time != COURSE:
         raise BadInput(f"{law_name}: only {COURSE}{ARCLENGTH} is along the way")
     if plain != in_time and dynamic != law_name:
-        raise BadInput(f"{law_name}: a kinematic law has no dynamic extension: it has no accelerations; take {plain}{KINEMATIC}")
+        raise BadInput(
+            f"{law_name}: a kinematic law has no dynamic extension: it has no accelerations; take "
+            f"{plain}{KINEMATIC}"
+        )
     if plain != law_name and exact != plain:
         other = "kinematic" if plain == dynamic else "extended"
-        raise BadInput(f"{law_name}: a damped law cannot be {other}: it damps accelerations, without integrators; take {plain}")
+        raise BadInput(
+            f"{law_name}: a damped law cannot be {other}: it damps accelerations, without integrators; take "
+            f"{plain}"
+        )
 
 
 def refuse_course(law_names: Iterable[str], where: str) -> None:
-    """Raise BadInput for a law along a course; `where` names what would give it the same config at each step."""
+    """Raise BadInput for a law along a course; `where` names what would give it the same config at each
+    step."""
     for law_name in law_names:
         name = LawName.parse(law_name)
         if name and name.path == "course":
             raise BadInput(
-                f"{where}: the config of {law_name} is the nearest point of a course, new at each step; take its C alone, from "
-                "noslip generate, and see docs/extension.md"
+                f"{where}: the config of {law_name} is the nearest point of a course, new at each step; take "
+                "its C alone, from noslip generate, and see docs/extension.md"
             )
 
 
@@ -156,7 +174,8 @@ def system_of(robot: Mechanism) -> ReducedSystem:
 
 @contextmanager
 def placed(robot: object, about: str = "") -> Iterator[None]:
-    """Prefix a ModelError about a robot of a user's file with file and line of the call that it, or `about`, names."""
+    """Prefix a ModelError about a robot of a user's file with file and line of the call that it,
+    or `about`, names."""
     try:
         yield
     except ModelError as error:
@@ -167,22 +186,26 @@ def placed(robot: object, about: str = "") -> Iterator[None]:
 
 
 def check_trust(robot: str, file: Path | str, trusted: bool) -> None:
-    """Raise BadInput if `file` names a robot file, which is Python code, and the user has not given --trust."""
+    """Raise BadInput if `file` names a robot file, which is Python code,
+    and the user has not given --trust."""
     if not trusted and robot.split(":")[0] not in SHIPPED and (":" in robot or robot.endswith(".py")):
-        raise BadInput(f"{file} names the robot {robot!r}, a file whose code would be executed; read it, then add --trust")
+        raise BadInput(
+            f"{file} names the robot {robot!r}, a file whose code would be executed; read it, then add "
+            "--trust"
+        )
 
 
 def beside(robot: str, file: Path | str) -> str:
-    """Return a robot named in a file; "path/to/file.py:name" is looked up relative to that file first, then to the current
-    folder.
+    """Return a robot named in a file; "path/to/file.py:name" is looked up relative to that file first, then
+    to the current folder.
     """
     stem, py, name = robot.partition(".py")
     return f"{near(stem + py, file)}{name}" if py else robot
 
 
 def near(name: str, file: Path | str) -> str:
-    """Return a file that is named in another `file`, or in the shipped SPEC of that name, looked up relative to that first, then
-    to the current folder.
+    """Return a file that is named in another `file`, or in the shipped SPEC of that name, looked up relative
+    to that first, then to the current folder.
     """
     with suppress(BadInput):  # a text of another name
         file = file_or_shipped(file, ".toml")
@@ -212,7 +235,10 @@ def _check_numbers(text: str, robot: Any, numbers: list[int]) -> None:
     except TypeError:
         pass
     names = ", ".join(taken.parameters) if taken else ""
-    raise BadInput(f"robot {text!r}: it takes {f'the numbers {names}' if names else 'no numbers'}; {len(numbers)} are given")
+    raise BadInput(
+        f"robot {text!r}: it takes {f'the numbers {names}' if names else 'no numbers'}; {len(numbers)} are "
+        "given"
+    )
 
 
 def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list[int]) -> Any:
@@ -220,7 +246,9 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
     module = _run(path, text)
     candidates = [key for key, value in vars(module).items() if isinstance(value, kinds)]
     candidates += [
-        key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__ and callable(value)
+        key
+        for key, value in vars(module).items()
+        if getattr(value, "__module__", None) == module.__name__ and callable(value)
     ]
     if name not in vars(module):
         problem = f"it does not define a robot {name!r}" if name else "no robot is named"
@@ -233,7 +261,9 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
     if not isinstance(robot, kinds):
         actual = f"it is {type(robot).__name__}"
         if callable(attribute):
-            actual = f"it returns {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
+            actual = f"it returns {type(robot).__name__}" + (
+                "; is `return` missing?" if robot is None else ""
+            )
         problem = "neither a Mechanism nor a function without arguments that returns one"
         raise BadInput(f"{path}:{source.line}: {name} is {problem}: {actual}")
     if isinstance(robot, Mechanism):
@@ -242,16 +272,21 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
 
 
 def _lines(text: bytes, name: str) -> tuple[int, int]:
-    """Return first and last line of the statement of a module that binds a name, or of its first line if there is none."""
+    """Return first and last line of the statement of a module that binds a name,
+    or of its first line if there is none."""
     for node in ast.parse(text).body:
-        names = [getattr(node, "name", None), *(getattr(target, "id", None) for target in getattr(node, "targets", ()))]
+        names = [
+            getattr(node, "name", None),
+            *(getattr(target, "id", None) for target in getattr(node, "targets", ())),
+        ]
         if name in names:
             return node.lineno, node.end_lineno or node.lineno
     return 1, 1
 
 
 def _run(path: Path, source: bytes) -> types.ModuleType:
-    """Execute the user's file as a module; it can import modules in the same folder that no library is named like."""
+    """Execute the user's file as a module; it can import modules in the same folder that no library is named
+    like."""
     module = types.ModuleType(path.stem)
     module.__file__ = str(path)
     _guarded(path, lambda: exec(compile(source, str(path), "exec"), vars(module)))
@@ -260,7 +295,8 @@ def _run(path: Path, source: bytes) -> types.ModuleType:
 
 @contextmanager
 def _modules_beside(path: Path) -> Iterator[None]:
-    """Let code import the modules beside a file, after all libraries: a control.py there does not replace python-control.
+    """Let code import the modules beside a file, after all libraries: a control.py there does not replace
+    python-control.
 
     They are forgotten at the end, so that the modules beside another file may have the same names.
     """
@@ -271,14 +307,19 @@ def _modules_beside(path: Path) -> Iterator[None]:
     finally:
         sys.path.remove(folder)
         new = {name: getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - known}
-        beside = {name for name, file in new.items() if file in (f"{folder}/{name}.py", f"{folder}/{name}/__init__.py")}
+        beside = {
+            name
+            for name, file in new.items()
+            if file in (f"{folder}/{name}.py", f"{folder}/{name}/__init__.py")
+        }
         for name in new:
             if name.partition(".")[0] in beside:
                 del sys.modules[name]
 
 
 def _guarded(path: Path, call):
-    """Return call(). An exception of the user's code becomes BadInput with the last line of the user's file in its traceback."""
+    """Return call(). An exception of the user's code becomes BadInput with the last line of the user's file
+    in its traceback."""
     try:
         with _modules_beside(path):
             return call()
@@ -289,5 +330,9 @@ def _guarded(path: Path, call):
         kind = "" if isinstance(error, ModelError) else f"{type(error).__name__}: "
         near = ""
         if isinstance(error, AttributeError) and error.name and error.obj is not None:
-            near = suggestion(error.name, [attribute for attribute in dir(error.obj) if not attribute.startswith("_")])
-        raise BadInput(f"{path}:{lines[-1] if lines else 1}: {kind}{error}{near if 'did you mean' in near else ''}") from error
+            near = suggestion(
+                error.name, [attribute for attribute in dir(error.obj) if not attribute.startswith("_")]
+            )
+        raise BadInput(
+            f"{path}:{lines[-1] if lines else 1}: {kind}{error}{near if 'did you mean' in near else ''}"
+        ) from error

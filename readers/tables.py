@@ -1,4 +1,5 @@
-"""Tables of logs: any text, Parquet and MCAP are read as columns by name; CSV, Parquet and MCAP are written."""
+"""Tables of logs: any text, Parquet and MCAP are read as columns by name; CSV,
+Parquet and MCAP are written."""
 
 import io
 import json
@@ -27,11 +28,21 @@ OTHERS = {  # first bytes of files that are no tables, and what to do
     b"\x89HDF": "an HDF5 file; export the table as CSV or Parquet",
     b"\x93NUMPY": "an array of NumPy; write it with numpy.savetxt",
     b"#ROSBAG": "a bag of ROS 1; `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` makes a table of it",
-    b"SQLite format 3": "a database; of a bag of ROS 2 `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` makes a table",
+    b"SQLite format 3": "a database; of a bag of ROS 2 `noslip log BAG --map NAME=TOPIC:FIELD -o LOG.csv` "
+    "makes a table",
 }
 WITH_UNIT = re.compile(r"(.*\S)(\s*)(?:\[([^]]*)\]|\(([^)]*)\))")
 SUFFIXES = ("rad", "deg", "rpm", "mm", "cm", "m", "s", "ms", "us", "ns")  # units that may end a name: phi_deg
-SECONDS = {"sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "millis": "ms", "usec": "us", "micros": "us", "nsec": "ns"}
+SECONDS = {
+    "sec": "s",
+    "secs": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "millis": "ms",
+    "usec": "us",
+    "micros": "us",
+    "nsec": "ns",
+}
 TIME = re.compile(
     rf"(?:.*:)?(?:[%#_]*(?:t|times?|time_?stamps?|stamp|elapsed)(?:[_ ](s|ms|us|ns|{'|'.join(SECONDS)}))?"
     rf"|({'|'.join(SECONDS)}))",
@@ -75,14 +86,20 @@ class Column:
                 values[k] = _number(entry, unit == "s")
             except (TypeError, ValueError, OverflowError) as error:
                 text = repr(str(entry)[:40])
-                hint = "; write a point, not a comma, before decimals" if DECIMAL_COMMA.fullmatch(str(entry)) else ""
+                hint = (
+                    "; write a point, not a comma, before decimals"
+                    if DECIMAL_COMMA.fullmatch(str(entry))
+                    else ""
+                )
                 raise BadInput(f"{self.where} row {self.rows[k]}: {text} is not a number{hint}") from error
         if self.unit is None:
             return self.sign * values
         with naming(self.where, remedy="write another unit, --map 'NAME=COLUMN [UNIT]'"):
             factor, dimension = scaled_units(self.unit)
         if unit is not None and dimension != in_base_units(unit or "1")[1]:
-            hint = "; of a distance on the floor, with the wheel's radius in m: --map 'NAME=COLUMN [rad/0.15]'"
+            hint = (
+                "; of a distance on the floor, with the wheel's radius in m: --map 'NAME=COLUMN [rad/0.15]'"
+            )
             hint = hint if unit == "rad" and dimension == in_base_units("m")[1] else ""
             raise BadInput(f"{self.where}: [{self.unit}] is not a unit of a quantity in {unit or '1'}{hint}")
         return self.sign * values * float(factor)
@@ -92,7 +109,8 @@ def _number(entry: Any, is_time: bool) -> float:
     """Return an entry of a table as a number. Raises ValueError, TypeError, OverflowError."""
     if entry is None or isinstance(entry, str) and entry.lower() in MISSING:
         return math.nan
-    if isinstance(entry, bool) or isinstance(entry, str) and "_" in entry:  # Python would take them for numbers
+    # Python would take them for numbers
+    if isinstance(entry, bool) or isinstance(entry, str) and "_" in entry:
         raise ValueError(entry)
     try:
         return float(entry)
@@ -120,8 +138,8 @@ class Table(dict[str, Column]):
             first = ", ".join(str(each.entries[0]) for each in [*self.values()][:SHOWN] if each.entries)
             names = f"--columns t,{'...' if quantity == 't' else f'{quantity},...'}"
             return BadInput(
-                f"{self.file} has no header: its first row is {first}; name its {len(self)} columns in order, {names}, "
-                f"with - for one that is not used, or give --map {quantity}=NUMBER"
+                f"{self.file} has no header: its first row is {first}; name its {len(self)} columns in "
+                f"order, {names}, with - for one that is not used, or give --map {quantity}=NUMBER"
             )
         near = suggestion(column, self).partition("; known are")[0]
         turns = {part for parts in _quaternions(self).values() for part in parts}
@@ -157,7 +175,9 @@ def read_table(file: str | Path, columns: Sequence[str] = (), incomplete: bool =
     for kind, mark, read in ((".mcap", b"\x89MCAP", _mcap), (".parquet", b"PAR1", _parquet)):
         if suffix == kind or data.startswith(mark):
             if columns:
-                raise BadInput(f"--columns: the columns of {file} have names; rename them with --map NAME=COLUMN")
+                raise BadInput(
+                    f"--columns: the columns of {file} have names; rename them with --map NAME=COLUMN"
+                )
             return read(file, data)
     for mark, kind in OTHERS.items():
         if data.startswith(mark):
@@ -173,7 +193,12 @@ def read_table(file: str | Path, columns: Sequence[str] = (), incomplete: bool =
 
 
 def _add(
-    table: Table, head: str, entries: Sequence[Any], rows: Sequence[int], topic: str = "", stated: str | None = None
+    table: Table,
+    head: str,
+    entries: Sequence[Any],
+    rows: Sequence[int],
+    topic: str = "",
+    stated: str | None = None,
 ) -> None:
     """Add a column whose header may have a unit; one whose name occurs twice cannot be used."""
     name, unit = _split(head)
@@ -241,21 +266,29 @@ def _alike(quantity: str, unit: str | None, table: Table) -> dict[str, Column]:
 
 
 def _pairs_of_times(table: Mapping[str, Column]) -> dict[tuple[str, str], Column]:
-    """Return the times in s that two columns give, whole seconds and nanoseconds: header.stamp.sec and .nanosec."""
+    """Return the times in s that two columns give, whole seconds and nanoseconds:
+    header.stamp.sec and .nanosec."""
     parts = [(name, match) for name in table if (match := STAMP.fullmatch(name))]
     found = {}
     for sec, nanosec in [(a, b) for a, s in parts for b, ns in parts if ns[2] and not s[2] and s[1] == ns[1]]:
         whole, part = table[sec], table[nanosec]
-        times = (replace(whole, unit=None).numbers() + replace(part, unit=None).numbers() / NANOSECONDS).tolist()
+        times = (
+            replace(whole, unit=None).numbers() + replace(part, unit=None).numbers() / NANOSECONDS
+        ).tolist()
         found[sec, nanosec] = Column(times, "s", whole.where, whole.rows, whole.topic)
     return found
 
 
 def _quaternions(table: Mapping[str, Column]) -> dict[str, tuple[str, ...]]:
-    """Return the columns x, y, z and w of each quaternion, by what is before these: pose.orientation of pose.orientation.w."""
+    """Return the columns x, y, z and w of each quaternion, by what is before these:
+    pose.orientation of pose.orientation.w."""
     stems = [name[:-1] for name in table if name.endswith("w")]
     each = {stem.rstrip("._/"): tuple(f"{stem}{part}" for part in "xyzw") for stem in stems if stem}
-    return {name: parts for name, parts in each.items() if name not in table and all(part in table for part in parts)}
+    return {
+        name: parts
+        for name, parts in each.items()
+        if name not in table and all(part in table for part in parts)
+    }
 
 
 def yaw_of(x: float, y: float, z: float, w: float) -> float:
@@ -264,20 +297,24 @@ def yaw_of(x: float, y: float, z: float, w: float) -> float:
 
 
 def _yaw(parts: Sequence[Column]) -> Column:
-    """Return the column of the yaw, rad, of a quaternion in columns x, y, z and w. Raises BadInput as `numbers`."""
+    """Return the column of the yaw, rad, of a quaternion in columns x, y,
+    z and w. Raises BadInput as `numbers`."""
     quaternions = zip(*(replace(part, unit=None).numbers().tolist() for part in parts), strict=True)
     yaws = [yaw_of(*quaternion) for quaternion in quaternions]
     return replace(parts[0], entries=yaws, unit="rad", others=[part.where for part in parts])
 
 
 def _chosen(text: str, quantity: str, table: Table) -> Column:
-    """Return the column of an entry of --map, of a quaternion its yaw. Raises BadInput if the table has none."""
+    """Return the column of an entry of --map, of a quaternion its yaw. Raises BadInput if the table has
+    none."""
     pairs = _pairs_of_times(table) if quantity == "t" else {}
     known = {**table, **{sec: column for (sec, _), column in pairs.items()}}
     name, unit = _split(text)
     turns = _quaternions(table)
     if turned := next((each for each in _spellings(name.removeprefix("-"), table) if each in turns), ""):
-        return replace(_yaw([table[part] for part in turns[turned]]), sign=-1.0 if name.startswith("-") else 1.0)
+        return replace(
+            _yaw([table[part] for part in turns[turned]]), sign=-1.0 if name.startswith("-") else 1.0
+        )
     for sign, whole, bare in ((1.0, text, name), (-1.0, text.removeprefix("-"), name.removeprefix("-"))):
         for tried, stated in ((whole, None), (bare, unit)):
             for column in (known[each] for each in _spellings(tried, table) if each in known):
@@ -286,8 +323,8 @@ def _chosen(text: str, quantity: str, table: Table) -> Column:
 
 
 def _spellings(name: str, table: Table) -> Iterator[str]:
-    """Yield what a column may be called in a table: without the mark of a comment, with or without its topic, before
-    which a field may have a colon or a point.
+    """Yield what a column may be called in a table: without the mark of a comment, with or without its topic,
+    before which a field may have a colon or a point.
     """
     yield from (name, name.lstrip("%# "))
     for topic in dict.fromkeys(column.topic for column in table.values() if column.topic):
@@ -307,7 +344,9 @@ def _parquet(file: str | Path, data: bytes) -> Table:
     table = Table(file)
     for name, column in zip(arrow.column_names, arrow.columns, strict=True):
         dated = pyarrow.types.is_timestamp(column.type)  # nanoseconds are no datetime of Python
-        plain = column.cast(pyarrow.timestamp("ns", column.type.tz)).cast(pyarrow.int64()) if dated else column
+        plain = (
+            column.cast(pyarrow.timestamp("ns", column.type.tz)).cast(pyarrow.int64()) if dated else column
+        )
         _add(table, name, plain.to_pylist(), range(1, len(column) + 1), stated="ns" if dated else None)
     return table
 
@@ -330,10 +369,18 @@ def _mcap(file: str | Path, data: bytes) -> Table:
                 topics.setdefault(channel.topic, []).append((message.log_time, fields))
             else:
                 encoded[channel.topic] = (
-                    f"topic {channel.topic} is encoded as {channel.message_encoding}, which is read of bags of ROS 2 only, else "
-                    "JSON; `noslip log` makes a table of a bag"
+                    f"topic {channel.topic} is encoded as {channel.message_encoding}, which is read of bags "
+                    "of ROS 2 only, else JSON; `noslip log` makes a table of a bag"
                 )
-    except (McapError, struct.error, ValueError, TypeError, AttributeError, RecursionError, EOFError) as error:
+    except (
+        McapError,
+        struct.error,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        EOFError,
+    ) as error:
         raise BadInput(f"{file} is not an MCAP file, or is damaged") from error
     if not topics:
         raise BadInput(f"{file}{''.join(f': {each}' for each in encoded.values()) or ' has no messages'}")
@@ -382,7 +429,8 @@ def check_format(file: str) -> None:
 
 
 def table_bytes(columns: Sequence[Written], suffix: str, topic: str, about: Mapping[str, str]) -> str | bytes:
-    """Return a table in the format of a suffix of FORMATS; the first column is the time t, s. `about` are remarks by name."""
+    """Return a table in the format of a suffix of FORMATS; the first column is the time t,
+    s. `about` are remarks by name."""
     if suffix == ".parquet":
         return _parquet_bytes(columns, about)
     return _mcap_bytes(columns, topic, about) if suffix == ".mcap" else _csv_text(columns)
@@ -417,10 +465,17 @@ def _mcap_bytes(columns: Sequence[Written], topic: str, about: Mapping[str, str]
     from mcap.writer import Writer
 
     properties = {
-        each.name: {"type": _json_type(each.values), "description": f"{each.about}, {each.unit}" if each.unit else each.about}
+        each.name: {
+            "type": _json_type(each.values),
+            "description": f"{each.about}, {each.unit}" if each.unit else each.about,
+        }
         for each in columns
     }
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "type": "object", "properties": properties}
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "type": "object",
+        "properties": properties,
+    }
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start(library="noslip")
@@ -429,7 +484,9 @@ def _mcap_bytes(columns: Sequence[Written], topic: str, about: Mapping[str, str]
     writer.add_metadata("noslip", dict(about))
     for k, row in enumerate(_plain_rows(columns)):
         time = round(row["t"] * NANOSECONDS)
-        writer.add_message(channel, log_time=time, publish_time=time, sequence=k, data=json.dumps(row).encode())
+        writer.add_message(
+            channel, log_time=time, publish_time=time, sequence=k, data=json.dumps(row).encode()
+        )
     writer.finish()
     return stream.getvalue()
 
@@ -438,7 +495,10 @@ def _plain_rows(columns: Sequence[Written]) -> Iterable[dict[str, Any]]:
     names = [each.name for each in columns]
     for row in zip(*(each.values for each in columns), strict=True):
         values = (value.item() if hasattr(value, "item") else value for value in row)
-        yield {n: None if isinstance(v, float) and not math.isfinite(v) else v for n, v in zip(names, values, strict=True)}
+        yield {
+            n: None if isinstance(v, float) and not math.isfinite(v) else v
+            for n, v in zip(names, values, strict=True)
+        }
 
 
 def _json_type(values: np.ndarray | Sequence[Any]) -> str:

@@ -13,17 +13,23 @@ STYLE = Path(__file__).parent / "templates"
 
 
 def render(module: str, name: str, **values: object) -> str:
-    """The template `name` beside a module, whose __file__ is given, with these values. Raises UndefinedError if one is missing.
+    """The template `name` beside a module, whose __file__ is given, with these values. Raises UndefinedError
+    if one is missing.
 
-    In HTML and XML values stand in {{ }} and are escaped; HTML can include page.css, the style of all pages. In all other texts
-    values stand in @{ }, since C has many braces.
+    In HTML and XML values stand in {{ }} and are escaped; HTML can include page.css, the style of all pages.
+    In all other texts values stand in @{ }, since C has many braces.
     """
-    return _environment(Path(module).parent / "templates", name.endswith((".html", ".xml"))).get_template(name).render(values)
+    return (
+        _environment(Path(module).parent / "templates", name.endswith((".html", ".xml")))
+        .get_template(name)
+        .render(values)
+    )
 
 
 @lru_cache
 def _environment(folder: Path, html: bool) -> Environment:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # slow to import, and most runs render nothing
+    # Slow to import, and most runs render nothing
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     start, end = ("{{", "}}") if html else ("@{", "}")
     return Environment(

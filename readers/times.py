@@ -11,7 +11,8 @@ EPOCH = 1.1e9, 2.2e9  # s since 1970: the years 2004 to 2039
 PARTS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
 SLOWEST = 2.0  # s from row to row; of a longer time it is said that it may be in another unit
 GAP = 3.0  # times the usual interval: over a longer one nothing is interpolated
-TURNED = np.pi  # rad: over a larger change of an angle from message to message nothing is interpolated, it may be a wrap
+# rad: over a larger change of an angle from message to message nothing is interpolated, it may be a wrap
+TURNED = np.pi
 
 
 def seconds(column: Column) -> tuple[np.ndarray, list[str]]:
@@ -47,9 +48,9 @@ def joined(
     between the messages of a topic, s; and remarks on how they were joined.
 
     Rows are the times of all messages but those with `held` columns only, which keep the last value before.
-    Columns that are `alone` are NaN in rows of other topics. All others are interpolated linearly there, except
-    over gaps, and over changes by half a turn or more, which may be an angle that begins anew. Raises BadInput
-    for times that decrease, and for topics without a time in common.
+    Columns that are `alone` are NaN in rows of other topics. All others are interpolated linearly there,
+    except over gaps, and over changes by half a turn or more, which may be an angle that begins anew. Raises
+    BadInput for times that decrease, and for topics without a time in common.
     """
     clocks, remarks = _clocks(table, [column.topic for column in columns.values()])
     dense = {column.topic for name, column in columns.items() if name not in held} or {*clocks}
@@ -71,7 +72,9 @@ def joined(
             between = (last >= 0) & np.append(sure, False)[last]
             rows[name] = np.where(np.isnan(exact) & between, np.interp(t, own, values), exact)
             if len(dense) > 1:
-                remarks.append(f"{name} of {column.topic} is interpolated linearly at the times of other topics")
+                remarks.append(
+                    f"{name} of {column.topic} is interpolated linearly at the times of other topics"
+                )
     usual = [float(np.median(np.diff(clocks[topic]))) for topic in dense if len(clocks[topic]) > 1]
     return rows, max(usual, default=0.0), remarks
 
@@ -86,7 +89,9 @@ def _clocks(table: Table, topics: Sequence[str]) -> tuple[dict[str, np.ndarray],
         if (back := np.flatnonzero(~(np.diff(clocks[topic]) >= 0))).size:
             first, then = distinct(*clocks[topic][back[0] : back[0] + 2])
             message = f"{table.clocks[topic].where} goes from {first} s to {then} s at message {back[0] + 2}"
-            raise BadInput(f"{message}: the clock was set back; cut the log there, and give its parts as two logs")
+            raise BadInput(
+                f"{message}: the clock was set back; cut the log there, and give its parts as two logs"
+            )
     late = max(clocks, key=lambda topic: clocks[topic][0])
     early = min(clocks, key=lambda topic: clocks[topic][-1])
     if clocks[late][0] > clocks[early][-1]:

@@ -1,4 +1,5 @@
-"""Simulation of the closed loop of a controller and a plant: SPEC (specification/), `Loop` (loop.py), `Run`, plots.
+"""Simulation of the closed loop of a controller and a plant: SPEC (specification/), `Loop` (loop.py), `Run`,
+plots.
 
 `closed_loop.simulate` is the entry point; plots and contact forces are computed from the `Run`.
 """

@@ -21,7 +21,8 @@ from .specification.spec import MOST_ROWS, ApproachSection, Simulation, Spec
 
 LOOK_BACK = 0.5  # s, of what led to a singular state
 TRIAL = 20_000  # steps at most of a run that tries a remedy
-SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6  # with rounding in float, step-size control fails at smaller tolerances
+# With rounding in float, step-size control fails at smaller tolerances
+SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6
 
 
 def simulate(
@@ -32,11 +33,13 @@ def simulate(
     most: int = MOST_ROWS,
     stages: bool = False,
 ) -> Run:
-    """Simulate the closed loop of a SPEC and return the Run; `backend` replaces that of the SPEC; `progress` receives the
-    time reached; a run in continuous time may take `most` steps. With the `engine` "mujoco" the robot is on a floor where its
-    wheels may slip; otherwise it rolls. What `runs_as_firmware` is run so unless its `stages` are asked for, as a sweep has them.
+    """Simulate the closed loop of a SPEC and return the Run; `backend` replaces that of the SPEC; `progress`
+    receives the time reached; a run in continuous time may take `most` steps. With the `engine` "mujoco" the
+    robot is on a floor where its wheels may slip; otherwise it rolls. What `runs_as_firmware` is run so
+    unless its `stages` are asked for, as a sweep has them.
 
-    Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
+    Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a
+    singular start.
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
     if not (engine or stages) and spec.simulation.backend in SINGLE:
@@ -53,7 +56,11 @@ def simulate(
         floor = OnFloor(loop, spec)
         loop, steps = floor.loop, floor.rows()
     else:
-        steps = sampled(loop, spec.simulation) if spec.simulation.period else continuous(loop, spec.simulation, most)
+        steps = (
+            sampled(loop, spec.simulation)
+            if spec.simulation.period
+            else continuous(loop, spec.simulation, most)
+        )
         loop = replace(loop, warnings=(*loop.warnings, *_unused(spec)))
     rows = []
     for row in steps:
@@ -102,8 +109,11 @@ def _unused(spec: Spec) -> list[str]:
     return [f"[{section}] has no effect without --engine mujoco: the wheels roll" for section in given]
 
 
-def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: FloorMeasurements | None) -> dict[str, np.ndarray]:
-    """Return the friction use of each contact by name: measured on a floor, else what rolling needs if the SPEC has [contact]."""
+def _use(
+    loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: FloorMeasurements | None
+) -> dict[str, np.ndarray]:
+    """Return the friction use of each contact by name: measured on a floor,
+    else what rolling needs if the SPEC has [contact]."""
     if measured:
         return dict(zip(measured.names, measured.use.T, strict=True))
     return {c.name: c.use for c in contact_forces(loop.plant, x, tau, spec.contact)} if spec.contact else {}
@@ -117,12 +127,14 @@ def _as_run(simulation: Simulation, backend: str | None) -> Simulation:
 
 
 def why_singular(run: Run, engine: str | None = None) -> str:
-    """Return what a run that ended "singular" met, where, and what led there; and a change of its SPEC with which it does not end
-    so, which has been tried.
+    """Return what a run that ended "singular" met, where, and what led there; and a change of its SPEC with
+    which it does not end so, which has been tried.
     """
     law, t, x = run.law, run.t, run.x
     vehicle = vehicle_motion(law.system)(x.T, run.plant.parameters).full()
-    place = f"at ({vehicle[0, -1]:.3g}, {vehicle[1, -1]:.3g}) m, heading {math.degrees(vehicle[2, -1]):.4g} deg"
+    place = (
+        f"at ({vehicle[0, -1]:.3g}, {vehicle[1, -1]:.3g}) m, heading {math.degrees(vehicle[2, -1]):.4g} deg"
+    )
     quantity = f"det Phi of {', '.join(row.name for row in law.output.rows)} is zero"
     since = max(int(np.searchsorted(t, t[-1] - LOOK_BACK)), 0)
     limited = int(np.isin(run.status[since:-1], ("grip", "will_slip", "saturated")).sum())
@@ -140,8 +152,8 @@ def why_singular(run: Run, engine: str | None = None) -> str:
 
 
 def _remedies(run: Run) -> Iterator[tuple[str, Callable[[], Spec]]]:
-    """Return changes of a SPEC that may keep a run from the singular set, the gentlest first: what they are in a SPEC, and a
-    function that makes it, which raises BadInput if the SPEC does not permit the change.
+    """Return changes of a SPEC that may keep a run from the singular set, the gentlest first: what they are
+    in a SPEC, and a function that makes it, which raises BadInput if the SPEC does not permit the change.
     """
     spec, reference, output = run.spec, run.spec.reference, run.spec.output
     if output.type == "IV":
@@ -159,15 +171,19 @@ def _remedies(run: Run) -> Iterator[tuple[str, Callable[[], Spec]]]:
         yield "no approach in [reference]", lambda: replace(spec, reference=replace(reference, approach=None))
     if reference.speed and isinstance(reference.speed, float) and math.isfinite(reference.speed):
         half = reference.speed / 2
-        yield f"speed = {half:g} in [reference]", lambda: replace(spec, reference=replace(reference, speed=half))
+        yield (
+            f"speed = {half:g} in [reference]",
+            lambda: replace(spec, reference=replace(reference, speed=half)),
+        )
     if (initial := spec.initial) and initial.q is None and initial.state is None and not initial.speed:
         speed = min(abs(spec.desired_speed or 0.0), 0.5)
         yield f"speed = {speed:g} in [initial]", lambda: replace(spec, initial=replace(initial, speed=speed))
 
 
 def as_json(run: Run) -> dict[str, Any]:
-    """Return what `summary` states, SI: duration, errors of the outputs, largest inputs, residual of the constraints, and whether
-    each contact rolls; of a run in a physics engine, slip and load of each contact instead.
+    """Return what `summary` states, SI: duration, errors of the outputs, largest inputs, residual of the
+    constraints, and whether each contact rolls; of a run in a physics engine, slip and load of each contact
+    instead.
     """
     simulation, inputs = run.spec.simulation, run.law.system.mechanism.inputs
     return {
@@ -181,8 +197,14 @@ def as_json(run: Run) -> dict[str, Any]:
         "status": str(run.status[-1]),
         "duration": run.t[-1],
         "rows": len(run.t),
-        "errors": {name: {"unit": unit, "final": error[-1], "peak": np.abs(error).max()} for name, unit, error in _errors(run)},
-        "inputs": {i.name: {"unit": i.unit, "peak": peak} for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True)},
+        "errors": {
+            name: {"unit": unit, "final": error[-1], "peak": np.abs(error).max()}
+            for name, unit, error in _errors(run)
+        },
+        "inputs": {
+            i.name: {"unit": i.unit, "peak": peak}
+            for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True)
+        },
         **(_rolls(run) if run.floor is None else {"floor": run.floor.as_json(run.t)}),
         **({"learned": learned} if (learned := _learned(run)) else {}),
         "warnings": run.warnings,
@@ -190,19 +212,24 @@ def as_json(run: Run) -> dict[str, Any]:
 
 
 def _errors(run: Run) -> list[tuple[str, str, np.ndarray]]:
-    """Return name, unit and error of each output, and the distance from a course that is none of the outputs."""
-    errors = [(row.name, row.unit, error) for row, error in zip(run.law.output.rows, run.error.T, strict=True)]
+    """Return name, unit and error of each output, and the distance from a course that is none of the
+    outputs."""
+    errors = [
+        (row.name, row.unit, error) for row, error in zip(run.law.output.rows, run.error.T, strict=True)
+    ]
     known = not run.distance.size or any(name == "distance" for name, _, _ in errors)
     return errors if known else [("distance", "m", run.distance), *errors]
 
 
 def _learned(run: Run) -> dict[str, dict[str, Any]]:
-    return {p.name: {"unit": p.unit, "final": used[-1], "true": true} for p, used, true in run.learned_parameters}
+    return {
+        p.name: {"unit": p.unit, "final": used[-1], "true": true} for p, used, true in run.learned_parameters
+    }
 
 
 def summary(run: Run) -> str:
-    """Return a few lines about a run: duration, errors of the outputs, learned parameters, largest inputs, residual of the
-    constraints.
+    """Return a few lines about a run: duration, errors of the outputs, learned parameters, largest inputs,
+    residual of the constraints.
     """
     simulation, values = run.spec.simulation, as_json(run)
     held = f"called every {simulation.period:g} s" if simulation.period else "continuous"
@@ -217,8 +244,12 @@ def summary(run: Run) -> str:
         unit = error["unit"]
         lines.append(f"  error of {name}: final {error['final']:.2e} {unit}, peak {error['peak']:.3g} {unit}")
     for name, each in values.get("learned", {}).items():
-        lines.append(f"  learned {name}: {each['final']:.4g} {each['unit']}, true {each['true']:.4g} {each['unit']}")
-    peaks = ", ".join(f"{name} {found['peak']:.3g} {found['unit']}" for name, found in values["inputs"].items())
+        lines.append(
+            f"  learned {name}: {each['final']:.4g} {each['unit']}, true {each['true']:.4g} {each['unit']}"
+        )
+    peaks = ", ".join(
+        f"{name} {found['peak']:.3g} {found['unit']}" for name, found in values["inputs"].items()
+    )
     if run.floor:
         ground = run.floor.summary(run.t)
     else:
@@ -227,22 +258,23 @@ def summary(run: Run) -> str:
     lines.append(f"  peak {peaks}")
     if energy := values.get("energy"):
         lines.append(
-            f"  energy {energy['gained']:+.4g} J: inputs and forces {energy['inputs']:+.4g} J, drive of the ground "
-            f"{energy['ground']:+.4g} J, largest difference {energy['difference']:.1e} J"
+            f"  energy {energy['gained']:+.4g} J: inputs and forces {energy['inputs']:+.4g} J, drive of the "
+            f"ground {energy['ground']:+.4g} J, largest difference {energy['difference']:.1e} J"
         )
     return "\n".join([*lines, *[f"  {line}" for line in ground.splitlines()]])
 
 
 def _rolls(run: Run) -> dict[str, Any]:
-    """Return the residual of the constraints, and whether each contact rolls, of a run that assumes it; on ground that moves
-    also the balance of energy.
+    """Return the residual of the constraints, and whether each contact rolls, of a run that assumes it; on
+    ground that moves also the balance of energy.
     """
     made = {"residual": np.linalg.norm(run.plant.slip(run.x), axis=1).max(), "rolling": grip(run).as_json()}
     return {**made, **({"energy": _energy(run)} if run.balanced else {})}
 
 
 def _energy(run: Run) -> dict[str, float]:
-    """Return the energy gained and the works at the end, J, and the largest difference between both sides at any row."""
+    """Return the energy gained and the works at the end, J,
+    and the largest difference between both sides at any row."""
     gained, inputs, ground = run.works
     difference = np.abs(gained - inputs - ground).max()
     return {"gained": gained[-1], "inputs": inputs[-1], "ground": ground[-1], "difference": difference}

@@ -1,10 +1,10 @@
 """Rolling without slip: the ground force at each contact of a run, compared with the limit of friction.
 
-The constraint forces lambda (8) are those that the ground must supply for the robot to roll without slip. If several
-contacts share one of them, the equations do not determine its distribution (two wheels of an axle, sideways); here it is
-proportional to their loads at rest. Loads are those of a level ground at rest, moved to the outer wheel of each axle by the
-height of the centre of mass, without dynamics; for a robot that names all its supports they are those of the balance of all
-moments, with load transfer forward and back.
+The constraint forces lambda (8) are those that the ground must supply for the robot to roll without slip. If
+several contacts share one of them, the equations do not determine its distribution (two wheels of an axle,
+sideways); here it is proportional to their loads at rest. Loads are those of a level ground at rest, moved to
+the outer wheel of each axle by the height of the centre of mass, without dynamics; for a robot that names all
+its supports they are those of the balance of all moments, with load transfer forward and back.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ WIDE = 140  # characters per line of the title
 
 @dataclass(frozen=True, eq=False)
 class ContactForce:
-    """Force of the ground on the robot at one contact, N, (N,) each: forward, to the left, and the load, upward."""
+    """Force of the ground on the robot at one contact, N, (N,) each: forward, to the left,
+    and the load, upward."""
 
     name: str
     longitudinal: np.ndarray
@@ -72,7 +73,8 @@ class ContactForce:
 class Grip:
     """The contacts of a run at the times t (N,) of its rows, and the assumptions.
 
-    Only the rows are evaluated: what happens between them, for instance before the torque changes, is not seen.
+    Only the rows are evaluated: what happens between them, for instance before the torque changes, is not
+    seen.
     """
 
     t: np.ndarray
@@ -90,11 +92,19 @@ class Grip:
         """Return a line for each finding: lifts, would slip, or rolls."""
         if not self.contacts:
             return f"not known whether it rolls: {self.unknown}"
-        lifts = [f"{c.name}, first at t = {self._first(c.load <= 0)}" for c in self.contacts if np.any(c.load <= 0)]
+        lifts = [
+            f"{c.name}, first at t = {self._first(c.load <= 0)}" for c in self.contacts if np.any(c.load <= 0)
+        ]
         slips = [self._slip(c) for c in self.contacts if np.any((c.use > 1) & ~(c.load <= 0))]
-        lines = [f"{kind}: {'; '.join(found)}" for kind, found in (("wheel lifts", lifts), ("would slip", slips)) if found]
+        lines = [
+            f"{kind}: {'; '.join(found)}"
+            for kind, found in (("wheel lifts", lifts), ("would slip", slips))
+            if found
+        ]
         return (
-            "\n".join(lines) or f"rolls: friction use at most {', '.join(self._worst(c) for c in self.contacts if not c.support)}"
+            "\n".join(lines)
+            or "rolls: friction use at most "
+            f"{', '.join(self._worst(c) for c in self.contacts if not c.support)}"
         )
 
     def summary(self) -> str:
@@ -102,8 +112,9 @@ class Grip:
         return f"{self.verdict()}\n{self.assumed()}" if self.contacts else self.verdict()
 
     def as_json(self) -> dict[str, Any]:
-        """Return the same: `rolls`, None if the robot defines no contacts, and by contact its verdict, the largest friction use
-        and the friction coefficient required, with their times in s (None: no time, or infinite).
+        """Return the same: `rolls`, None if the robot defines no contacts, and by contact its verdict, the
+        largest friction use and the friction coefficient required, with their times in s (None: no time, or
+        infinite).
         """
         return {
             "rolls": self.rolls if self.contacts else None,
@@ -128,8 +139,9 @@ class Grip:
         castors = "without friction" if any(contact.support for contact in self.contacts) else "ignored"
         leans = ", axles carry side moments in themselves" if self.whole_axles and o.height else ""
         return (
-            f"assumed: mu {o.mu:g}, {o.share:.0%} of the weight on these contacts, centre of mass {o.height:g} m high, "
-            f"g {GRAVITY:g} m/s^2, castors {castors}, wheels of an axle share its side force by load at rest{leans}"
+            f"assumed: mu {o.mu:g}, {o.share:.0%} of the weight on these contacts, centre of mass "
+            f"{o.height:g} m high, g {GRAVITY:g} m/s^2, castors {castors}, wheels of an axle share its side "
+            f"force by load at rest{leans}"
         )
 
     def _worst(self, contact: ContactForce) -> str:
@@ -146,11 +158,13 @@ class Grip:
 
 
 def check_share(contact: ContactSection, plant: Plant) -> None:
-    """Raise BadInput for a share of the weight on contacts that have one by the robot's own masses: it would count twice."""
+    """Raise BadInput for a share of the weight on contacts that have one by the robot's own masses:
+    it would count twice."""
     if contact.share < 1 and plant.part < 1 - NEGLIGIBLE:
         raise BadInput(
-            f"[contact] share = {contact.share:g}: {plant.system.mechanism.name} says itself that {plant.part:.0%} of the weight "
-            "is on these contacts; leave share out, or correct the masses of the robot's contacts"
+            f"[contact] share = {contact.share:g}: {plant.system.mechanism.name} says itself that "
+            f"{plant.part:.0%} of the weight is on these contacts; leave share out, or correct the masses of "
+            "the robot's contacts"
         )
 
 
@@ -162,17 +176,22 @@ def grip(run: Run) -> Grip:
     going = slice(None, -1) if run.stopped else slice(None)
     options, plant = run.spec.contact or ContactSection(), run.plant
     found = contact_forces(plant, run.x[going], run.tau[going], options)
-    options = dataclasses.replace(options, share=options.share * plant.part, height=options.height or plant.height)
+    options = dataclasses.replace(
+        options, share=options.share * plant.part, height=options.height or plant.height
+    )
     mechanism = run.plant.system.mechanism
     return Grip(run.t[going], found, options, unknown_loads(mechanism), on_centre_line(mechanism))
 
 
-def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: ContactSection) -> tuple[ContactForce, ...]:
-    """Return forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty if `unknown_loads` has
-    a reason. The height of the centre of mass is that of `options`, or if it has none that of the robot.
+def contact_forces(
+    plant: Plant, x: np.ndarray, tau: np.ndarray, options: ContactSection
+) -> tuple[ContactForce, ...]:
+    """Return forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty if
+    `unknown_loads` has a reason. The height of the centre of mass is that of `options`, or if it has none
+    that of the robot.
 
-    Supports are contacts too, the last ones. Raises BadInput if a height of the centre of mass is given and an axle has no width,
-    or all supports are on one line that is not the centre line.
+    Supports are contacts too, the last ones. Raises BadInput if a height of the centre of mass is given and
+    an axle has no width, or all supports are on one line that is not the centre line.
     """
     mechanism = plant.system.mechanism
     if unknown_loads(mechanism):
@@ -184,26 +203,40 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     height = options.height or plant.height
     if height and mechanism.places_named:
         if narrow(mechanism):
-            raise BadInput(f"[contact] height = {height:g}: all supports of {mechanism.name} are on one line; omit it")
+            raise BadInput(
+                f"[contact] height = {height:g}: all supports of {mechanism.name} are on one line; omit it"
+            )
         load = load + height * (plant.shift(x) @ force[:, :, None])[:, :, 0]
     elif height:
         load = load + _transfer(mechanism, force[:, 1::2], load, left, height)
     return tuple(
-        ContactForce(each.name, force[:, 2 * k], force[:, 2 * k + 1], load[:, k], options.mu, k >= len(mechanism.contacts))
+        ContactForce(
+            each.name,
+            force[:, 2 * k],
+            force[:, 2 * k + 1],
+            load[:, k],
+            options.mu,
+            k >= len(mechanism.contacts),
+        )
         for k, each in enumerate(mechanism.standing)
     )
 
 
-def friction_accelerations(plant: Plant, options: ContactSection, part: float, torque: Sequence[float] = ()) -> Accelerations:
-    """Return the accelerations that alone use a `part` of friction at some contact: towards the centre of a wide curve, along a
-    line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say. With `torque`, the largest input of
-    each motor (N or N m; 0: no limit), those along a line and of the yaw rate also use at most this part of each.
+def friction_accelerations(
+    plant: Plant, options: ContactSection, part: float, torque: Sequence[float] = ()
+) -> Accelerations:
+    """Return the accelerations that alone use a `part` of friction at some contact: towards the centre of a
+    wide curve, along a line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say.
+    With `torque`, the largest input of each motor (N or N m; 0: no limit), those along a line and of the yaw
+    rate also use at most this part of each.
 
     Raises BadInput as `contact_forces` and `vehicle_wheels` do, and if `unknown_loads` has a reason.
     """
     mechanism = plant.system.mechanism
     if reason := unknown_loads(mechanism):
-        raise BadInput(f"[reference] {mechanism.name}: {reason}: give lateral, acceleration, deceleration and angular")
+        raise BadInput(
+            f"[reference] {mechanism.name}: {reason}: give lateral, acceleration, deceleration and angular"
+        )
     forward, turn, _ = vehicle_wheels(plant.system, plant.parameters)
     twist, n, inputs = np.array([forward, turn]), len(mechanism.coordinates), len(mechanism.inputs)
 
@@ -219,7 +252,10 @@ def friction_accelerations(plant: Plant, options: ContactSection, part: float, t
         found = []
         for still, moving in zip(at_rest, contact_forces(plant, x[None], tau[None], options), strict=True):
             force = np.hypot(moving.longitudinal, moving.lateral)[0]
-            limit, change = part * options.mu * still.load[0], part * options.mu * (moving.load - still.load)[0]
+            limit, change = (
+                part * options.mu * still.load[0],
+                part * options.mu * (moving.load - still.load)[0],
+            )
             found.append(limit / (force - change) if force > change else np.inf)
         for limit, size in zip(torque, np.abs(tau), strict=False) if acceleration != (0.0, 0.0) else ():
             found.append(part * limit / size if limit and size else np.inf)
@@ -230,8 +266,8 @@ def friction_accelerations(plant: Plant, options: ContactSection, part: float, t
 
 
 def _shared(combination: np.ndarray, lam: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Return forces F, (N, 2 c), with C' F = -lambda and the smallest sum of F^2 / load: distributed in proportion to the
-    load.
+    """Return forces F, (N, 2 c), with C' F = -lambda and the smallest sum of F^2 / load: distributed in
+    proportion to the load.
     """
     floor = LEAST * np.abs(load).max(axis=1, keepdims=True)
     root = np.sqrt(np.repeat(np.maximum(load, floor), 2, axis=1))[:, :, None]
@@ -241,8 +277,11 @@ def _shared(combination: np.ndarray, lam: np.ndarray, load: np.ndarray) -> np.nd
     return force
 
 
-def _transfer(mechanism: Mechanism, sideways: np.ndarray, load: np.ndarray, left: np.ndarray, height: float) -> np.ndarray:
-    """Return the change of the loads by the side force of each axle, (N, c): its moment height * force, carried by its wheels."""
+def _transfer(
+    mechanism: Mechanism, sideways: np.ndarray, load: np.ndarray, left: np.ndarray, height: float
+) -> np.ndarray:
+    """Return the change of the loads by the side force of each axle, (N, c):
+    its moment height * force, carried by its wheels."""
     change = np.zeros_like(load)
     for axle in axles(mechanism):
         weight, place = load[:, axle], left[:, axle]
@@ -251,7 +290,8 @@ def _transfer(mechanism: Mechanism, sideways: np.ndarray, load: np.ndarray, left
         if not np.all(width > 0):
             names = ", ".join(mechanism.contacts[k].name for k in axle)
             raise BadInput(
-                f"[contact] height = {height:g}: {names} of {mechanism.name} has no width to carry the moment; omit it"
+                f"[contact] height = {height:g}: {names} of {mechanism.name} has no width to carry the "
+                "moment; omit it"
             )
         change[:, axle] = -height * sideways[:, axle].sum(axis=1, keepdims=True) * weight * arm / width
     return change
@@ -263,8 +303,8 @@ def _up(value: float) -> str:
 
 
 def draw_contact(run: Run) -> Figure:
-    """Return a figure: friction use of each contact over time, and its force with the friction circle of radius mu load. SI
-    units.
+    """Return a figure: friction use of each contact over time, and its force with the friction circle of
+    radius mu load. SI units.
 
     Raises BadInput if `unknown_loads` has a reason, and as `contact_forces` does.
     """
@@ -275,7 +315,8 @@ def draw_contact(run: Run) -> Figure:
     found = grip(run)
     if not found.contacts:
         raise BadInput(
-            f"--contact: {found.unknown}; the figure is for robots that stay level, with contact(name, mass, along, across)"
+            f"--contact: {found.unknown}; the figure is for robots that stay level, with contact(name, mass, "
+            "along, across)"
         )
     shown = [contact for contact in found.contacts if not contact.support]
     coloured = list(zip(shown, itertools.cycle((POINT, VEHICLE, AXLE, SECOND)), strict=False))
@@ -284,12 +325,20 @@ def draw_contact(run: Run) -> Figure:
     use, circle = figure.subplots(1, 2, width_ratios=(1.2, 1))
     _draw_use(use, found.t, coloured, STOP)
     if run.stopped:
-        use.axvline(run.t[-1], color=STOP, linestyle=":", linewidth=1.5, label=f"stopped at {run.t[-1]:.4g} s: {run.stopped}")
+        use.axvline(
+            run.t[-1],
+            color=STOP,
+            linestyle=":",
+            linewidth=1.5,
+            label=f"stopped at {run.t[-1]:.4g} s: {run.stopped}",
+        )
     _draw_circle(circle, coloured, STOP)
     for axes in (use, circle):
         axes.grid(alpha=0.3)
     use.legend(loc="best", fontsize=9)
-    figure.legend(*circle.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=9, frameon=False)
+    figure.legend(
+        *circle.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=9, frameon=False
+    )
     return figure
 
 
@@ -304,7 +353,12 @@ def _draw_use(axes: Axes, t: np.ndarray, coloured: Coloured, beyond: str) -> Non
     """Plot friction use over time; above 1 the contact would slip."""
     for contact, colour in coloured:
         k = int(np.argmax(contact.use))
-        axes.plot(t, contact.use, color=colour, label=f"{contact.name}, at most {contact.use[k]:.2g} at t = {t[k]:.4g} s")
+        axes.plot(
+            t,
+            contact.use,
+            color=colour,
+            label=f"{contact.name}, at most {contact.use[k]:.2g} at t = {t[k]:.4g} s",
+        )
         axes.plot(t[k], contact.use[k], "o", color=colour, markersize=8)
     top = _reach(max(contact.use.max() for contact, _ in coloured))
     axes.axhspan(1.0, top, color=beyond, alpha=0.1, linewidth=0, label="would slip")
@@ -314,11 +368,15 @@ def _draw_use(axes: Axes, t: np.ndarray, coloured: Coloured, beyond: str) -> Non
 
 
 def _draw_circle(axes: Axes, coloured: Coloured, beyond: str) -> None:
-    """Plot the force of each contact in the vehicle's frame, forward up and left to the left, and the limit of friction.
+    """Plot the force of each contact in the vehicle's frame, forward up and left to the left, and the limit
+    of friction.
 
-    If loads vary, the circle of each contact is that of the row with its largest friction use, which is marked.
+    If loads vary, the circle of each contact is that of the row with its largest friction use, which is
+    marked.
     """
-    constant = np.ptp([contact.load for contact, _ in coloured]) <= NEGLIGIBLE * np.max([c.load for c, _ in coloured])
+    constant = np.ptp([contact.load for contact, _ in coloured]) <= NEGLIGIBLE * np.max(
+        [c.load for c, _ in coloured]
+    )
     radii = []
     for contact, colour in coloured:
         axes.plot(contact.lateral, contact.longitudinal, color=colour, label=contact.name)
@@ -327,11 +385,15 @@ def _draw_circle(axes: Axes, coloured: Coloured, beyond: str) -> None:
         axes.plot(contact.lateral[k], contact.longitudinal[k], "o", color=colour, markersize=8, label=worst)
         radii.append(contact.mu * max(contact.load[k], 0.0))
         if not constant:
-            _draw_limit(axes, radii[-1], colour, f"friction circle at that time, $\\mu$ load = {radii[-1]:.3g} N")
+            _draw_limit(
+                axes, radii[-1], colour, f"friction circle at that time, $\\mu$ load = {radii[-1]:.3g} N"
+            )
     if constant:
         _draw_limit(axes, radii[0], beyond, f"friction circle $\\mu$ load = {radii[0]:.3g} N")
     limit = coloured[0][0].mu * max(contact.load.max() for contact, _ in coloured)
-    half = limit * _reach(max(np.abs(f).max() for c, _ in coloured for f in (c.lateral, c.longitudinal)) / limit)
+    half = limit * _reach(
+        max(np.abs(f).max() for c, _ in coloured for f in (c.lateral, c.longitudinal)) / limit
+    )
     axes.set(xlim=(half, -half), ylim=(-half, half), aspect="equal")
     axes.set(xlabel="side force on the robot, left positive (N)", ylabel="force forward (N)")
 
@@ -343,5 +405,6 @@ def _draw_limit(axes: Axes, radius: float, colour: str, label: str) -> None:
 
 
 def _reach(worst: float) -> float:
-    """Return the range of an axis relative to its limit: past both the limit and the largest value, unless that is infinite."""
+    """Return the range of an axis relative to its limit: past both the limit and the largest value,
+    unless that is infinite."""
     return float(np.clip(1.15 * worst, 1.3, HIGHEST)) if np.isfinite(worst) else HIGHEST

@@ -49,9 +49,13 @@ STYLE = matplotlib.RcParams(
 )
 
 
-def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = (), most: int | None = None) -> tuple[Figure, np.ndarray]:
-    """Return a figure with a panel for each title, and the panels: in one row, or in rows of at most so many."""
-    layout = ConstrainedLayoutEngine(w_pad=0.08)  # inches: equal scales may widen the labels of an axis after the layout
+def panels(
+    *titles: str, height: float = 4.6, widths: Iterable[float] = (), most: int | None = None
+) -> tuple[Figure, np.ndarray]:
+    """Return a figure with a panel for each title, and the panels: in one row,
+    or in rows of at most so many."""
+    # inches: equal scales may widen the labels of an axis after the layout
+    layout = ConstrainedLayoutEngine(w_pad=0.08)
     columns = min(most or len(titles), len(titles))
     rows = -(-len(titles) // columns)
     figure = Figure(figsize=(12.0, rows * height), layout=layout)
@@ -65,10 +69,13 @@ def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = (), most
 
 
 def plane(axes: Axes, *points: np.ndarray, room: float = 0.06) -> None:
-    """Set up axes of the plane in m, with equal scales and `points` (N, 2) in view; the size of the panel is kept. Call this
-    last.
+    """Set up axes of the plane in m, with equal scales and `points` (N, 2) in view; the size of the panel is
+    kept. Call this last.
     """
-    low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+    low, high = (
+        np.min([p.min(axis=0) for p in points], axis=0),
+        np.max([p.max(axis=0) for p in points], axis=0),
+    )
     more = room * (high - low).max()
     axes.set_xlim(low[0] - more, high[0] + more, auto=True)  # auto: matplotlib may widen one of them
     axes.set_ylim(low[1] - more, high[1] + more, auto=True)
@@ -84,7 +91,12 @@ def over_time(axes: Axes, quantity: str) -> None:
 
 def start(axes: Axes, place: np.ndarray, label: str | None = "start") -> None:
     """Mark the start of a run by a ring, which hides nothing."""
-    ring: dict[str, Any] = {"markersize": 9, "markerfacecolor": "none", "markeredgecolor": "black", "markeredgewidth": 1.5}
+    ring: dict[str, Any] = {
+        "markersize": 9,
+        "markerfacecolor": "none",
+        "markeredgecolor": "black",
+        "markeredgewidth": 1.5,
+    }
     axes.plot(*place, "o", color="none", label=label, zorder=5, **ring)
 
 
@@ -104,13 +116,22 @@ def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:
     """Put the legend below a panel and its label, where it covers no curve; the layout makes room for it."""
     assert axes.figure, "a panel of a figure"
     below = axes.transAxes + ScaledTranslation(0, -BELOW, axes.figure.dpi_scale_trans)
-    return axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0), bbox_transform=below, ncols=ncols, **options)
+    return axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, 0), bbox_transform=below, ncols=ncols, **options
+    )
 
 
 def draw_floor(axes: Axes, floor: Floor) -> None:
     """Draw patches and bumps of a floor, seen from above, behind the runs; they do not change the view."""
     shapes: list[Patch] = [
-        Rectangle((p.x[0], p.y[0]), p.x[1] - p.x[0], p.y[1] - p.y[0], label=f"\u03bc {p.mu:g}", facecolor="#7fb2d9", alpha=0.35)
+        Rectangle(
+            (p.x[0], p.y[0]),
+            p.x[1] - p.x[0],
+            p.y[1] - p.y[0],
+            label=f"\u03bc {p.mu:g}",
+            facecolor="#7fb2d9",
+            alpha=0.35,
+        )
         for p in floor.patch
     ]
     shapes += [
@@ -127,14 +148,20 @@ def at_times(axes: Axes, times: np.ndarray, places: np.ndarray, away: np.ndarray
     for t, place, (dx, dy) in zip(times, places, away, strict=True):
         side: dict[str, Any] = {"ha": "left" if dx > 0.3 else "right" if dx < -0.3 else "center"}
         side |= {"va": "bottom" if dy > 0.3 else "top" if dy < -0.3 else "center"}
-        axes.annotate(f"{t:.3g} s", place, (7 * dx, 7 * dy), textcoords="offset points", fontsize=9, color=FAINT, **side)
+        axes.annotate(
+            f"{t:.3g} s", place, (7 * dx, 7 * dy), textcoords="offset points", fontsize=9, color=FAINT, **side
+        )
 
 
 def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarray, half: float) -> Axes:
-    """Return a magnified view at `place` (x, y, width, height, relative to the panel) of 2 `half` m about a point."""
+    """Return a magnified view at `place` (x, y, width, height,
+    relative to the panel) of 2 `half` m about a point."""
     inset = axes.inset_axes(place)
     inset.set(
-        xlim=(around[0] - half, around[0] + half), ylim=(around[1] - half, around[1] + half), aspect="equal", autoscale_on=False
+        xlim=(around[0] - half, around[0] + half),
+        ylim=(around[1] - half, around[1] + half),
+        aspect="equal",
+        autoscale_on=False,
     )
     inset.tick_params(labelsize=7)
     inset.locator_params(nbins=4)
@@ -149,8 +176,8 @@ def say(axes: Axes, text: str, place: tuple[float, float], colour: str = FAINT, 
 
 
 def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, bytes]:
-    """Return the figure drawn by `draw` as the bytes of a png and of an svg file, with a title and a note of assumptions, and its
-    data as those of a csv file (`plotted`)."""
+    """Return the figure drawn by `draw` as the bytes of a png and of an svg file, with a title and a note of
+    assumptions, and its data as those of a csv file (`plotted`)."""
     with matplotlib.rc_context(STYLE):
         figure = draw()
         figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
@@ -162,13 +189,14 @@ def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, 
 
 
 def with_data(figure: Figure, *kinds: str) -> dict[str, bytes]:
-    """Return a figure as the bytes of files of these kinds (`encoded`), and its data as those of a csv file (`plotted`)."""
+    """Return a figure as the bytes of files of these kinds (`encoded`),
+    and its data as those of a csv file (`plotted`)."""
     return {kind: encoded(figure, kind) for kind in kinds} | {"csv": plotted(figure).encode()}
 
 
 def plotted(figure: Figure) -> str:
-    """Return the points of all curves, markers and bars of a figure as CSV after a comment: panel, its labels, the curve's label,
-    x, y.
+    """Return the points of all curves, markers and bars of a figure as CSV after a comment: panel, its
+    labels, the curve's label, x, y.
 
     What has no label in the figure has none here; each has a number of its own in its panel.
     """
@@ -195,13 +223,15 @@ def _curves(axes: Axes) -> Iterator[tuple[str, np.ndarray]]:
             yield str(scatter.get_label()), np.ma.filled(scatter.get_offsets(), np.nan)
     for bars in axes.containers:
         if isinstance(bars, BarContainer):
-            share = (1.0, 0.5) if bars.orientation == "horizontal" else (0.5, 1.0)  # its end lies in the middle of one side
+            # Its end lies in the middle of one side
+            share = (1.0, 0.5) if bars.orientation == "horizontal" else (0.5, 1.0)
             boxes = [bar.get_bbox() for bar in bars]
             yield str(bars.get_label()), np.array([box.min + share * box.size for box in boxes])
 
 
 def outlines(robot: Mechanism, q: np.ndarray, parameters: np.ndarray) -> list[np.ndarray]:
-    """Return the lines that show a robot from above at coordinates q (N, n): each (N, points, 2), m. See `Mechanism.draws`.
+    """Return the lines that show a robot from above at coordinates q (N, n): each (N, points, 2), m. See
+    `Mechanism.draws`.
 
     A vehicle without lines is drawn as a small box.
     """
@@ -219,7 +249,8 @@ def lines_function(robot: Mechanism) -> ca.Function:
 
 
 def implicit_path(output: OutputMap) -> ca.Function:
-    """Return the function of points (x, y) and the output's parameters to signed distance from the path, m, and nearest point."""
+    """Return the function of points (x, y) and the output's parameters to signed distance from the path,
+    m, and nearest point."""
     point = ca.SX.sym("point", 2)
     distance = output.required_path.distance(point[0], point[1])
     foot = point - distance * ca.gradient(distance, point)
@@ -227,12 +258,28 @@ def implicit_path(output: OutputMap) -> ca.Function:
 
 
 def draw_implicit(
-    axes: Axes, function: ca.Function, config: np.ndarray, x: np.ndarray, y: np.ndarray, label: str, **style: Any
+    axes: Axes,
+    function: ca.Function,
+    config: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    label: str,
+    **style: Any,
 ) -> None:
     """Draw the curve on which the distance of an `implicit_path` is zero, on a grid x, y, m."""
     places = np.meshgrid(x, y)
-    values = function(np.vstack([place.ravel() for place in places]), config)[0].full().reshape(places[0].shape)
-    axes.contour(*places, values, [0.0], colors=style["color"], linewidths=style["linewidth"], alpha=style["alpha"], zorder=0)
+    values = (
+        function(np.vstack([place.ravel() for place in places]), config)[0].full().reshape(places[0].shape)
+    )
+    axes.contour(
+        *places,
+        values,
+        [0.0],
+        colors=style["color"],
+        linewidths=style["linewidth"],
+        alpha=style["alpha"],
+        zorder=0,
+    )
     axes.plot([], [], label=label, **style)
 
 
@@ -248,7 +295,8 @@ def evenly_spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _freeze(figure: Figure) -> None:
-    """Compute the layout once and round it: the solver's last bits vary, and SVG derives names of clip paths from them."""
+    """Compute the layout once and round it: the solver's last bits vary,
+    and SVG derives names of clip paths from them."""
     if engine := figure.get_layout_engine():
         for _ in range(2):  # as in `encoded`
             engine.execute(figure)
@@ -261,6 +309,7 @@ def encoded(figure: Figure, kind: str) -> bytes:
     """Return a figure as the bytes of a file; `kind` is png, svg or pdf."""
     made = io.BytesIO()
     if figure.get_layout_engine():
-        figure.draw_without_rendering()  # once more: equal scales change the ticks for which the first layout makes room
+        # Once more: equal scales change the ticks for which the first layout makes room
+        figure.draw_without_rendering()
     figure.savefig(made, format=kind, dpi=130, metadata=METADATA.get(kind))
     return made.getvalue()

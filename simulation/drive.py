@@ -1,4 +1,5 @@
-"""The drives between the controller and the robot: they take torques, or velocities that a loop of their own follows."""
+"""The drives between the controller and the robot: they take torques,
+or velocities that a loop of their own follows."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 
 
 class Drive(Protocol):
-    """What moves the robot. What is given to it is one vector, `given`, that is held between two calls of the controller.
+    """What moves the robot. What is given to it is one vector, `given`, that is held between two calls of the
+    controller.
 
     `delay` (s): from when it is given until it acts; `commands`: the number of commanded velocities.
     """
@@ -36,9 +38,12 @@ class Drive(Protocol):
         """Return what is given before the first call, in the state x at the start."""
 
     def take(self, x: np.ndarray, status: str, tau: np.ndarray) -> tuple[str, np.ndarray]:
-        """Return status and what is given until the next call: from the state that the controller sees and its result."""
+        """Return status and what is given until the next call:
+        from the state that the controller sees and its result."""
 
-    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float, t: float = 0.0) -> tuple[np.ndarray, float]:
+    def step(
+        self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float, t: float = 0.0
+    ) -> tuple[np.ndarray, float]:
         """Return the state after h seconds, as Plant.step."""
 
     def torque(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -75,8 +80,9 @@ class TorqueDrive:
 
 
 class VelocityDrive:
-    """Drives whose own loop makes each quasi-velocity follow its command c: nudot = omega (c - nu), and with feed-forward of the
-    controller's torque the acceleration that this causes in addition; the whole within the largest acceleration.
+    """Drives whose own loop makes each quasi-velocity follow its command c: nudot = omega (c - nu), and with
+    feed-forward of the controller's torque the acceleration that this causes in addition; the whole within
+    the largest acceleration.
 
     What is given: [c; tau]; of a kinematic law [c], limited, and no torque.
     """
@@ -90,14 +96,16 @@ class VelocityDrive:
         believed: np.ndarray,
         vehicle: VehicleLimits | None = None,
     ):
-        """`believed`: parameters of the controller of `law`; `vehicle`: limits of the motion that is commanded. Raises BadInput
-        for a wrong number of limits.
+        """`believed`: parameters of the controller of `law`; `vehicle`: limits of the motion that is
+        commanded. Raises BadInput for a wrong number of limits.
         """
         system, period = plant.system, simulation.period
         self.delay, self.commands = section.delay, system.dof
         limits = command_limits(section, system, period, vehicle)
         self._velocity = make_velocity(simulation.backend, limits, period, law)
-        self._acceleration = None if section.kinematic else make_acceleration(simulation.backend, law, believed)
+        self._acceleration = (
+            None if section.kinematic else make_acceleration(simulation.backend, law, believed)
+        )
         self._period, self._inputs = period, len(system.mechanism.inputs)
         step, torque = driven(system, section.feeds, plant.given)
         self._time = plant.time
@@ -116,10 +124,14 @@ class VelocityDrive:
             status, command = self._velocity.follow(tau, x[-self.commands :], status, self._period)
             return status, np.concatenate([command, np.zeros(self._inputs)])
         caused, u = self._acceleration(x, tau)
-        status, command = self._velocity.step(u, x[-self.commands :], status if caused in RUNNING else caused, self._period)
+        status, command = self._velocity.step(
+            u, x[-self.commands :], status if caused in RUNNING else caused, self._period
+        )
         return status, np.concatenate([command, tau])
 
-    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float, t: float = 0.0) -> tuple[np.ndarray, float]:
+    def step(
+        self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float, t: float = 0.0
+    ) -> tuple[np.ndarray, float]:
         """See Drive."""
         after, error = self._step(x, given, *self._own, h, tolerance, *self._time(t))
         return after, float(error[0])
@@ -136,14 +148,17 @@ class VelocityDrive:
 def command_limits(
     section: DriveSection, system: ReducedSystem, period: float, vehicle: VehicleLimits | None = None
 ) -> VelocityLimits:
-    """Return the limits of the commands of a controller called every `period` seconds: a command may be ahead of the drive by
-    twice what that lags at the largest acceleration. Raises BadInput for a wrong number of limits.
+    """Return the limits of the commands of a controller called every `period` seconds: a command may be ahead
+    of the drive by twice what that lags at the largest acceleration. Raises BadInput for a wrong number of
+    limits.
     """
     names = [v.name for v in system.quasi_velocities]
     speed = one_for_each(section.most_speed, names, "[drive] most_speed")
     acceleration = one_for_each(section.most_acceleration, names, "[drive] most_acceleration")
     lag = section.lag + period
-    return VelocityLimits(tuple(speed), tuple(acceleration), tuple(2 * a * lag for a in acceleration), vehicle)
+    return VelocityLimits(
+        tuple(speed), tuple(acceleration), tuple(2 * a * lag for a in acceleration), vehicle
+    )
 
 
 def make_drive(
@@ -162,8 +177,9 @@ def make_drive(
 
 @lru_cache(maxsize=16)
 def driven(system: ReducedSystem, feeds: bool, known: Given = ()) -> tuple[ca.Function, ca.Function]:
-    """Return the functions from state, given, parameters, omega (1/s) and largest accelerations: to the state after h seconds and
-    its error norm (with h, tolerance and, if something is `known`, t as further arguments), and to the torque of the drives.
+    """Return the functions from state, given, parameters, omega (1/s) and largest accelerations: to the state
+    after h seconds and its error norm (with h, tolerance and, if something is `known`, t as further
+    arguments), and to the torque of the drives.
     """
     mechanism = system.mechanism
     x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p

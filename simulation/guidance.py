@@ -1,4 +1,5 @@
-"""Guidance: what the controller follows, one path with a moving reference or the segments of a composite path."""
+"""Guidance: what the controller follows, one path with a moving reference or the segments of a composite
+path."""
 
 from __future__ import annotations
 
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 
 
 class Side:
-    """Detects on which side of the singular set a state is: the sign of det Phi, positive at the start. A damped law has no such
-    set to cross; what its inverse needs instead keeps its sign.
+    """Detects on which side of the singular set a state is: the sign of det Phi, positive at the start. A
+    damped law has no such set to cross; what its inverse needs instead keeps its sign.
 
     A step across the singular set is detected by the change of sign.
     """
@@ -102,14 +103,16 @@ class Guidance(Protocol):
         """Return the reference, in the order of law.reference; without side effects."""
 
     def left(self, t: float, x: np.ndarray) -> float:
-        """Return a value that is positive until the current segment ends; without side effects, smooth in x."""
+        """Return a value that is positive until the current segment ends; without side effects,
+        smooth in x."""
 
     def update(self, t: float, x: np.ndarray) -> None:
         """Switch to the next segment if the current one has ended."""
 
 
 class ShortWay:
-    """Prepares references of a law: a desired angle is shifted by whole turns to be nearest to the actual one."""
+    """Prepares references of a law: a desired angle is shifted by whole turns to be nearest to the actual
+    one."""
 
     def __init__(self, law: ControlLaw, parameters: np.ndarray, config: np.ndarray):
         names = [q.name for q in law.reference]
@@ -159,15 +162,20 @@ NO_NEAREST = "[initial]: the robot is as far from the course as the centre of it
 
 
 class OnCourse(OnePath):
-    """A course on which the desired point is the one nearest to that of the robot, whatever the time; both move at the speed of
-    the course.
+    """A course on which the desired point is the one nearest to that of the robot, whatever the time; both
+    move at the speed of the course.
     """
 
     def __init__(
-        self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay, course: SmoothCurve, start: np.ndarray
+        self,
+        leg: Leg,
+        reference: Callable[[float], np.ndarray],
+        prepare: ShortWay,
+        course: SmoothCurve,
+        start: np.ndarray,
     ):
-        """`course` as the desired point moves on it, `reference` by the time since its beginning; `start`: the state there.
-        Raises BadInput if no point of the course is the nearest.
+        """`course` as the desired point moves on it, `reference` by the time since its beginning; `start`:
+        the state there. Raises BadInput if no point of the course is the nearest.
         """
         super().__init__(leg, reference, prepare)
         self._course, self._along = course, course.nearest(self._point(start))
@@ -194,7 +202,8 @@ class OnCourse(OnePath):
 
 
 class AlongCourse(OnePath):
-    """A course that a law of Type IV follows: the parameters of its path are those of the course's point nearest to P_l."""
+    """A course that a law of Type IV follows: the parameters of its path are those of the course's point
+    nearest to P_l."""
 
     def __init__(
         self,
@@ -206,17 +215,26 @@ class AlongCourse(OnePath):
         make_leg: LegMaker,
         start: np.ndarray,
     ):
-        """`config` is that of the law besides the path, `start` the state that the controller sees at first. Raises BadInput if
-        no point of the course is the nearest.
+        """`config` is that of the law besides the path, `start` the state that the controller sees at first.
+        Raises BadInput if no point of the course is the nearest.
         """
-        self._motion, self._parameters, self._tracker = Direct(vehicle_motion(law.system)), parameters, tracker
+        self._motion, self._parameters, self._tracker = (
+            Direct(vehicle_motion(law.system)),
+            parameters,
+            tracker,
+        )
         names, given = [c.name for c in law.config], [q.name for q in law.reference]
         first = names.index("x_s")
         self._entries = slice(first, first + sum(name in COURSE_PARAMETERS for name in names))
         self._L = names.index("L") if "L" in names else None
         speed = given.index("speed")
-        self._speed = slice(speed, speed + (1 if law.kinematic else 2))  # with its rate, where the law uses it
-        self._config, self._unknown, self._make_leg = np.array(config), np.full(len(given), math.nan), make_leg
+        # With its rate, where the law uses it
+        self._speed = slice(speed, speed + (1 if law.kinematic else 2))
+        self._config, self._unknown, self._make_leg = (
+            np.array(config),
+            np.full(len(given), math.nan),
+            make_leg,
+        )
         guide = tracker.update(*self._seen(start))
         if guide.status not in ("ok", "arrived"):
             raise BadInput(NO_NEAREST)
@@ -251,7 +269,8 @@ class AlongCourse(OnePath):
         return guide.left if guide.status == "ok" else math.inf
 
     def update(self, t: float, x: np.ndarray) -> None:
-        """Search from the nearest point next time; where the robot stands at a cusp, go on to the next piece."""
+        """Search from the nearest point next time; where the robot stands at a cusp,
+        go on to the next piece."""
         guide = self._tracker.update(*self._seen(x))
         if guide.status in ("ok", "arrived"):
             self.arrived = guide.arrived
@@ -282,8 +301,8 @@ def smooth_curve(course: CourseSection, x: float = 0.0, y: float = 0.0) -> Smoot
 
 @dataclass(frozen=True)
 class Led:
-    """What one generator leads: an output of relative degree 2 and one of degree 1, by the numbers of their rows and of their
-    entries in the reference, and of its rate among all rates; None if there is none.
+    """What one generator leads: an output of relative degree 2 and one of degree 1, by the numbers of their
+    rows and of their entries in the reference, and of its rate among all rates; None if there is none.
     """
 
     position: tuple[int, int, int] | None  # row, entry, rate
@@ -309,17 +328,17 @@ Number = TypeVar("Number", float, np.ndarray)
 
 
 def accelerations(law: ControlLaw, acceleration: Number, angular: Number) -> list[Number]:
-    """Return the largest acceleration of each of `led`, in the unit of its output per s^2: coordinates in m share
-    `acceleration`, so that of a point is at most that.
+    """Return the largest acceleration of each of `led`, in the unit of its output per s^2: coordinates in m
+    share `acceleration`, so that of a point is at most that.
     """
     units = led_units(law)
     return [acceleration / math.sqrt(units.count("m")) if unit == "m" else angular for unit in units]
 
 
 class Approaching:
-    """Leads outputs with bounded acceleration from where the robot is to what another guidance desires: from the start, from a
-    cusp, where P_l changes sides, and from where the pose has jumped. The speed along a composite path is that of the path where
-    it is slower.
+    """Leads outputs with bounded acceleration from where the robot is to what another guidance desires: from
+    the start, from a cusp, where P_l changes sides, and from where the pose has jumped. The speed along a
+    composite path is that of the path where it is slower.
     """
 
     def __init__(
@@ -331,8 +350,8 @@ class Approaching:
         jumped: Callable[[], bool],
         start: np.ndarray,
     ):
-        """`generators`: one for each of `led`; `jumped`: whether the pose did at the last update of the sensors; `start`: the
-        state that the controller sees.
+        """`generators`: one for each of `led`; `jumped`: whether the pose did at the last update of the
+        sensors; `start`: the state that the controller sees.
         """
         self.guidance, self._parameters, self._jumped = guidance, parameters, jumped
         self._led = list(zip(led(law), generators, strict=True))
@@ -361,7 +380,8 @@ class Approaching:
         return self.guidance.arrived
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Return the reference: that of the other guidance, and what the generators added at the last call of the controller."""
+        """Return the reference: that of the other guidance,
+        and what the generators added at the last call of the controller."""
         reference = np.array(self.guidance.reference(t, x))
         for (made, _), desired in zip(self._led, self._desired, strict=True):
             if made.position:
@@ -425,13 +445,15 @@ class Route:
         profile: SpeedProfile | None = None,
         band: float = 0.0,
     ):
-        """`parameters` are those of the controller, `band` that of a damped law. Starts with the first segment. With a `profile`
-        its speed is desired. Raises BadInput if the position on the segment is undefined.
+        """`parameters` are those of the controller, `band` that of a damped law. Starts with the first
+        segment. With a `profile` its speed is desired. Raises BadInput if the position on the segment is
+        undefined.
         """
         self._law, self._tracker, self._make_leg, self.profile = law, tracker, make_leg, profile
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
         speed = [q.name for q in law.reference].index("speed")
-        self._speed = slice(speed, speed + (1 if law.kinematic else 2))  # with its rate, where the law uses it
+        # With its rate, where the law uses it
+        self._speed = slice(speed, speed + (1 if law.kinematic else 2))
         self._zeros = np.zeros(len(law.reference))
         self.piece, self.arrived, self._band = 0, False, band
         if (reason := LOST.get(tracker.look(*self._seen(start)).status)) is not None:
@@ -475,7 +497,9 @@ class Route:
     def faces(self, x: np.ndarray) -> float:
         """Return the cosine of the angle between the vehicle's heading and its desired heading there."""
         guide, heading = self.guide(x), self._seen(x)[2]
-        return cosine(float(heading - guide.heading - guide.curvature * guide.progress - np.pi * guide.backward))
+        return cosine(
+            float(heading - guide.heading - guide.curvature * guide.progress - np.pi * guide.backward)
+        )
 
     def _config(self, guide: Guide) -> np.ndarray:
         given = {
@@ -495,15 +519,19 @@ class Route:
 
 @lru_cache(maxsize=16)
 def vehicle_motion(system: ReducedSystem) -> ca.Function:
-    """Return the function from state and parameters to x, y (m), heading (rad), forward speed (m/s) and yaw rate (rad/s)."""
+    """Return the function from state and parameters to x, y (m), heading (rad),
+    forward speed (m/s) and yaw rate (rad/s)."""
     vehicle = system.mechanism.required_vehicle
-    motion = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading, forward_speed(system), system.along_motion(vehicle.heading))
+    motion = ca.vertcat(
+        vehicle.x, vehicle.y, vehicle.heading, forward_speed(system), system.along_motion(vehicle.heading)
+    )
     return portable(ca.Function("motion", [symbols(system.state), system.mechanism.p], [ca.densify(motion)]))
 
 
 @lru_cache(maxsize=16)
 def approached_from(law: ControlLaw) -> ca.Function:
-    """Return the function from state, parameters and config to all outputs, and the rates of those of relative degree 2."""
+    """Return the function from state, parameters and config to all outputs,
+    and the rates of those of relative degree 2."""
     found = law.linearization
     return portable(law.at_state(ca.vertcat(found.h, found.rate)))
 
@@ -511,13 +539,17 @@ def approached_from(law: ControlLaw) -> ca.Function:
 @lru_cache(maxsize=16)
 def point_followed(law: ControlLaw) -> ca.Function:
     """Return the function from state, parameters and config to x and y (m) of P_l, which follows a course."""
-    foot, given = law.output.foot, [symbols(group) for group in (law.system.state, law.parameters, law.config)]
+    foot, given = (
+        law.output.foot,
+        [symbols(group) for group in (law.system.state, law.parameters, law.config)],
+    )
     assert foot is not None, "the law follows a course"
     return portable(ca.Function(law.name, given, [ca.densify(foot.place)]))
 
 
 def distances(law: ControlLaw, x: np.ndarray, parameters: np.ndarray, config: np.ndarray) -> np.ndarray:
-    """Return how far P_l is to the left of a course, m, for rows of states and of the config that has the nearest point."""
+    """Return how far P_l is to the left of a course, m, for rows of states and of the config that has the
+    nearest point."""
     names = [c.name for c in law.config]
     x_s, y_s, direction = (config[:, names.index(name)] for name in ("x_s", "y_s", "direction"))
     P_l = point_followed(law)(x.T, parameters, config.T).full()

@@ -18,17 +18,20 @@ from .specification.spec import MOST_ROWS, Simulation
 SHORTEST = 1e-9  # s: a step that meets an error is shortened down to this, then the run stops
 PACE = 4000  # steps from which on the time they covered decides whether the run goes on
 MOST_STEPS = 100_000  # while the inputs are held
-OTHER_OUTPUT = "saturated"  # for observers, where another piece of a path begins: there is nothing to compare with
+# For observers, where another piece of a path begins: there is nothing to compare with
+OTHER_OUTPUT = "saturated"
 BEYOND = 1e-9  # m: a piece of a path is left so little beyond its end, where rounding cannot call it back
 
 
 @dataclass(frozen=True)
 class Row:
-    """One instant: true state, state the controller saw, inputs, status, what was followed and how (config, reference).
+    """One instant: true state, state the controller saw, inputs, status, what was followed and how (config,
+    reference).
 
-    `integral`: of the error, for each output with integral action, and then the estimates of observers; `extension`: the states
-    of the dynamic extension; `command`: the velocities that drives were given, if any; `noticed`: friction believed, uncertain
-    heading and way, if slip is noticed; `learned`: the parameters in use that are learned, if any.
+    `integral`: of the error, for each output with integral action, and then the estimates of observers;
+    `extension`: the states of the dynamic extension; `command`: the velocities that drives were given, if
+    any; `noticed`: friction believed, uncertain heading and way, if slip is noticed; `learned`: the
+    parameters in use that are learned, if any.
     """
 
     t: float
@@ -47,12 +50,13 @@ class Row:
 
 
 def continuous(loop: Loop, simulation: Simulation, most: int = MOST_ROWS) -> Iterator[Row]:
-    """The controller is part of the right-hand side. Steps end on the rows, so that rows are as good as steps. The integrals z
-    of the errors of outputs with integral action and the states xi of a dynamic extension are further states: [x; z; xi].
+    """The controller is part of the right-hand side. Steps end on the rows, so that rows are as good as
+    steps. The integrals z of the errors of outputs with integral action and the states xi of a dynamic
+    extension are further states: [x; z; xi].
 
-    Where a trial step meets an error, a shorter one is tried; the run stops when none of at least SHORTEST is left. Where a
-    step passes the end of a piece of the path, it is taken again up to that end. Raises BadInput for a run that would take
-    more than `most` steps.
+    Where a trial step meets an error, a shorter one is tried; the run stops when none of at least SHORTEST is
+    left. Where a step passes the end of a piece of the path, it is taken again up to that end. Raises
+    BadInput for a run that would take more than `most` steps.
     """
     ki = loop.integral.ki
     n, m = len(loop.start), len(loop.start) + len(ki)
@@ -68,7 +72,9 @@ def continuous(loop: Loop, simulation: Simulation, most: int = MOST_ROWS) -> Ite
         return np.concatenate([loop.plant.rate(state[:n], tau, t), call.error(), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
-    solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance)
+    solver = Integrator(
+        rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance
+    )
     for t in _row_times(simulation):
         while solver.t < t:
             try:
@@ -76,7 +82,9 @@ def continuous(loop: Loop, simulation: Simulation, most: int = MOST_ROWS) -> Ite
                 end = _end_of_piece(loop, step)
             except Refused as refused:
                 if solver.h <= SHORTEST:
-                    yield _row(loop, solver.t, solver.x[:n], None, refused.status, solver.x[n:m], solver.x[m:])
+                    yield _row(
+                        loop, solver.t, solver.x[:n], None, refused.status, solver.x[n:m], solver.x[m:]
+                    )
                     return
                 solver.h *= SHRINK
                 continue
@@ -94,12 +102,15 @@ def continuous(loop: Loop, simulation: Simulation, most: int = MOST_ROWS) -> Ite
             return
 
 
-Hold = Callable[[float, np.ndarray, np.ndarray, float], np.ndarray]  # from t, state, what is held and duration to the state then
-Push = Callable[[np.ndarray, np.ndarray], np.ndarray]  # from a state and an impulse along the quasi-velocities to the state then
+# From t, state, what is held and duration to the state then
+Hold = Callable[[float, np.ndarray, np.ndarray, float], np.ndarray]
+# From a state and an impulse along the quasi-velocities to the state then
+Push = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def sampled(loop: Loop, simulation: Simulation, moved_by: tuple[Hold, Push] | None = None) -> Iterator[Row]:
-    """The controller is called every `period`, what the drives are given held until the next acts, as a firmware loop does.
+    """The controller is called every `period`, what the drives are given held until the next acts, as a
+    firmware loop does.
 
     `moved_by` moves the robot in between, and pushes it; without it that is the plant, which rolls.
     """
@@ -135,7 +146,9 @@ def sampled(loop: Loop, simulation: Simulation, moved_by: tuple[Hold, Push] | No
         loop.sense(t, x)
         loop.guidance.update(t, loop.seen(x))
         call = loop.call(t, x, xi)
-        add = np.array([one.step(e, period, status) for one, e in zip(integrators, call.error(), strict=True)])
+        add = np.array(
+            [one.step(e, period, status) for one, e in zip(integrators, call.error(), strict=True)]
+        )
         before = status if loop.guidance.piece == piece else OTHER_OUTPUT
         piece, observed = loop.guidance.piece, zip(observers, *call.observed(add), strict=True)
         less = np.array([one.step(measured, v, period, before) for one, measured, v in observed])
@@ -176,11 +189,15 @@ class Refused(Exception):
 
 def _too_stiff(t: float, h: float) -> BadInput:
     """The error of a run that would not end in a time worth waiting for."""
-    return BadInput(f"the loop is too fast to simulate: at t = {t:.4g} s steps of {h:.1e} s are needed; make gains smaller")
+    return BadInput(
+        f"the loop is too fast to simulate: at t = {t:.4g} s steps of {h:.1e} s are needed; make gains "
+        "smaller"
+    )
 
 
 def _end_of_piece(loop: Loop, step: AcceptedStep) -> tuple[float, np.ndarray] | None:
-    """Time and [x; z] where a step leaves the piece of path, the guidance having gone on; None where it does not."""
+    """Time and [x; z] where a step leaves the piece of path, the guidance having gone on;
+    None where it does not."""
     guidance, n = loop.guidance, len(loop.start)
     end, state = step.end, step.after
     left = guidance.left(end, state[:n])
@@ -198,8 +215,8 @@ def _end_of_piece(loop: Loop, step: AcceptedStep) -> tuple[float, np.ndarray] | 
 def _hold(
     loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.ndarray, duration: float, tolerance: float
 ) -> np.ndarray:
-    """State after `duration` seconds, with what the drives are given held. Raises Refused where it meets the singular set or
-    overflows.
+    """State after `duration` seconds, with what the drives are given held. Raises Refused where it meets the
+    singular set or overflows.
     """
     left = h = duration
     for _ in range(MOST_STEPS):
@@ -218,7 +235,9 @@ def _hold(
     raise _too_stiff(t + duration - left, h)
 
 
-def _crossing(loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> Refused:
+def _crossing(
+    loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.ndarray, h: float, tolerance: float
+) -> Refused:
     """Where a step of h seconds from x at t goes through the singular set."""
 
     def after(s: float) -> np.ndarray:
@@ -228,18 +247,22 @@ def _crossing(loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.nda
     return Refused("singular", t + s, after(s))
 
 
-def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: str, z: np.ndarray, xi: np.ndarray) -> Row:
+def _row(
+    loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: str, z: np.ndarray, xi: np.ndarray
+) -> Row:
     """A row with what the drives are given; None: nothing."""
     seen, guidance, drive = loop.seen(x), loop.guidance, loop.drive
     tau = np.zeros(len(loop.law.system.mechanism.inputs)) if given is None else drive.torque(x, given)
     command = np.zeros(drive.commands) if given is None else drive.command(given)
     extra = z, xi, command, _noticed(loop), loop.learned
-    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg_at(x).config, loop.reference(t, seen), *extra)
+    return Row(
+        t, x, seen, tau, status, guidance.piece, guidance.leg_at(x).config, loop.reference(t, seen), *extra
+    )
 
 
 def _noticed(loop: Loop) -> np.ndarray:
-    """Return the friction that is believed, and the uncertainty of dead reckoning (rad, m) if slip is noticed; empty without mode
-    "grip"."""
+    """Return the friction that is believed, and the uncertainty of dead reckoning (rad, m) if slip is
+    noticed; empty without mode "grip"."""
     noticed, mu = loop.noticed, loop.guidance.leg.controller.believed
     uncertain = [noticed.uncertain_heading, noticed.uncertain_way] if noticed else []
     return np.array([mu, *uncertain]) if math.isfinite(mu) else np.zeros(0)
@@ -252,7 +275,8 @@ def _row_times(simulation: Simulation) -> list[float]:
 
 
 def _root(function: Callable[[float], float], end: float, tolerance: float) -> float:
-    """Where a function of the time since a step's beginning, with opposite signs there and at its end, is zero, s."""
+    """Where a function of the time since a step's beginning, with opposite signs there and at its end,
+    is zero, s."""
     from scipy.optimize import brentq  # slow to import, and needed by few runs
 
     return brentq(function, 0.0, end, xtol=tolerance)

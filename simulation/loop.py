@@ -81,16 +81,21 @@ from .specification.spec import (
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
-PROFILE_PART = 0.6  # of friction and motors that a speed profile uses by default; what is left is for staying on the path
+# Of friction and motors that a speed profile uses by default; what is left is for staying on the path
+PROFILE_PART = 0.6
 DEVIATIONS = 6  # of the noise of a rate that count as its largest error
-ALONG, LATERAL = 0.6, 0.8  # parts of friction that a kinematic law uses along its way and across it: together all of it
+# Parts of friction that a kinematic law uses along its way and across it: together all of it
+ALONG, LATERAL = 0.6, 0.8
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 
 class Learning:
-    """Parameters of the controller that are learned at its calls; `believed` are those in use, which it changes in place."""
+    """Parameters of the controller that are learned at its calls; `believed` are those in use,
+    which it changes in place."""
 
-    def __init__(self, law: ControlLaw, believed: np.ndarray, section: AdaptationSection, simulation: Simulation):
+    def __init__(
+        self, law: ControlLaw, believed: np.ndarray, section: AdaptationSection, simulation: Simulation
+    ):
         """Raises BadInput for parameters that cannot be learned."""
         options = AdaptationOptions(**{field.name: getattr(section, field.name) for field in fields(section)})
         self.adaptation = Adaptation(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
@@ -105,7 +110,8 @@ class Learning:
         return self.believed[self._places]
 
     def step(self, t: float, seen: np.ndarray, controller: Controller) -> None:
-        """Learn from the motion since the last call, by the inputs `applied` in between, and change the controller."""
+        """Learn from the motion since the last call, by the inputs `applied` in between,
+        and change the controller."""
         status, params = self.adaptation.step(seen, self.applied, t - self._t)
         check_status(status, f"[adaptation] at t = {t:g} s")
         self._t, self.believed[:] = t, params
@@ -114,11 +120,12 @@ class Learning:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """All parts of a run except time. `start` is the true state [q; nu] at t = 0, `extension` (k) the states of the law's dynamic
-    extension then; `warnings` are for the user; `pushes` are times (s) and impulses (n-m) along the quasi-velocities, N s or
-    N m s.
+    """All parts of a run except time. `start` is the true state [q; nu] at t = 0, `extension` (k) the states
+    of the law's dynamic extension then; `warnings` are for the user; `pushes` are times (s) and impulses
+    (n-m) along the quasi-velocities, N s or N m s.
 
-    `believed`, `gains` and `limits` are those of the controller. Without sensing, the controller sees the true state.
+    `believed`, `gains` and `limits` are those of the controller. Without sensing, the controller sees the
+    true state.
     """
 
     law: ControlLaw
@@ -160,11 +167,13 @@ class Loop:
             self.learning.step(t, self.seen(x), self.guidance.leg.controller)
 
     def call(self, t: float, x: np.ndarray, xi: np.ndarray) -> "ControllerCall":
-        """Return what a call of the controller at time t in state x sees; `xi`: states of the dynamic extension, if any."""
+        """Return what a call of the controller at time t in state x sees; `xi`:
+        states of the dynamic extension, if any."""
         return ControllerCall(self, t, x, xi)
 
     def reference(self, t: float, seen: np.ndarray) -> np.ndarray:
-        """Return the reference for a state that the controller sees; the speed along a path is less where slip was noticed."""
+        """Return the reference for a state that the controller sees;
+        the speed along a path is less where slip was noticed."""
         reference = self.guidance.reference(t, seen)
         if self.noticed and self.noticed.slower < 1 and self.law.speed_row is not None:
             entry = [q.name for q in self.law.reference].index(self.law.output.rows[self.law.speed_row].name)
@@ -188,7 +197,8 @@ class Loop:
         return self.guidance.leg.controller.extension_rate if self.law.extension else np.zeros(0)
 
     def beyond(self, x: np.ndarray, xi: np.ndarray) -> bool:
-        """Return whether the robot has crossed the singular set; only checked if the controller sees the true state."""
+        """Return whether the robot has crossed the singular set;
+        only checked if the controller sees the true state."""
         return not self.sensing and self.side(x, xi) <= 0
 
     def side(self, x: np.ndarray, xi: np.ndarray) -> float:
@@ -199,7 +209,8 @@ class Loop:
 class ControllerCall:
     """A call of the controller: the state `seen`, the `reference` and the law's outputs there are found once.
 
-    `add` is the value of integral action for each output that has it, `less` minus the estimate for each that has an observer.
+    `add` is the value of integral action for each output that has it, `less` minus the estimate for each that
+    has an observer.
     """
 
     def __init__(self, loop: Loop, t: float, x: np.ndarray, xi: np.ndarray):
@@ -238,7 +249,9 @@ class ControllerCall:
         if noticed:
             controller.believe(noticed.mu)
         reference = loop.integral.added(self.reference, add)
-        status, tau = controller.step(self._known, reference if less is None else loop.observers.added(reference, less))
+        status, tau = controller.step(
+            self._known, reference if less is None else loop.observers.added(reference, less)
+        )
         if status not in RUNNING and np.isnan(self.reference).any():  # no point of the course is the nearest
             return "singular", np.zeros(len(loop.law.inputs))
         if loop.learning:
@@ -251,8 +264,8 @@ class ControllerCall:
 def make_loop(spec: Spec) -> Loop:
     """Return the loop of a SPEC: controller, plant, guidance and start.
 
-    Raises BadInput or ModelError if it cannot be simulated: unknown names, invalid parameters, a path that cannot be followed,
-    a singular start.
+    Raises BadInput or ModelError if it cannot be simulated: unknown names, invalid parameters, a path that
+    cannot be followed, a singular start.
     """
     mechanism = find_robot(spec.robot)
     if spec.feedback:
@@ -282,7 +295,9 @@ def make_loop(spec: Spec) -> Loop:
         if controller and limits and limits.friction and limits.friction.period:
             known = replace(limits, friction=replace(limits.friction, known=controller.believed))
         controller = make_controller(spec.simulation.backend, law, used, config, gains, known)
-        return Leg(config, controller, Side(law, believed, config, np.append(x, np.zeros(len(law.extension)))))
+        return Leg(
+            config, controller, Side(law, believed, config, np.append(x, np.zeros(len(law.extension))))
+        )
 
     warnings: tuple[str, ...] = ()
     guidance: OnePath | Route | Approaching
@@ -292,7 +307,9 @@ def make_loop(spec: Spec) -> Loop:
         L = tracker.options.L[path.segments[0].backward]
         start = _start(initial_of(spec, tracker.options), plant, L, spec.output.W)
         profile = (
-            make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law) if limits_along else None
+            make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law)
+            if limits_along
+            else None
         )
         guidance = route = Route(law, believed, tracker, make_leg, start, profile, spec.output.band)
         warnings = () if limits_along else _too_fast(spec, plant, path.segments, tracker.options, limits)
@@ -322,14 +339,18 @@ def make_loop(spec: Spec) -> Loop:
             sensing.slip = SlipSensing(sensing, spec.sensors, gyro, notice, spec.contact.mu, *known)
     if spec.reference.approach:
         generators = _generators(law, spec, spec.reference.approach)
-        guidance = Approaching(guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start)
+        guidance = Approaching(
+            guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start
+        )
     grips = spec.limits if spec.kinematic else None
     vehicle = _vehicle_limits(grips, spec.contact, law, believed) if grips and spec.contact else None
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
     memory = (integral, observers, sensing, drive, extension)
     pushes = _pushes(spec, plant)
-    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, *memory, None, warnings, pushes)
+    loop = Loop(
+        law, plant, believed, np.array(gains), limits, guidance, start, *memory, None, warnings, pushes
+    )
     _check_start(loop)
     if spec.adaptation:
         loop = replace(loop, learning=Learning(law, used, spec.adaptation, spec.simulation))
@@ -358,20 +379,28 @@ def _feedback_loop(mechanism: Mechanism, spec: Spec) -> Loop:
     )
     guidance = make_guidance(law, balanced, spec, desired)
     pushes = _pushes(spec, plant)
-    loop = Loop(law, plant, np.array(believed), np.zeros(0), None, guidance, start, *parts, np.zeros(0), pushes=pushes)
+    loop = Loop(
+        law, plant, np.array(believed), np.zeros(0), None, guidance, start, *parts, np.zeros(0), pushes=pushes
+    )
     status, _ = loop.call(0.0, loop.start, loop.extension).command(np.zeros(0))
     if status == "astray":
-        raise BadInput("[initial]: the robot has fallen at the start: a coordinate is more than 1.57 (m or rad) off; move it")
+        raise BadInput(
+            "[initial]: the robot has fallen at the start: a coordinate is more than 1.57 (m or rad) off; "
+            "move it"
+        )
     _check_start(loop)
     return loop
 
 
 def _unstable(law: ControlLaw, believed: np.ndarray, config: np.ndarray) -> tuple[str, ...]:
-    """Return a warning if a mode of the zero dynamics of an underactuated robot at rest grows: no gain changes that."""
+    """Return a warning if a mode of the zero dynamics of an underactuated robot at rest grows:
+    no gain changes that."""
     if not law.system.underactuated:
         return ()
     try:
-        found = of_outputs(analyse_at_rest(law.system.mechanism, None, believed.tolist()), law.linearization, config.tolist())
+        found = of_outputs(
+            analyse_at_rest(law.system.mechanism, None, believed.tolist()), law.linearization, config.tolist()
+        )
     except ModelError:  # it does not rest at q = 0
         return ()
     return (f"zero dynamics of {law.name} at rest: {found}",) if found.unstable else ()
@@ -386,8 +415,13 @@ def _pushes(spec: Spec, plant: Plant) -> tuple[tuple[float, np.ndarray], ...]:
 
 
 def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
-    """Return the law of the SPEC. Raises BadInput if the type is neither one of the paper's nor an output of the robot."""
-    check_named(spec.output.type, [*TYPES, *(output.name for output in mechanism.outputs)], "[output] type: unknown output")
+    """Return the law of the SPEC. Raises BadInput if the type is neither one of the paper's nor an output of
+    the robot."""
+    check_named(
+        spec.output.type,
+        [*TYPES, *(output.name for output in mechanism.outputs)],
+        "[output] type: unknown output",
+    )
     return law_of(mechanism, spec.law)
 
 
@@ -398,34 +432,47 @@ def _check_axle(law: ControlLaw, spec: Spec) -> None:
     ahead, given = axle_at(law, spec.parameters), "extension" if law.output.extension else "arclength"
     if abs(spec.output.L - ahead) > ON_AXLE:
         raise BadInput(
-            f"[output] {given} = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: change it, or omit "
-            f"{given}; for another point that needs one, define an output of the robot's own"
+            f"[output] {given} = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: "
+            f"change it, or omit {given}; for another point that needs one, define an output of the robot's "
+            "own"
         )
 
 
 def axle_at(law: ControlLaw, parameters: Mapping[str, float]) -> float:
-    """Return how far the axle is ahead of the vehicle's point, m; `parameters` that differ from their defaults by name."""
+    """Return how far the axle is ahead of the vehicle's point, m;
+    `parameters` that differ from their defaults by name."""
     mechanism = law.system.mechanism
-    return float(ca.Function("ahead", [mechanism.p], [axle(law.system)])(mechanism.parameter_values(parameters)))
+    return float(
+        ca.Function("ahead", [mechanism.p], [axle(law.system)])(mechanism.parameter_values(parameters))
+    )
 
 
 def _limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> Limits | None:
-    """Return the limits; a single limit applies to all inputs. None for a kinematic law, whose commands its drives limit."""
+    """Return the limits; a single limit applies to all inputs. None for a kinematic law,
+    whose commands its drives limit."""
     inputs = len(law.system.mechanism.inputs)
     if spec.limits is None or spec.kinematic:
         return None
     torque, friction = (0.0,) if spec.limits.torque is None else spec.limits.torque, None
     if spec.limits.mode == "grip" and (floor := spec.contact):
         height = floor.height or Plant(law.system, believed.tolist()).height
-        friction = replace(earning(spec), mu=floor.mu, margin=spec.limits.margin, share=floor.share, height=height)
+        friction = replace(
+            earning(spec), mu=floor.mu, margin=spec.limits.margin, share=floor.share, height=height
+        )
     return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode, friction)
 
 
 def earning(spec: Spec) -> Friction:
-    """Return how friction is earned, all else 0: not with drives that take velocities, where torques do not turn wheels."""
+    """Return how friction is earned, all else 0: not with drives that take velocities,
+    where torques do not turn wheels."""
     limits, simulation, sensors = spec.limits, spec.simulation, spec.sensors
     period = simulation.period
-    if limits is None or limits.friction != "earned" or not period or (spec.drive and spec.drive.takes_velocity):
+    if (
+        limits is None
+        or limits.friction != "earned"
+        or not period
+        or (spec.drive and spec.drive.takes_velocity)
+    ):
         return Friction(0.0)
     counts, noise = (sensors.counts, max(sensors.noise.sd)) if sensors else (0, 0.0)
     coarse, lag = (float(value) for value in roughness(period, simulation.delay, counts, noise))
@@ -433,17 +480,20 @@ def earning(spec: Spec) -> Friction:
 
 
 def roughness(period: ArrayLike, delay: ArrayLike, counts: ArrayLike, noise: ArrayLike) -> np.ndarray:
-    """Return the largest errors (rad/s) of rates that encoders of `counts` a turn (0: exact ones) and a standard deviation
-    `noise` make, and the lag (s) of their answer: a rate by counts is the mean of a period.
+    """Return the largest errors (rad/s) of rates that encoders of `counts` a turn (0: exact ones) and a
+    standard deviation `noise` make, and the lag (s) of their answer: a rate by counts is the mean of a
+    period.
     """
     period, delay, counts, noise = np.broadcast_arrays(period, delay, counts, noise)
     coarse = np.divide(2 * np.pi, counts * period, out=np.zeros(counts.shape), where=counts > 0)
     return np.array([coarse + DEVIATIONS * noise, delay + np.where(counts > 0, period / 2, 0.0)])
 
 
-def _vehicle_limits(limits: LimitsSection, contact: ContactSection, law: ControlLaw, believed: np.ndarray) -> VehicleLimits:
-    """Return the accelerations that use all of friction together, with its margin: the vehicle as one body. Raises BadInput as
-    `vehicle_wheels` does.
+def _vehicle_limits(
+    limits: LimitsSection, contact: ContactSection, law: ControlLaw, believed: np.ndarray
+) -> VehicleLimits:
+    """Return the accelerations that use all of friction together, with its margin: the vehicle as one body.
+    Raises BadInput as `vehicle_wheels` does.
     """
     forward, turn, _ = vehicle_wheels(law.system, believed)
     part = contact.share * Plant(law.system, believed.tolist()).part
@@ -470,8 +520,8 @@ def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[
 
 
 def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Accelerations | None:
-    """Return the largest accelerations along a composite path, if its speed follows a profile: those given, the others of
-    friction.
+    """Return the largest accelerations along a composite path, if its speed follows a profile: those given,
+    the others of friction.
     """
     if not spec.reference.profiled:
         return None
@@ -489,11 +539,13 @@ def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Acceler
 def _too_fast(
     spec: Spec, plant: Plant, segments: Sequence[Segment], options: TrackerOptions, limits: Limits | None
 ) -> tuple[str, ...]:
-    """Return a warning if the speed on lines and arcs does not fit bends and joins, by all of friction and motors."""
+    """Return a warning if the speed on lines and arcs does not fit bends and joins,
+    by all of friction and motors."""
     contact, torque = spec.contact, limits.torque if limits else ()
     if contact is None or options.speed == 0 or unknown_loads(plant.system.mechanism):
         return ()
-    if velocity_map(plant.system) is None:  # the accelerations of a steered vehicle are not known from its wheels
+    # The accelerations of a steered vehicle are not known from its wheels
+    if velocity_map(plant.system) is None:
         return ()
     part = 1 - spec.limits.margin if spec.limits and spec.limits.mode == "grip" else 1.0
     found = misfit(segments, options, friction_accelerations(plant, contact, part, torque))
@@ -501,12 +553,15 @@ def _too_fast(
         return ()
     speed, where = found
     return (
-        f"[reference] speed = {options.speed:g} m/s does not fit the friction of [contact] mu = {contact.mu:g}: "
+        f"[reference] speed = {options.speed:g} m/s does not fit the friction of [contact] mu = "
+        f"{contact.mu:g}: "
         f'at most {math.floor(100 * speed) / 100:g} m/s fits {where}; give that, or speed = "fastest"',
     )
 
 
-def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray, limits: Accelerations | None) -> Tracker:
+def _tracker(
+    law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray, limits: Accelerations | None
+) -> Tracker:
     """Return the tracker of a composite path. Raises BadInput for a path that cannot be followed."""
     reference, output = spec.reference, spec.output
     speed, deceleration = reference.speed or 0.0, reference.deceleration or 0.0
@@ -527,7 +582,8 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
 
 
 def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
-    """Return the SPEC with P_l on the side of the axle that the speed requires, if configured; else a warning."""
+    """Return the SPEC with P_l on the side of the axle that the speed requires, if configured;
+    else a warning."""
     output, speed, course = spec.output, spec.desired_speed, spec.reference.course
     if output.type != "IV" or not speed or (output.along_course and course and course.cusps):
         return spec, ()
@@ -537,7 +593,10 @@ def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tu
         return spec, ()
     if speed * (output.L + ahead) >= 0:
         return spec, ()
-    what = f"speed {speed:g} m/s and L + d = {output.L + ahead:g} m have opposite signs: the heading diverges from the path"
+    what = (
+        f"speed {speed:g} m/s and L + d = {output.L + ahead:g} m have opposite signs: the heading "
+        "diverges from the path"
+    )
     advice = '[output] L on the other side of the axle or reversing = "switch"'
     if output.reversing == "refuse":
         raise BadInput(f"[output] {what}; set {advice}")
@@ -545,7 +604,10 @@ def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tu
         return spec, (f"{what}; {advice} avoids that",)
     L = -output.L - 2 * ahead if output.L_backward is None else output.L_backward
     if speed * (L + ahead) <= 0:
-        raise BadInput(f"[output] L_backward = {L:g} is on the same side of the axle as L; set it to less than {-ahead:g}")
+        raise BadInput(
+            f"[output] L_backward = {L:g} is on the same side of the axle as L; set it to less than "
+            f"{-ahead:g}"
+        )
     return replace(spec, output=replace(output, L=L)), ()
 
 
@@ -601,7 +663,8 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
 
 
 def _oscillating(oscillation: OscillationSection, law: ControlLaw) -> Callable[[float], np.ndarray]:
-    """Return the function from t to what an oscillation adds to the reference. Raises BadInput for wrong numbers of entries."""
+    """Return the function from t to what an oscillation adds to the reference. Raises BadInput for wrong
+    numbers of entries."""
     rows, degrees = law.output.rows, law.linearization.relative_degree
     angles = (0.0,) * len(rows) if oscillation.angle is None else oscillation.angle
     for name, given in (("amplitude", oscillation.amplitude), ("angle", angles)):
@@ -619,7 +682,12 @@ def _oscillating(oscillation: OscillationSection, law: ControlLaw) -> Callable[[
 
 
 def _one_path(
-    law: ControlLaw, spec: Spec, believed: np.ndarray, gains: Sequence[float], make_leg: LegMaker, start: np.ndarray
+    law: ControlLaw,
+    spec: Spec,
+    believed: np.ndarray,
+    gains: Sequence[float],
+    make_leg: LegMaker,
+    start: np.ndarray,
 ) -> OnePath:
     """Return the guidance of a path that is not a composite one, or of none."""
     config, reference, course = _config(law, spec), _reference(law, spec), spec.reference.course
@@ -629,7 +697,13 @@ def _one_path(
     curve = smooth_curve(course, *(spec.reference.position or ())[:2])
     if law.output.foot:
         return AlongCourse(
-            law, believed, config, reference, _on_course(law, spec, curve, believed, config, start), make_leg, start
+            law,
+            believed,
+            config,
+            reference,
+            _on_course(law, spec, curve, believed, config, start),
+            make_leg,
+            start,
         )
     _check_along(law, gains)
     leg = make_leg(config, start)
@@ -637,12 +711,21 @@ def _one_path(
 
 
 def _on_course(
-    law: ControlLaw, spec: Spec, curve: SmoothCurve, believed: np.ndarray, config: np.ndarray, start: np.ndarray
+    law: ControlLaw,
+    spec: Spec,
+    curve: SmoothCurve,
+    believed: np.ndarray,
+    config: np.ndarray,
+    start: np.ndarray,
 ) -> CourseTracker:
-    """Return the tracker of a course. Raises BadInput for a course that cannot be followed, or if none of its points is the
-    nearest.
+    """Return the tracker of a course. Raises BadInput for a course that cannot be followed, or if none of its
+    points is the nearest.
     """
-    reference, output, stop = spec.reference, spec.output, spec.output.path.stop if spec.output.path else "point"
+    reference, output, stop = (
+        spec.reference,
+        spec.output,
+        spec.output.path.stop if spec.output.path else "point",
+    )
     place = curve.pieces[0].nearest(complex(*Direct(point_followed(law))(start, believed, config)[0]))
     if np.isnan(place):
         raise BadInput(NO_NEAREST)
@@ -669,22 +752,23 @@ def sides(law: ControlLaw, spec: Spec) -> tuple[float, float]:
 
 
 def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:
-    """Raise BadInput unless a course can be followed from wherever the robot is: along it the errors of the place, and with them
-    kp, are missing, so that the speed's error obeys s^(k-1) + ... + kd.
+    """Raise BadInput unless a course can be followed from wherever the robot is: along it the errors of the
+    place, and with them kp, are missing, so that the speed's error obeys s^(k-1) + ... + kd.
     """
     given = iter(gains)
     for row, degree in zip(law.output.rows[:2], law.linearization.relative_degree, strict=False):
         own = [next(given) for _ in range(degree)]
         if not hurwitz([1.0, *own[:0:-1]]):
             raise BadInput(
-                f'[reference] course: with follow = "path" the gains of {row.name} other than kp must place poles of their own; '
+                f'[reference] course: with follow = "path" the gains of {row.name} other than kp must place '
+                "poles of their own; "
                 "change them"
             )
 
 
 def _moved_point(along: CircleSection | CourseSection, order: int) -> Callable[[float], np.ndarray]:
-    """Return the function from t to how far a point has moved on a circle or a course, x + i y, and its derivatives up to
-    `order`.
+    """Return the function from t to how far a point has moved on a circle or a course, x + i y, and its
+    derivatives up to `order`.
     """
     if isinstance(along, CourseSection):
         curve = smooth_curve(along)
@@ -699,8 +783,8 @@ def _moved_point(along: CircleSection | CourseSection, order: int) -> Callable[[
 
 
 def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
-    """Return the initial state as given; else at rest at the start of the composite path, with the stopping point at its
-    start.
+    """Return the initial state as given; else at rest at the start of the composite path, with the stopping
+    point at its start.
     """
     if spec.initial is not None:
         return spec.initial
@@ -714,7 +798,8 @@ def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
 
 
 def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
-    """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed; known functions have their values."""
+    """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed;
+    known functions have their values."""
     system = plant.system
     n, dof, known = len(system.mechanism.coordinates), system.dof, at_start(system.mechanism, plant.given)
     if initial.q is not None:
@@ -724,9 +809,14 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
         for k, value in known.items():
             if initial.q[k] not in (0.0, value):
                 name = system.mechanism.coordinates[k].name
-                raise BadInput(f"[initial] q: {name} is {initial.q[k]:g}, but {value:g} by [given]: write 0 or that")
+                raise BadInput(
+                    f"[initial] q: {name} is {initial.q[k]:g}, but {value:g} by [given]: write 0 or that"
+                )
         return np.array([*(known.get(k, value) for k, value in enumerate(initial.q)), *nu])
-    pose, speed = np.array([[*(initial.point or ()), initial.heading or 0.0]]), np.array([initial.speed or 0.0])
+    pose, speed = (
+        np.array([[*(initial.point or ()), initial.heading or 0.0]]),
+        np.array([initial.speed or 0.0]),
+    )
     begin = np.array([[known.get(k, 0.0) for k in range(n)]])
     (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed, begin)
     for part, where in ((found[:n], "point and heading"), (found[n:], "speed")):
@@ -735,8 +825,11 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
     return found
 
 
-def _extension(law: ControlLaw, spec: Spec, believed: np.ndarray, guidance: Guidance, start: np.ndarray) -> np.ndarray:
-    """Return the states of the dynamic extension at t = 0: as given, else as the reference desires; empty without one."""
+def _extension(
+    law: ControlLaw, spec: Spec, believed: np.ndarray, guidance: Guidance, start: np.ndarray
+) -> np.ndarray:
+    """Return the states of the dynamic extension at t = 0: as given, else as the reference desires;
+    empty without one."""
     given = spec.initial.extension if spec.initial else None
     if given is not None:
         states = [f"{q.name} ({q.unit})" for q in law.extension]
@@ -752,7 +845,10 @@ def _check_start(loop: Loop) -> None:
         return
     check_status(status, "[initial]: the controller, at the start,", fine=["singular"])
     size = loop.guidance.leg.side.relative(np.append(loop.start, loop.extension))
-    raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
+    raise BadInput(
+        f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; "
+        f"{_why_singular(loop)}"
+    )
 
 
 def _can_extend(loop: Loop) -> bool:
@@ -768,16 +864,32 @@ def _why_singular(loop: Loop) -> str:
     """Return what to change: the output, if it is singular at other states too, else the start."""
     start = np.append(loop.start, loop.extension)
     if np.isnan(loop.guidance.leg.side.relative(start)):
-        return "an output has no derivative there (such as at the centre of a circle), or a number is too large: change either"
+        return (
+            "an output has no derivative there (such as at the centre of a circle), or a number is too "
+            "large: change either"
+        )
     random = np.random.default_rng(1992)
     others = start + random.uniform(-1.0, 1.0, (8, len(start)))
     if max(loop.guidance.leg.side.relative(x) for x in others) <= SINGULAR:
-        extended = ", or set [output] extension = true, which puts an integrator on an input" if _can_extend(loop) else ""
-        return f"it is singular at every state, because P_l is on the axle (L = -d): change L ([output] L, or --L){extended}"
+        extended = (
+            ", or set [output] extension = true, which puts an integrator on an input"
+            if _can_extend(loop)
+            else ""
+        )
+        return (
+            "it is singular at every state, because P_l is on the axle (L = -d): change L ([output] L, "
+            f"or --L){extended}"
+        )
     if loop.law.extension:
-        return "with a dynamic extension it is where the point that is tracked stands still: start with a speed, [initial] speed"
+        return (
+            "with a dynamic extension it is where the point that is tracked stands still: start with a "
+            "speed, [initial] speed"
+        )
     if loop.law.output.path:
-        return 'the heading is normal to the path: change it, move the point, or set [output] near_singular = "damped"'
+        return (
+            "the heading is normal to the path: change it, move the point, or set [output] near_singular "
+            '= "damped"'
+        )
     if loop.law.system.underactuated:
         return "inertia does not couple the outputs to the inputs there: change [initial]"
     return "the inputs do not affect the outputs independently there: change the heading"

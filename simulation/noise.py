@@ -1,4 +1,5 @@
-"""Normal random numbers from the C that sweeps use, so that `noslip simulate` repeats a sample with the same bits."""
+"""Normal random numbers from the C that sweeps use, so that `noslip simulate` repeats a sample with the same
+bits."""
 
 from functools import lru_cache
 from importlib.resources import files
@@ -18,8 +19,8 @@ void noise_normal(uint64_t seed, uint64_t draw, int count, double *normal);
 
 
 class Noise:
-    """Draws of `width` independent numbers, mean 0, standard deviation 1; they depend on the seed and the number of the draw
-    only.
+    """Draws of `width` independent numbers, mean 0, standard deviation 1; they depend on the seed and the
+    number of the draw only.
     """
 
     def __init__(self, seed: int, width: int):

@@ -19,7 +19,8 @@ from .specification.given import Given, accelerations
 class Plant:
     """A robot with its true parameters (SI, in the order of mechanism.parameters). State x = [q; nu] (11).
 
-    `given`: expressions in t of the coordinates that are known functions of time; the rates of the others stay as they are.
+    `given`: expressions in t of the coordinates that are known functions of time; the rates of the others
+    stay as they are.
     """
 
     def __init__(self, system: ReducedSystem, parameters: Sequence[float], given: Given = ()):
@@ -35,12 +36,14 @@ class Plant:
 
     @cached_property
     def height(self) -> float:
-        """Height of the centre of mass, m; 0 if the robot does not say it, or contacts on one line cannot carry its moment."""
+        """Height of the centre of mass, m; 0 if the robot does not say it,
+        or contacts on one line cannot carry its moment."""
         return float(self._standing[0])
 
     @cached_property
     def part(self) -> float:
-        """The part of the weight that rests on the contacts by the robot's own masses; 1 on a slope of its own."""
+        """The part of the weight that rests on the contacts by the robot's own masses;
+        1 on a slope of its own."""
         return float(self._standing[1])
 
     @cached_property
@@ -51,9 +54,11 @@ class Plant:
         """xdot = [S nu + s; (S'MS)^-1 (S'E tau - S'(M Sdot nu + V))] (11), at t (s)."""
         return self._rate(x, tau, self.parameters, *self.time(t))[0]
 
-    def step(self, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float, t: float = 0.0) -> tuple[np.ndarray, float]:
-        """Return the state after h seconds of constant tau from t (s) by one DOP853 step, and its error norm: 1 is the
-        tolerance.
+    def step(
+        self, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float, t: float = 0.0
+    ) -> tuple[np.ndarray, float]:
+        """Return the state after h seconds of constant tau from t (s) by one DOP853 step, and its error norm:
+        1 is the tolerance.
         """
         after, error = self._step(x, tau, self.parameters, h, tolerance, *self.time(t))
         return after, float(error[0])
@@ -63,13 +68,14 @@ class Plant:
         return self._rows("energy", x)[:, 0]
 
     def power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Return the power of inputs, forces (friction, not weight) and the drives of moving surfaces, W, for each row of x
-        and tau: the rate of the energy.
+        """Return the power of inputs, forces (friction, not weight) and the drives of moving surfaces, W, for
+        each row of x and tau: the rate of the energy.
         """
         return self._rows("power", x, tau)[:, 0]
 
     def ground_power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Return the power of the drives of moving surfaces alone, -lambda' b, W, for each row of x and tau."""
+        """Return the power of the drives of moving surfaces alone, -lambda' b, W,
+        for each row of x and tau."""
         return self._rows("ground_power", x, tau)[:, 0]
 
     def pushed(self, x: np.ndarray, impulse: np.ndarray) -> np.ndarray:
@@ -79,7 +85,8 @@ class Plant:
         return after
 
     def slip(self, x: np.ndarray) -> np.ndarray:
-        """Return A qdot - b, the residual of the constraints (2), for each row of x; b is zero unless surfaces move."""
+        """Return A qdot - b, the residual of the constraints (2), for each row of x;
+        b is zero unless surfaces move."""
         return self._rows("slip", x)
 
     def constraint_forces(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -87,8 +94,8 @@ class Plant:
         return self._rows("forces", x, tau)
 
     def contacts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return for each row of x: C, (N, 2 c, m), as in `combination`; mass (kg) on each contact and its position left (m),
-        (N, c). Supports are contacts too, the last ones.
+        """Return for each row of x: C, (N, 2 c, m), as in `combination`; mass (kg) on each contact and its
+        position left (m), (N, c). Supports are contacts too, the last ones.
         """
         m, count = len(self.system.mechanism.constraint_names), len(self.system.mechanism.standing)
         rows = np.split(self._rows("contacts", x), [2 * count * m, 2 * count * m + count], axis=1)
@@ -108,8 +115,11 @@ def standing(mechanism: Mechanism) -> ca.Function:
     """Return the function of the parameters to `Plant.height` and `Plant.part`."""
     height = ca.SX(0) if mechanism.height.is_zero() or narrow(mechanism) else mechanism.height
     places = [k for k, q in enumerate(mechanism.coordinates) if q.unit == "m"]
-    along = mechanism.rest[0][places[0], places[0]] if places else ca.SX(0)  # depends on q for wheels that roll along
-    mass = sum((body.mass for body in mechanism.bodies), ca.SX(0) if ca.depends_on(along, mechanism.q) else along)
+    # Depends on q for wheels that roll along
+    along = mechanism.rest[0][places[0], places[0]] if places else ca.SX(0)
+    mass = sum(
+        (body.mass for body in mechanism.bodies), ca.SX(0) if ca.depends_on(along, mechanism.q) else along
+    )
     resting = ca.substitute(mechanism.energy(), mechanism.qdot, ca.SX.zeros(len(mechanism.coordinates)))
     level = not any(ca.which_depends(resting, mechanism.q, 1, False))
     known = mechanism.contacts and level and not mass.is_zero()
@@ -119,7 +129,8 @@ def standing(mechanism: Mechanism) -> ca.Function:
 
 @lru_cache(maxsize=16)
 def functions(system: ReducedSystem, given: Given = ()) -> dict[str, ca.Function]:
-    """Return what the methods of Plant evaluate, by name; arguments are columns, in the order of the method, then parameters.
+    """Return what the methods of Plant evaluate, by name; arguments are columns, in the order of the method,
+    then parameters.
 
     Those of motion, `rate` and `step`, have the time as the last argument if something is given.
     """
@@ -139,10 +150,14 @@ def functions(system: ReducedSystem, given: Given = ()) -> dict[str, ca.Function
     impulse = ca.SX.sym("impulse", system.dof)
     others = {
         "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
-        "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot) + ground)]),
+        "power": ca.Function(
+            "power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot) + ground)]
+        ),
         "ground_power": ca.Function("ground_power", [x, tau, p], [ca.densify(ground)]),
         "jump": ca.Function("jump", [x, impulse, p], [ca.densify(solve(system.Mbar, impulse))]),
-        "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot - mechanism.surface_velocity)]),
+        "slip": ca.Function(
+            "slip", [x, p], [ca.densify(mechanism.A @ system.qdot - mechanism.surface_velocity)]
+        ),
         "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
         "shift": ca.Function("shift", [x, p], [ca.densify(ca.vec(ca.densify(shift_by_forces(mechanism))))]),
         "forces": ca.Function("forces", [x, tau, p], [ca.densify(forces)]),
@@ -154,13 +169,21 @@ def functions(system: ReducedSystem, given: Given = ()) -> dict[str, ca.Function
     }
 
 
-def motion(system: ReducedSystem, nudot: ca.SX, given: list[ca.SX], known: Given) -> tuple[ca.Function, ca.Function]:
-    """Return the functions from the state, what is `given` with it and, if something is a known function of time, t (s): to the
-    rate of the state, and to the state after h seconds and its error norm (with h and tolerance before t).
+def motion(
+    system: ReducedSystem, nudot: ca.SX, given: list[ca.SX], known: Given
+) -> tuple[ca.Function, ca.Function]:
+    """Return the functions from the state, what is `given` with it and, if something is a known function of
+    time, t (s): to the rate of the state, and to the state after h seconds and its error norm (with h and
+    tolerance before t).
     """
-    x, t, h, tolerance = ca.vertcat(system.mechanism.q, system.nu), *(ca.SX.sym(name) for name in ("t", "h", "tolerance"))
+    x, t, h, tolerance = (
+        ca.vertcat(system.mechanism.q, system.nu),
+        *(ca.SX.sym(name) for name in ("t", "h", "tolerance")),
+    )
     time = [t] if known else []
     qdot = system.qdot + accelerations(system.mechanism, known, t) if known else system.qdot
     rate = portable(ca.Function("rate", [x, *given, *time], [ca.densify(ca.vertcat(qdot, nudot))]))
-    step = runge_kutta.step(lambda at, x: rate(x, *given, *([at] if known else [])), t, x, rate(x, *given, *time), h, tolerance)
+    step = runge_kutta.step(
+        lambda at, x: rate(x, *given, *([at] if known else [])), t, x, rate(x, *given, *time), h, tolerance
+    )
     return rate, ca.Function("step", [x, *given, h, tolerance, *time], [ca.densify(s) for s in step])

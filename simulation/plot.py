@@ -38,15 +38,18 @@ COLOURS = (POINT, SECOND, AXLE, VEHICLE)
 WIDE = 150  # characters per line of the title
 OUTLINES, APART = 6, 2.5  # largest number of drawn vehicles, and their smallest distance, m
 STAYS = 0.3  # m: a vehicle that ends so near to its start is drawn once
-TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after a full turn it is where it was before
+# rad by which the vehicle may turn while it is drawn: after a full turn it is where it was before
+TURN = 1.6 * np.pi
 
 
 def draw(run: Run) -> Figure:
-    """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over time on the right.
-    SI units. A run in a physics engine has the slip of each contact as well, one that learns parameters these, one on ground that
-    moves the balance of energy, one of an underactuated robot the coordinates that no output controls.
+    """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over
+    time on the right. SI units. A run in a physics engine has the slip of each contact as well, one that
+    learns parameters these, one on ground that moves the balance of energy, one of an underactuated robot the
+    coordinates that no output controls.
 
-    For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
+    For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead
+    of the speed.
     """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
     passive = _passive(run)
@@ -59,7 +62,9 @@ def draw(run: Run) -> Figure:
     inputs = figure.add_subplot(grid[2, 1], sharex=errors)
     vehicle = run.law.system.mechanism.vehicle
     (_draw_plane if vehicle else _draw_outputs)(plane, run)
-    figure.legend(*plane.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
+    figure.legend(
+        *plane.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9, frameon=False
+    )
     _draw_errors(errors, run)
     (_draw_speed if vehicle else _draw_rates)(speed, run)
     _draw_inputs(inputs, run)
@@ -89,8 +94,11 @@ def draw(run: Run) -> Figure:
 
 
 def _clip(axes: Axes) -> None:
-    """Limit the view to the run without the last instants before it stopped, when values grow without bound."""
-    drawn = [np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2]
+    """Limit the view to the run without the last instants before it stopped,
+    when values grow without bound."""
+    drawn = [
+        np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2
+    ]
     values = np.concatenate([*drawn, np.empty(0)])
     values = values[np.isfinite(values)]
     if not len(values):
@@ -116,7 +124,10 @@ def _title(run: Run) -> str:
         value = run.spec.parameters.get(parameter.name, parameter.default)
         mark = "" if parameter.name in run.spec.parameters else " (assumed)"
         shown.append(f"{parameter.name} = {_measured(value, parameter.unit)}{mark}")
-    truth = [f"{name} = {_measured(value, run.law.parameters[names.index(name)].unit)}" for name, value in run.spec.plant.items()]
+    truth = [
+        f"{name} = {_measured(value, run.law.parameters[names.index(name)].unit)}"
+        for name, value in run.spec.plant.items()
+    ]
     if truth:
         shown.append("plant: " + ", ".join(truth))
     # keep a number and its unit on one line
@@ -140,7 +151,8 @@ def _gains(run: Run) -> dict[str, float]:
 
 
 def _draw_plane(axes: Axes, run: Run) -> None:
-    """Draw the path, the loci of P_l, of the vehicle's point and of the axle, and some outlines of the vehicle."""
+    """Draw the path, the loci of P_l, of the vehicle's point and of the axle,
+    and some outlines of the vehicle."""
     pose = _motion(run)
     p_l, vehicle, heading = pose[:, :2], pose[:, 2:4], pose[:, 4]
     point = "the vehicle's point" if run.spec.output.own else "$P_l$"
@@ -149,17 +161,33 @@ def _draw_plane(axes: Axes, run: Run) -> None:
         believed = _vehicle_motion(run, run.seen)[:, :2]
         axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="estimated position", zorder=2.4)
     if np.any(p_l != vehicle):
-        axes.plot(*vehicle.T, ":", color=VEHICLE, linewidth=1.5, label="locus of the vehicle's point", zorder=2.6)
+        axes.plot(
+            *vehicle.T, ":", color=VEHICLE, linewidth=1.5, label="locus of the vehicle's point", zorder=2.6
+        )
     ahead = _ahead_of_axle(run)
     if ahead:
         axle = vehicle - ahead * np.column_stack([np.cos(heading), np.sin(heading)])
-        axes.plot(*axle.T, "--", color=AXLE, linewidth=1.5, label="locus of the middle of the axle $P_o$", zorder=2.6)
+        axes.plot(
+            *axle.T,
+            "--",
+            color=AXLE,
+            linewidth=1.5,
+            label="locus of the middle of the axle $P_o$",
+            zorder=2.6,
+        )
     _draw_vehicles(axes, run, vehicle, heading)
     ring: dict[str, Any] = {"markersize": 9, "markerfacecolor": "white", "markeredgewidth": 2}
     axes.plot(*p_l[0], "o", color=POINT, **ring, label=f"start of {point}", zorder=5)
     rounds = abs(heading[-1] - heading[0]) / (2 * np.pi)
     if rounds > 1 and not run.stopped:
-        axes.plot(*p_l[-1], "s", color=POINT, **ring, label=f"end at {run.t[-1]:.4g} s, {rounds:.1f} turns", zorder=5)
+        axes.plot(
+            *p_l[-1],
+            "s",
+            color=POINT,
+            **ring,
+            label=f"end at {run.t[-1]:.4g} s, {rounds:.1f} turns",
+            zorder=5,
+        )
     if run.stopped:
         label = f"stopped at {run.t[-1]:.4g} s: {run.stopped}"
         axes.plot(*p_l[-1], "X", color=STOP, markersize=11, label=label, zorder=6)
@@ -184,7 +212,8 @@ def _draw_plane(axes: Axes, run: Run) -> None:
 
 
 def _draw_outputs(axes: Axes, run: Run) -> None:
-    """Draw the first two outputs against each other if both are lengths, else all of them over time; and their desired values."""
+    """Draw the first two outputs against each other if both are lengths, else all of them over time;
+    and their desired values."""
     rows = run.law.output.rows
     if are_places(run):
         _draw_places(axes, run, POINT)
@@ -192,7 +221,15 @@ def _draw_outputs(axes: Axes, run: Run) -> None:
         _make_square(axes)
     else:
         for row, y, y_d, colour in zip(rows, run.y.T, run.y_d.T, COLOURS, strict=False):
-            axes.plot(run.t, y_d, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired" if row is rows[0] else None, zorder=0)
+            axes.plot(
+                run.t,
+                y_d,
+                color=FOLLOWED,
+                linewidth=4,
+                alpha=0.6,
+                label="desired" if row is rows[0] else None,
+                zorder=0,
+            )
             axes.plot(run.t, y, color=colour, label=f"{row.about} ({row.unit})")
         axes.set(xlabel="time t (s)", ylabel="outputs")
     axes.grid(alpha=0.3)
@@ -225,7 +262,8 @@ def _make_square(axes: Axes) -> None:
 
 
 def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
-    """Draw the curve where the signed distance is zero; its points nearest to the start and the end must be in view."""
+    """Draw the curve where the signed distance is zero; its points nearest to the start and the end must be
+    in view."""
     function, config = implicit_path(run.law.output), run.config[0]
     axes.update_datalim(function(p_l[[0, -1]].T, config)[1].full().T)
     _make_square(axes)
@@ -253,7 +291,14 @@ def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
     """Draw lines and arcs of a composite path, with a mark at each join; segments in reverse dashed."""
     for piece in segments:
         style: Any = (0, (2, 1)) if piece.backward else "-"
-        axes.plot(*np.transpose(piece.places(100)), color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
+        axes.plot(
+            *np.transpose(piece.places(100)),
+            color=FOLLOWED,
+            linestyle=style,
+            linewidth=4,
+            alpha=0.6,
+            zorder=0,
+        )
     joins = np.array([piece.end[:2] for piece in segments])
     axes.plot(*joins.T, "|", color="#555555", markersize=9, zorder=1, label="join")
     backward = any(piece.backward for piece in segments)
@@ -263,7 +308,8 @@ def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
 
 
 def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray) -> None:
-    """Draw outlines to scale at equal distances along the way of the first turn, each with its time and the front marked."""
+    """Draw outlines to scale at equal distances along the way of the first turn,
+    each with its time and the front marked."""
     turned = np.flatnonzero(np.abs(heading - heading[0]) > TURN)
     way = place[: turned[0]] if len(turned) else place
     length = np.hypot(*np.diff(way, axis=0).T).sum()
@@ -278,7 +324,9 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
     left = forward[:, ::-1] * (-1.0, 1.0)
     lines = outlines(run.law.system.mechanism, run.q[instants], run.plant.parameters)
     ahead, aside = (
-        np.max([((line - place[instants][:, None]) @ side[..., None]).max(axis=(1, 2)) for line in lines], axis=0)
+        np.max(
+            [((line - place[instants][:, None]) @ side[..., None]).max(axis=(1, 2)) for line in lines], axis=0
+        )
         for side in (forward, left)
     )
     for line in (each for instant in lines for each in instant):
@@ -292,7 +340,8 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
 
 
 def _draw_errors(axes: Axes, run: Run) -> None:
-    """Draw the errors of the outputs that are functions of q, or of all if there are none, each with its unit."""
+    """Draw the errors of the outputs that are functions of q, or of all if there are none,
+    each with its unit."""
     if run.distance.size and all(row.name != "distance" for row in run.law.output.rows):
         label = f"distance from the course, {run.distance[-1]:.2g} m at the end"
         axes.plot(run.t, run.distance, color=COLOURS[0], label=label)
@@ -301,7 +350,9 @@ def _draw_errors(axes: Axes, run: Run) -> None:
         legend_on_top(axes)
         return
     every = run.law.output.rows
-    shown = [k for k, row in enumerate(every) if not ca.depends_on(row.expression, run.law.system.nu)] or range(len(every))
+    shown = [
+        k for k, row in enumerate(every) if not ca.depends_on(row.expression, run.law.system.nu)
+    ] or range(len(every))
     rows = [every[k] for k in shown]
     for k, row, colour in zip(shown, rows, COLOURS, strict=False):
         label = f"{row.name} - desired, {run.error[-1, k]:.2g} {row.unit} at the end"
@@ -357,9 +408,13 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     axes.axhline(0.0, color="black", linewidth=0.8)
     steady = np.abs(run.tau[-1]).min() > 0.1 * np.abs(run.tau).max()  # at the end, as on a circle
     if _ahead_of_axle(run) and not run.stopped and steady and run.tau[-1].prod() < 0:
-        axes.set_title("turning: they balance the side force's moment about the centre of mass", loc="left", fontsize=9)
+        axes.set_title(
+            "turning: they balance the side force's moment about the centre of mass", loc="left", fontsize=9
+        )
     units = {i.unit for i in inputs}
-    axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
+    axes.set_ylabel(
+        "inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})"
+    )
     axes.legend(loc="best", fontsize=9)
 
 
@@ -373,15 +428,18 @@ def _draw_energy(axes: Axes, run: Run) -> None:
 
 
 def _passive(run: Run) -> list[int]:
-    """Return the numbers of the coordinates, besides the pose, on which the motion of an underactuated robot depends and that are
-    no outputs.
+    """Return the numbers of the coordinates, besides the pose, on which the motion of an underactuated robot
+    depends and that are no outputs.
     """
     system = run.law.system
     if not system.underactuated:
         return []
     equations = ca.vertcat(ca.vec(system.Mbar), system.bias)
     moves = [ca.depends_on(equations, c.symbol) for c in system.mechanism.coordinates]
-    held = [any(ca.is_equal(row.expression, c.symbol) for row in run.law.output.rows) for c in system.mechanism.coordinates]
+    held = [
+        any(ca.is_equal(row.expression, c.symbol) for row in run.law.output.rows)
+        for c in system.mechanism.coordinates
+    ]
     pose = point.pose if (point := point_on_body(system)) else ()
     return [k for k, m in enumerate(moves) if m and not held[k] and k not in pose]
 
@@ -397,7 +455,8 @@ def _draw_passive(axes: Axes, run: Run, passive: Sequence[int]) -> None:
 
 
 def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
-    """Draw the slip of each contact; where some of it counts, on a logarithmic axis that is linear below that."""
+    """Draw the slip of each contact; where some of it counts,
+    on a logarithmic axis that is linear below that."""
     for name, slip, colour in zip(floor.names, floor.slip.T, COLOURS, strict=False):
         axes.plot(run.t, slip, color=colour, label=f"{name}, at most {slip.max():.2g} m/s")
     if floor.slip.max() > SLIPS:
@@ -419,7 +478,8 @@ def _draw_learned(axes: Axes, run: Run, bounds: Mapping[str, tuple[float, float]
 
 
 def _ahead_of_axle(run: Run) -> float:
-    """Return the distance of the vehicle's point ahead of the axle, m; 0 also if no axle is fixed to the vehicle."""
+    """Return the distance of the vehicle's point ahead of the axle, m;
+    0 also if no axle is fixed to the vehicle."""
     try:
         return vehicle_wheels(run.law.system, run.plant.parameters)[2]
     except BadInput:
@@ -441,6 +501,8 @@ def _reference_points(run: Run, motion: np.ndarray) -> np.ndarray:
     """Return P_l of every row, with its position on the vehicle at that time."""
     names = [c.name for c in run.law.config]
     given = {"L": run.spec.output.L, "W": run.spec.output.W}
-    ahead, left = (run.config[:, names.index(name)] if name in names else value for name, value in given.items())
+    ahead, left = (
+        run.config[:, names.index(name)] if name in names else value for name, value in given.items()
+    )
     cosine, sine = np.cos(motion[:, 2]), np.sin(motion[:, 2])
     return motion[:, :2] + np.column_stack([ahead * cosine - left * sine, ahead * sine + left * cosine])

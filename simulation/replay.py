@@ -1,7 +1,7 @@
 """Repeats recorded calls of a target and compares the results bit by bit.
 
-A record is a text file with one line per call, in order; a number is the 32 bits of a float or an int as 8 hexadecimal
-digits, a struct consists of its numbers in the order of its header:
+A record is a text file with one line per call, in order; a number is the 32 bits of a float or an int as 8
+hexadecimal digits, a struct consists of its numbers in the order of its header:
 
     noslip record 1
     robot labmate
@@ -12,9 +12,10 @@ digits, a struct consists of its numbers in the order of its header:
     path_update 0 ... -> 0 ...             x, y, heading, forward speed -> status, guide
     end 3                                  number of calls
 
-After the name of an operation comes the number of the object (law, path, ...), from 0; the operations, their inputs and results
-are those of firmware/pil/pil.h. `noslip simulate --record` writes such a file. For your own board, log the structs passed to init
-and step of the float C and their results, and write them in this format.
+After the name of an operation comes the number of the object (law, path, ...), from 0; the operations, their
+inputs and results are those of firmware/pil/pil.h. `noslip simulate --record` writes such a file. For your
+own board, log the structs passed to init and step of the float C and their results, and write them in this
+format.
 """
 
 import struct
@@ -50,7 +51,16 @@ def record_text(robot: str, law: "ControlLaw", calls: "Sequence[Call]") -> str:
 
     head = [FIRST, f"robot {robot}", f"law {law.name}", f"model {fingerprint(law.system, law)}"]
     body = [
-        " ".join([call.operation, str(call.number), *_words(call.given), "->", str(call.status), *_words(call.answer)])
+        " ".join(
+            [
+                call.operation,
+                str(call.number),
+                *_words(call.given),
+                "->",
+                str(call.status),
+                *_words(call.answer),
+            ]
+        )
         for call in calls
     ]
     return "\n".join([*head, *body, f"end {len(calls)}"]) + "\n"
@@ -68,7 +78,8 @@ def read_record(file: str, trusted: bool = False, progress: Reported = silent) -
         lines = read_input(file, MOST).decode("ascii").splitlines()
     except UnicodeDecodeError as error:
         raise BadInput(
-            f"{file}: not a record: it contains characters that are not ASCII; give a file from simulate --record"
+            f"{file}: not a record: it contains characters that are not ASCII; give a file from simulate "
+            "--record"
         ) from error
     if not lines or lines[0] != FIRST:
         raise BadInput(f"{file}: not a record: its first line is not {FIRST!r}")
@@ -76,10 +87,15 @@ def read_record(file: str, trusted: bool = False, progress: Reported = silent) -
     check_trust(robot, file, trusted)
     law = law_of(find_robot(robot), name)
     if model != fingerprint(law.system, law):
-        raise BadInput(f"{file}: recorded with another model of {robot}, {name}; replay it with the noslip that generated its C")
+        raise BadInput(
+            f"{file}: recorded with another model of {robot}, {name}; replay it with the noslip that "
+            "generated its C"
+        )
     calls = len(lines) - 5
     if lines[-1] != f"end {calls}":
-        raise BadInput(f"{file}: incomplete: its last line is not 'end {max(calls, 0)}', the number of its calls")
+        raise BadInput(
+            f"{file}: incomplete: its last line is not 'end {max(calls, 0)}', the number of its calls"
+        )
     places = range(5, 5 + calls)
     read = []
     for line, k in zip(lines[4:-1], places, strict=True):
@@ -89,10 +105,11 @@ def read_record(file: str, trusted: bool = False, progress: Reported = silent) -
 
 
 def first_difference(record: Record, session, backend: str, progress: Reported = silent) -> str | None:
-    """Return the first difference between the results of a session and those of a record; None if there is none.
+    """Return the first difference between the results of a session and those of a record; None if there is
+    none.
 
-    `progress` receives the number of calls repeated. Raises BadInput if a call of the record is invalid, and if a result is too
-    long or too short.
+    `progress` receives the number of calls repeated. Raises BadInput if a call of the record is invalid, and
+    if a result is too long or too short.
     """
     from .controllers.pil import TargetFault
 
@@ -104,12 +121,16 @@ def first_difference(record: Record, session, backend: str, progress: Reported =
             raise BadInput(f"line {line}: {fault}") from fault
         what = f"line {line}: {call.operation} {call.number}"
         if len(answer) != len(call.answer):
-            raise BadInput(f"{what} has {len(call.answer) // 4} numbers as result; it must have {len(answer) // 4}")
+            raise BadInput(
+                f"{what} has {len(call.answer) // 4} numbers as result; it must have {len(answer) // 4}"
+            )
         if status != call.status:
             return f"{what} returned status {call.status}, on {backend} {status}"
         for k, (then, now) in enumerate(zip(_words(call.answer), _words(answer), strict=True), 1):
             if then != now:
-                return f"{what}: number {k} of the result was {_shown(then)}, on {backend} it is {_shown(now)}"
+                return (
+                    f"{what}: number {k} of the result was {_shown(then)}, on {backend} it is {_shown(now)}"
+                )
     return None
 
 
@@ -131,7 +152,9 @@ def _call(line: str, where: str) -> "Call":
         words = [b"".join(map(_word, part)) for part in (given[2:], answered[1:])]
         struct.pack("<Ii", number, status)
     except (ValueError, struct.error):
-        raise BadInput(f"{where}: not a call: numbers are 8 hexadecimal digits, object and status are integers") from None
+        raise BadInput(
+            f"{where}: not a call: numbers are 8 hexadecimal digits, object and status are integers"
+        ) from None
     return Call(given[0], number, words[0], status, words[1])
 
 

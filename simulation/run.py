@@ -40,20 +40,23 @@ class Outputs:
 
 @dataclass(frozen=True, eq=False)
 class Run(Outputs):
-    """What happened, a row for each output time: t (N), q (N, n), nu (N, n-m), tau (N, r), y and y_d (N, n-m), status (N).
+    """What happened, a row for each output time: t (N), q (N, n), nu (N, n-m), tau (N, r), y and y_d (N,
+    n-m), status (N).
 
-    SI units, columns named by `law`; `spec` is the SPEC with backend and tolerance used. y are the true outputs, with the
-    plant's parameters; y_d are the desired ones. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
-    `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, or piece of a
-    course, `integral` (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action,
-    `integral_rows`, `extension` (N, k) the states of the law's dynamic extension. `command` (N, n-m) are the velocities that
-    velocity-controlled drives were given, (N, 0) with other drives. `noticed` (N, 3) are the friction believed and by how
-    much dead reckoning may be wrong because of slip, rad and m, if the SPEC has notice_slip, else (N, 0). `learned` (N, k)
-    are the parameters in use that [adaptation] learns. `use` is the friction use (N) of each contact by name, if the SPEC has
-    [contact]. `floor` is what was measured in a physics engine, where the robot need not roll; None otherwise. `disturbance`
-    (N, K) are the estimates of the observers, of the outputs `disturbance_rows`. `distance` (N) is that of P_l from a course,
-    m, positive to the left of travel; empty without one.
-    If a run stopped, its last row has the time, the state and the status that stopped it, and no torque.
+    SI units, columns named by `law`; `spec` is the SPEC with backend and tolerance used. y are the true
+    outputs, with the plant's parameters; y_d are the desired ones. `forces` (N, m) are the constraint forces
+    lambda (8) in the paper's sign, N; `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the
+    current segment of a composite path, or piece of a course, `integral` (N, K) the integral of y_d - y, as
+    the controller sees it, of the outputs with integral action, `integral_rows`, `extension` (N, k) the
+    states of the law's dynamic extension. `command` (N, n-m) are the velocities that velocity-controlled
+    drives were given, (N, 0) with other drives. `noticed` (N, 3) are the friction believed and by how much
+    dead reckoning may be wrong because of slip, rad and m, if the SPEC has notice_slip, else (N, 0).
+    `learned` (N, k) are the parameters in use that [adaptation] learns. `use` is the friction use (N) of each
+    contact by name, if the SPEC has [contact]. `floor` is what was measured in a physics engine, where the
+    robot need not roll; None otherwise. `disturbance` (N, K) are the estimates of the observers, of the
+    outputs `disturbance_rows`. `distance` (N) is that of P_l from a course, m, positive to the left of
+    travel; empty without one. If a run stopped, its last row has the time, the state and the status that
+    stopped it, and no torque.
     """
 
     spec: Spec
@@ -86,15 +89,18 @@ class Run(Outputs):
     @property
     def learned_parameters(self) -> list[tuple[Quantity, np.ndarray, float]]:
         """Return each parameter that [adaptation] learns, its values in use (N) and its true value, SI."""
-        truth = {p.name: (p, value) for p, value in zip(self.law.parameters, self.plant.parameters, strict=True)}
+        truth = {
+            p.name: (p, value) for p, value in zip(self.law.parameters, self.plant.parameters, strict=True)
+        }
         return [
-            (truth[name][0], used, float(truth[name][1])) for name, used in zip(self.spec.learned, self.learned.T, strict=True)
+            (truth[name][0], used, float(truth[name][1]))
+            for name, used in zip(self.spec.learned, self.learned.T, strict=True)
         ]
 
     @property
     def balanced(self) -> bool:
-        """Whether `works` are known on ground that moves: rows show all inputs, which are continuous, or held for `output_step`
-        or longer.
+        """Whether `works` are known on ground that moves: rows show all inputs, which are continuous, or held
+        for `output_step` or longer.
         """
         simulation = self.spec.simulation
         shown = not simulation.period or simulation.output_step <= simulation.period and not self.command.size
@@ -102,9 +108,10 @@ class Run(Outputs):
 
     @property
     def works(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return, since the start at each row, J: the energy gained, the work of inputs and forces, and that of the drives of
-        moving ground, if `balanced`. The energy is the sum of both. Works are integrals of the powers at the rows: of cubic
-        splines, or with the inputs held from each row to the next in a loop with a period.
+        """Return, since the start at each row, J: the energy gained, the work of inputs and forces, and that
+        of the drives of moving ground, if `balanced`. The energy is the sum of both. Works are integrals of
+        the powers at the rows: of cubic splines, or with the inputs held from each row to the next in a loop
+        with a period.
         """
         energy = self.plant.energy(self.x)
         by_ground = self._integral(self.plant.ground_power)
@@ -123,8 +130,8 @@ class Run(Outputs):
 
     @property
     def _filled(self) -> dict[str, tuple[Iterable[object], Iterable[np.ndarray]]]:
-        """For the columns of the table of stages, in the order of the file: what the <NAME> in each stands for, and the values,
-        (N) for each name.
+        """For the columns of the table of stages, in the order of the file: what the <NAME> in each stands
+        for, and the values, (N) for each name.
         """
         system, rows = self.law.system, range(1, 1 + max(self.y.shape[1], self.forces.shape[1]))
         single, state = ("",), [q.name for q in system.state]
@@ -174,7 +181,8 @@ class Run(Outputs):
 
     @property
     def in_pieces(self) -> bool:
-        """Whether the path has pieces: segments of a composite one, or those of a course between its cusps."""
+        """Whether the path has pieces: segments of a composite one,
+        or those of a course between its cusps."""
         return self.composite or bool(self.distance.size)
 
     @property
@@ -185,5 +193,7 @@ class Run(Outputs):
     def csv(self) -> str:
         """Return the run as CSV, with 17 significant digits, and 0 for either zero."""
         names, columns = zip(*self._columns, strict=True)
-        texts = [[v if isinstance(v, str) else f"{v + 0.0:.17g}" for v in values.tolist()] for values in columns]
+        texts = [
+            [v if isinstance(v, str) else f"{v + 0.0:.17g}" for v in values.tolist()] for values in columns
+        ]
         return "\n".join(map(",".join, [names, *zip(*texts, strict=True)])) + "\n"

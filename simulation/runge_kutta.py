@@ -1,6 +1,8 @@
-"""The method of Dormand and Prince of order 8, with its two error estimates (Hairer, Norsett, Wanner, Solving ODEs I, II.10).
+"""The method of Dormand and Prince of order 8, with its two error estimates (Hairer, Norsett, Wanner, Solving
+ODEs I, II.10).
 
-Sums are formed term by term and powers by square roots: no BLAS and no libm, whose last bits differ by processor.
+Sums are formed term by term and powers by square roots: no BLAS and no libm, whose last bits differ by
+processor.
 """
 
 import math
@@ -23,8 +25,9 @@ SAFETY = 0.9
 SHRINK, GROW = 0.2, 10.0  # least and largest factor between the lengths of one step and the next
 FIRST = 1e-3  # s, the first step tried
 
-# Twelve stages: C says at which part of the step each is taken, row k of A (stage -> weight) from which slopes, B weighs the
-# slopes in the result, E5 and E3 in the differences from results of order 5 and 3. Weights of zero are left out (ibid., II.5).
+# Twelve stages: C says at which part of the step each is taken, row k of A (stage -> weight) from which
+# slopes, B weighs the slopes in the result, E5 and E3 in the differences from results of order 5 and 3.
+# Weights of zero are left out (ibid., II.5).
 C = (
     0.05260015195876773,
     0.0789002279381516,
@@ -45,7 +48,13 @@ A: tuple[dict[int, float], ...] = (
     {0: 0.2413651341592667, 2: -0.8845494793282861, 3: 0.924834003261792},
     {0: 0.037037037037037035, 3: 0.17082860872947386, 4: 0.12546768756682242},
     {0: 0.037109375, 3: 0.17025221101954405, 4: 0.06021653898045596, 5: -0.017578125},
-    {0: 0.03709200011850479, 3: 0.17038392571223998, 4: 0.10726203044637328, 5: -0.015319437748624402, 6: 0.008273789163814023},
+    {
+        0: 0.03709200011850479,
+        3: 0.17038392571223998,
+        4: 0.10726203044637328,
+        5: -0.015319437748624402,
+        6: 0.008273789163814023,
+    },
     {
         0: 0.6241109587160757,
         3: -3.3608926294469414,
@@ -126,10 +135,15 @@ STAGES, RESULT, ERRORS = [_column(row) for row in A], _column(B), [_column(E5), 
 
 
 def step(
-    rate: Callable[[Scalar, Vector], Vector], t: Scalar, x: Vector, slope: Vector, h: Scalar, tolerance: Scalar
+    rate: Callable[[Scalar, Vector], Vector],
+    t: Scalar,
+    x: Vector,
+    slope: Vector,
+    h: Scalar,
+    tolerance: Scalar,
 ) -> tuple[Vector, Scalar]:
-    """State after one step of h seconds from x, where the slope is rate(t, x), and the norm of its error, at most 1 within
-    `tolerance`, relative and absolute. Of arrays, or as CasADi expressions."""
+    """State after one step of h seconds from x, where the slope is rate(t, x), and the norm of its error, at
+    most 1 within `tolerance`, relative and absolute. Of arrays, or as CasADi expressions."""
     numbers = ca if isinstance(x, ca.SX) else np
     slopes = [slope] * (len(C) + 1) if isinstance(x, ca.SX) else np.array([slope] * (len(C) + 1))
     for k, share in enumerate(C):
@@ -148,7 +162,8 @@ def resize(error: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class AcceptedStep:
-    """A step within the tolerance from `begin` to `end` (s), the state and the slope after it, and the length (s) to try next.
+    """A step within the tolerance from `begin` to `end` (s), the state and the slope after it, and the length
+    (s) to try next.
 
     `within` is the state as a function of the seconds since the beginning, up to the end.
     """
@@ -162,8 +177,8 @@ class AcceptedStep:
 
 
 class Integrator:
-    """Integrates dx/dt = rate(t, x) with steps as long as the tolerance permits. `t` (s), `x`: where it is; `h` (s): the length
-    of the next step to be tried."""
+    """Integrates dx/dt = rate(t, x) with steps as long as the tolerance permits. `t` (s), `x`: where it is;
+    `h` (s): the length of the next step to be tried."""
 
     def __init__(self, rate: Rate, t: float, x: np.ndarray, tolerance: float):
         self._rate, self._tolerance = rate, tolerance
@@ -192,10 +207,14 @@ class Integrator:
             after, error = tried(end - t)
             if error < 1:
                 following = (end - t) * min(grow, resize(error))
-                return AcceptedStep(t, end, after, self._rate(end, after), following, lambda seconds: tried(seconds)[0])
+                return AcceptedStep(
+                    t, end, after, self._rate(end, after), following, lambda seconds: tried(seconds)[0]
+                )
             self.h, grow = (end - t) * resize(error), 1.0
             if self.h < least:
-                raise BadInput(f"[simulation] tolerance = {self._tolerance:g} cannot be met at t = {t:.9g} s; loosen it")
+                raise BadInput(
+                    f"[simulation] tolerance = {self._tolerance:g} cannot be met at t = {t:.9g} s; loosen it"
+                )
 
     def take(self, step: AcceptedStep) -> None:
         """Go on from the end of a step."""
@@ -203,7 +222,8 @@ class Integrator:
 
 
 def _weighted(weights: np.ndarray, slopes: Sequence[ca.SX] | np.ndarray) -> Any:
-    """Return the sum of the first slopes by their weights, (k, 1); rows of an array are added one after the other."""
+    """Return the sum of the first slopes by their weights, (k, 1);
+    rows of an array are added one after the other."""
     if isinstance(slopes, np.ndarray):
         return np.add.reduce(weights * slopes[: len(weights)])
     return reduce(add, [weight * slopes[k] for k, weight in enumerate(weights.ravel().tolist()) if weight])

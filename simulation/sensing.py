@@ -1,4 +1,5 @@
-"""What the controller sees where it does not see the truth: noisy wheel rates, a dead-reckoned pose, corrections."""
+"""What the controller sees where it does not see the truth: noisy wheel rates,
+a dead-reckoned pose, corrections."""
 
 import math
 from collections import deque
@@ -19,16 +20,24 @@ from .controllers.ground.slip import Noticed, SlipOptions, make_slip
 from .controllers.odometry import arm_function, axle_function, make_odometry, vehicle_wheels
 from .guidance import Number, vehicle_motion
 from .noise import Noise
-from .specification.spec import Correction, EstimatorSection, GyroSection, NoticeSlipSection, Sensors, Simulation
+from .specification.spec import (
+    Correction,
+    EstimatorSection,
+    GyroSection,
+    NoticeSlipSection,
+    Sensors,
+    Simulation,
+)
 
-GYRO_SEED = 2**63  # added to the seed for gyro and accelerometer, so that their noise is not that of the wheels
+# Added to the seed for gyro and accelerometer, so that their noise is not that of the wheels
+GYRO_SEED = 2**63
 ERRORS = 2**40  # added to the seed: errors of gyro and measured poses are independent of those of the wheels
 UNWIND = 4.0  # rad: beyond it whole turns are taken off the heading seen, as in firmware/vehicle.c
 
 
 class NoisyRates:
-    """Sensors of one run that tell the truth but for noise of the quasi-velocities. `state` is what the controller sees: [q; nu],
-    SI.
+    """Sensors of one run that tell the truth but for noise of the quasi-velocities. `state` is what the
+    controller sees: [q; nu], SI.
     """
 
     jumped = False  # whether the pose was corrected at once, the last time
@@ -39,7 +48,8 @@ class NoisyRates:
         dof, names = system.dof, [q.name for q in system.quasi_velocities]
         self._sensors = sensors
         self._mean, self._sd = (
-            np.array(one_for_each(values, names, "[sensors] noise")) for values in (sensors.noise.mean, sensors.noise.sd)
+            np.array(one_for_each(values, names, "[sensors] noise"))
+            for values in (sensors.noise.mean, sensors.noise.sd)
         )
         self._random = Noise(sensors.seed, dof) if self._sd.any() else None  # without, no C is needed
         self._rates = slice(len(start) - dof, len(start))
@@ -64,11 +74,11 @@ class NoisyRates:
 
 
 class Sensing(NoisyRates):
-    """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI; `reckoned` the pose of the
-    vehicle's point, (3,), `placed` the coordinates at this pose.
+    """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI; `reckoned` the
+    pose of the vehicle's point, (3,), `placed` the coordinates at this pose.
 
-    The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller does. Its heading
-    is the true one but for whole turns.
+    The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller
+    does. Its heading is the true one but for whole turns.
     """
 
     def __init__(
@@ -81,7 +91,8 @@ class Sensing(NoisyRates):
         start: np.ndarray,
         backend: str,
     ):
-        """Starts from the true pose. `parameters` are the truth, `believed` what the controller reckons with."""
+        """Starts from the true pose. `parameters` are the truth,
+        `believed` what the controller reckons with."""
         system = law.system
         super().__init__(sensors, system, start)
         self._correction, self.parameters = correction, parameters
@@ -90,10 +101,13 @@ class Sensing(NoisyRates):
         self._axle = SteeredMotion(system, axle.steers, believed) if axle else None
         self._pose = list(axle.pose) if axle else pose_coordinates(system)
         self._angles = angle_coordinates(system)
-        self._arm = 0j if axle else complex(*arm_function(system)(believed).full().ravel())  # m, in the axes of the body
+        # m, in the axes of the body
+        self._arm = 0j if axle else complex(*arm_function(system)(believed).full().ravel())
         forward, turn, ahead = SteeredMotion.WHEELS if axle else vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
-        self._odometry = make_odometry(backend, forward, turn, ahead, release, start=self._true_pose(start), law=law)
+        self._odometry = make_odometry(
+            backend, forward, turn, ahead, release, start=self._true_pose(start), law=law
+        )
         self.reckoned = self._true_pose(start)
         if sensors.pose == "reckoned":
             self.state[self._pose] = self.placed
@@ -121,10 +135,13 @@ class Sensing(NoisyRates):
         if self._sensors.pose == "reckoned":
             self.state[self._pose] = self.placed
         self.state[self._angles] = self._counted()
-        self.state[self._rates] = self._rate_scales() * (moved / dt if self._sensors.counts else x[self._rates] + self._noise)
+        self.state[self._rates] = self._rate_scales() * (
+            moved / dt if self._sensors.counts else x[self._rates] + self._noise
+        )
 
     def _pose_after(self, t: float, dt: float, moved: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return the pose after the wheels turned by `moved` in dt, corrected if it is time; x is the true state."""
+        """Return the pose after the wheels turned by `moved` in dt, corrected if it is time;
+        x is the true state."""
         if abs(self.reckoned[2]) > UNWIND:
             self._odometry.unwind()
         pose = self._odometry.move(self._axle.moved(moved, self._counted()) if self._axle else moved, dt)
@@ -159,8 +176,8 @@ class Sensing(NoisyRates):
 
 
 class SteeredMotion:
-    """The motion of the fixed axle of a vehicle with a steered wheel, by its encoders: that of the follower in C. Dead
-    reckoning is given distance and change of heading instead of angles of wheels.
+    """The motion of the fixed axle of a vehicle with a steered wheel, by its encoders: that of the follower
+    in C. Dead reckoning is given distance and change of heading instead of angles of wheels.
     """
 
     WHEELS = (1.0, 0.0), (0.0, 1.0), 0.0  # forward, turn and ahead of make_odometry
@@ -170,15 +187,16 @@ class SteeredMotion:
         self._by_angle = Direct(axle_function(system))
 
     def moved(self, turned: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return distance (m) and change of heading (rad) of the axle, (2,), after its wheels turned, (2,), to `angles`: those at
-        the steering angle in the middle.
+        """Return distance (m) and change of heading (rad) of the axle, (2,), after its wheels turned, (2,),
+        to `angles`: those at the steering angle in the middle.
         """
         angle = angles[self._steers] - turned[self._steers] / 2
         return self._by_angle(angle, self._believed)[0] * turned[1 - self._steers]
 
 
 class SlipSensing:
-    """Gyro and accelerometer of one run, and what is noticed by them. `noticed` is the result of the last call."""
+    """Gyro and accelerometer of one run, and what is noticed by them. `noticed` is the result of the last
+    call."""
 
     def __init__(
         self,
@@ -192,8 +210,8 @@ class SlipSensing:
         backend: str,
         period: float,
     ):
-        """`mu`: the friction of [contact]; `believed`: the parameters that the controller reckons with; `period` (s) of its
-        calls.
+        """`mu`: the friction of [contact]; `believed`: the parameters that the controller reckons with;
+        `period` (s) of its calls.
         """
         self._gyro, self._accelerometer = gyro, sensors.accelerometer
         forward, turn, _ = vehicle_wheels(law.system, believed)
@@ -217,7 +235,9 @@ class SlipSensing:
 
     def _mean_speed(self, before: np.ndarray, after: np.ndarray, dt: float) -> float:
         """Return the mean forward speed of the middle of the axle, m/s."""
-        (s0, c0), (s1, c1), (s, c) = (sine_cosine(float(a)) for a in (before[2], after[2], (before[2] + after[2]) / 2))
+        (s0, c0), (s1, c1), (s, c) = (
+            sine_cosine(float(a)) for a in (before[2], after[2], (before[2] + after[2]) / 2)
+        )
         x, y = after[:2] - before[:2] - self._ahead * np.array([c1 - c0, s1 - s0])
         return float((c * x + s * y) / dt)
 
@@ -225,7 +245,8 @@ class SlipSensing:
 def slip_options(
     sensors: Sensors, gyro: GyroSection, notice: NoticeSlipSection, mu: float, turn: np.ndarray, period: float
 ) -> SlipOptions:
-    """Return the options of noticing slip: errors of the sensors as the SPEC has them. `turn` (2,) is that of the wheels."""
+    """Return the options of noticing slip: errors of the sensors as the SPEC has them. `turn` (2,) is that of
+    the wheels."""
     accelerometer = sensors.accelerometer
     mean, sd = (np.broadcast_to(values, 2) for values in (sensors.noise.mean, sensors.noise.sd))
     count = 2 * math.pi / sensors.counts if sensors.counts else 0.0
@@ -249,20 +270,21 @@ def slip_options(
 
 
 def wheel_noise(sd: np.ndarray, sensor_period: Number, period: Number) -> Number:
-    """Return the noise of the wheels' rates, of standard deviations (..., 2), as if it were new at each call: larger if it stays
-    for several.
+    """Return the noise of the wheels' rates, of standard deviations (..., 2), as if it were new at each call:
+    larger if it stays for several.
     """
     return np.max(sd, axis=-1) * np.sqrt(np.maximum(sensor_period / period, 1.0))
 
 
 def gyro_bias(bias: Number, turn: np.ndarray, mean: np.ndarray) -> Number:
-    """Return the constant error of a gyro with that of the wheels' rates, (..., 2): the same in the difference of the two."""
+    """Return the constant error of a gyro with that of the wheels' rates, (..., 2):
+    the same in the difference of the two."""
     return bias + np.abs(turn[..., 0] * mean[..., 0]) + np.abs(turn[..., 1] * mean[..., 1])
 
 
 class Estimating(Sensing):
-    """Sensors and the robot's extended Kalman filter, in C. `reckoned` is the estimated pose; sensed rates are multiplied by
-    their estimated scales."""
+    """Sensors and the robot's extended Kalman filter, in C. `reckoned` is the estimated pose; sensed rates
+    are multiplied by their estimated scales."""
 
     def __init__(
         self,
@@ -274,7 +296,8 @@ class Estimating(Sensing):
         start: np.ndarray,
         simulation: Simulation,
     ):
-        """Starts from the true pose; otherwise as Sensing. Raises BadInput if the robot has no filter of its wheels alone."""
+        """Starts from the true pose; otherwise as Sensing. Raises BadInput if the robot has no filter of its
+        wheels alone."""
         super().__init__(sensors, None, law, parameters, believed, start, simulation.backend)
         fixes = estimator.pose
         self._estimator, self._names = estimator, [q.name for q in law.system.quasi_velocities]
@@ -305,14 +328,20 @@ class Estimating(Sensing):
         self._true_heading = heading
         error = self._errors.draw()
         estimator, fixes = self._estimator, self._estimator.pose
-        gyro = rate + estimator.bias + estimator.gyro_noise / math.sqrt(dt) * error[0] if estimator.gyro_noise else None
+        gyro = (
+            rate + estimator.bias + estimator.gyro_noise / math.sqrt(dt) * error[0]
+            if estimator.gyro_noise
+            else None
+        )
         if abs(self.filter.pose[2]) > UNWIND:
             self.filter.unwind()
         status = self.filter.tick(moved, dt, gyro)
         check_status(status, f"[estimator] the filter's tick at t = {t:g} s", fine=("ok", "diverged"))
         if fixes and (due := _count(t, 1 / fixes.rate)) > self._measured:
             self._measured = due
-            self._arriving.append((t, np.array([*place, heading]) + error[1:] * (fixes.sd, fixes.sd, fixes.heading_sd)))
+            self._arriving.append(
+                (t, np.array([*place, heading]) + error[1:] * (fixes.sd, fixes.sd, fixes.heading_sd))
+            )
         while fixes and self._arriving and t - self._arriving[0][0] >= fixes.delay - 1e-9:
             since, (x_m, y_m, heading_m) = self._arriving.popleft()
             sds = {"sd": fixes.sd, "heading_sd": fixes.heading_sd}
@@ -334,7 +363,9 @@ def pose_coordinates(system: ReducedSystem) -> list[int]:
     point = point_on_body(system)
     if point is None:
         names = ", ".join(c.name for c in system.mechanism.coordinates)
-        raise BadInput(f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {names}")
+        raise BadInput(
+            f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {names}"
+        )
     return list(point.pose)
 
 
@@ -342,5 +373,8 @@ def angle_coordinates(system: ReducedSystem) -> list[int]:
     """For each quasi-velocity the coordinate whose rate it is. Raises BadInput if one is that of none."""
     for velocity, places in zip(system.quasi_velocities, system.coordinates_by_velocity, strict=True):
         if not places:
-            raise BadInput(f"[sensors]: dead reckoning needs {velocity.name} to be the rate of a coordinate, a wheel's angle")
+            raise BadInput(
+                f"[sensors]: dead reckoning needs {velocity.name} to be the rate of a coordinate, a wheel's "
+                "angle"
+            )
     return [places[0] for places in system.coordinates_by_velocity]

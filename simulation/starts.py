@@ -1,4 +1,5 @@
-"""Initial states of many robots at once: from a point, a heading and a speed to coordinates and quasi-velocities."""
+"""Initial states of many robots at once: from a point, a heading and a speed to coordinates and
+quasi-velocities."""
 
 from functools import lru_cache
 from typing import Any
@@ -24,12 +25,13 @@ def starts(
     speed: np.ndarray,
     begin: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return [q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), such that the point P_l, L ahead and W to the
-    left as in `place` (N, N), is at `pose` (N, 3): x, y (m) and heading (rad), with a forward `speed` (N) m/s and no turning.
+    """Return [q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), such that the point P_l, L
+    ahead and W to the left as in `place` (N, N), is at `pose` (N, 3): x, y (m) and heading (rad), with a
+    forward `speed` (N) m/s and no turning.
 
-    Of the remaining degrees of freedom, the solution of least distance from `begin` (N, n) is used, by default zeros;
-    coordinates on which the reduced mass matrix depends stay as they are there if possible: a vehicle starts with its wheels
-    straight. NaN if the robot cannot be there.
+    Of the remaining degrees of freedom, the solution of least distance from `begin` (N, n) is used, by
+    default zeros; coordinates on which the reduced mass matrix depends stay as they are there if possible: a
+    vehicle starts with its wheels straight. NaN if the robot cannot be there.
     """
     where, motion, shape = _functions(system)
     known = [*place, *parameters.T]
@@ -39,13 +41,16 @@ def starts(
     if lost.any() and shape.any():
         q[lost] = _solved(where, pose[lost], [k[lost] for k in known], np.ones_like(shape), first[lost])
     target = np.column_stack([speed, np.zeros(len(speed))])
-    nu = _solved(motion, target, [*q.T, *parameters.T], np.ones(system.dof, bool), np.zeros((len(q), system.dof)))
+    nu = _solved(
+        motion, target, [*q.T, *parameters.T], np.ones(system.dof, bool), np.zeros((len(q), system.dof))
+    )
     return np.hstack([q, nu])
 
 
 @lru_cache(maxsize=16)
 def _functions(system: ReducedSystem) -> tuple[ca.Function, ca.Function, np.ndarray]:
-    """Of q, then [L; W; parameters]: pose; of nu, then [q; parameters]: forward speed and yaw rate; which q shape the mass."""
+    """Of q, then [L; W; parameters]: pose; of nu, then [q; parameters]: forward speed and yaw rate;
+    which q shape the mass."""
     mechanism = system.mechanism
     point = body_point(offset=True)
     heading = mechanism.required_vehicle.heading
@@ -56,7 +61,8 @@ def _functions(system: ReducedSystem) -> tuple[ca.Function, ca.Function, np.ndar
         slope = ca.densify(ca.jacobian(expression, unknown))
         return portable(ca.Function("start", [unknown, known], [ca.densify(expression), ca.vec(slope)]))
 
-    shape = np.array([ca.depends_on(system.Mbar, c.symbol) for c in mechanism.coordinates])  # such as a steering angle
+    # Such as a steering angle
+    shape = np.array([ca.depends_on(system.Mbar, c.symbol) for c in mechanism.coordinates])
     return (
         function(pose, mechanism.q, ca.vertcat(place, mechanism.p)),
         function(motion, system.nu, ca.vertcat(mechanism.q, mechanism.p)),
@@ -67,15 +73,18 @@ def _functions(system: ReducedSystem) -> tuple[ca.Function, ca.Function, np.ndar
 def extension_starts(
     law: ControlLaw, parameters: np.ndarray, config: np.ndarray, state: np.ndarray, reference: np.ndarray
 ) -> np.ndarray:
-    """Return the states of the dynamic extension at t = 0, (N, k): those with which the outputs of N robots at `state` (N, 2n-m)
-    have the derivatives of the `reference` (N, R), or the nearest to them; (N, P) `parameters` and (N, C) `config` of the law.
+    """Return the states of the dynamic extension at t = 0, (N, k): those with which the outputs of N robots
+    at `state` (N, 2n-m) have the derivatives of the `reference` (N, R), or the nearest to them; (N, P)
+    `parameters` and (N, C) `config` of the law.
 
-    Order by order: the states on which derivatives of this order depend, and those of lower orders do not, are the least-squares
-    solution.
+    Order by order: the states on which derivatives of this order depend, and those of lower orders do not,
+    are the least-squares solution.
     """
     function, depends = _extension_functions(law)
     names = [q.name for q in law.reference]
-    orders = [(order, names.index(row.name) + order) for row, degree in _degrees(law) for order in range(1, degree)]
+    orders = [
+        (order, names.index(row.name) + order) for row, degree in _degrees(law) for order in range(1, degree)
+    ]
     found, known = np.zeros((len(state), len(law.extension))), np.zeros(len(law.extension), bool)
     for order in range(1, max(order for order, _ in orders) + 1 if orders else 1):
         entries = [k for k, (each, _) in enumerate(orders) if each == order]
@@ -97,8 +106,8 @@ def _degrees(law: ControlLaw) -> list[tuple[OutputRow, int]]:
 
 @lru_cache(maxsize=16)
 def _extension_functions(law: ControlLaw) -> tuple[ca.Function, np.ndarray]:
-    """Return the function from state, parameters and config to the rates of the outputs and their derivatives by the states of
-    the extension, and which of these derivatives are not always zero.
+    """Return the function from state, parameters and config to the rates of the outputs and their derivatives
+    by the states of the extension, and which of these derivatives are not always zero.
     """
     rate = law.linearization.rate
     slope = ca.jacobian(rate, symbols(law.extension))
@@ -107,12 +116,14 @@ def _extension_functions(law: ControlLaw) -> tuple[ca.Function, np.ndarray]:
 
 @lru_cache(maxsize=16)
 def _mapped(function: ca.Function, count: int) -> ca.Function:
-    """Return the function of `count` columns of arguments at once: it takes longer to make than to evaluate."""
+    """Return the function of `count` columns of arguments at once:
+    it takes longer to make than to evaluate."""
     return function.map(count)
 
 
 def _rows(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """Return the results of a function for each row of its arguments, (N, .) each, without the copies of a call of CasADi."""
+    """Return the results of a function for each row of its arguments, (N, .) each,
+    without the copies of a call of CasADi."""
     given = [np.ascontiguousarray(argument, float) for argument in arguments]
     made = [np.empty((len(given[0]), function.numel_out(k))) for k in range(function.n_out())]
     buffer: Any
@@ -128,8 +139,8 @@ def _rows(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
 def _solved(
     function: ca.Function, target: np.ndarray, given: list[np.ndarray], moves: np.ndarray, begin: np.ndarray
 ) -> np.ndarray:
-    """Solve function(unknown, given) = target, (N, .), by Newton's method with least-norm steps from `begin`; NaN if it does not
-    converge.
+    """Solve function(unknown, given) = target, (N, .), by Newton's method with least-norm steps from `begin`;
+    NaN if it does not converge.
     """
     known = np.column_stack(given)
     found = begin.copy()

@@ -1,4 +1,5 @@
-"""URDFs of the kinds that are published: one function with parameters, and by name what makes a file like that of a robot.
+"""URDFs of the kinds that are published: one function with parameters, and by name what makes a file like
+that of a robot.
 
 Names, frames, shapes and extensions are as such files have them; the numbers are ours.
 """
@@ -25,8 +26,8 @@ AXES = {  # how files turn the axis of a wheel to the left: <axis>, rpy of the j
 
 @dataclass
 class Bought:
-    """The text of a URDF, put together element by element, and what is in it: the centre of each wheel (m) in the frame of the
-    root by joint, their radius (m), and where castors stand, by link.
+    """The text of a URDF, put together element by element, and what is in it: the centre of each wheel (m) in
+    the frame of the root by joint, their radius (m), and where castors stand, by link.
     """
 
     name: str
@@ -70,19 +71,27 @@ class Bought:
         more="",
     ) -> None:
         about = f'<axis xyz="{axis}"/>' if axis else ""
-        limit = '<limit lower="-1" upper="1" effort="9" velocity="9"/>' if kind in ("revolute", "prismatic") else ""
+        limit = (
+            '<limit lower="-1" upper="1" effort="9" velocity="9"/>'
+            if kind in ("revolute", "prismatic")
+            else ""
+        )
         self.parts.append(
-            f'<joint name="{name}" type="{kind}"><origin xyz="{numbers(place)}" rpy="{rpy}"/><parent link="{parent}"/>'
-            f'<child link="{child}"/>{about}{limit}{more}</joint>'
+            f'<joint name="{name}" type="{kind}"><origin xyz="{numbers(place)}" rpy="{rpy}"/><parent '
+            f'link="{parent}"/><child link="{child}"/>{about}{limit}{more}</joint>'
         )
 
-    def fixed(self, child: str, parent: str, place=(0, 0, 0), mass: float | None = None, shape: str = "", **more) -> None:
+    def fixed(
+        self, child: str, parent: str, place=(0, 0, 0), mass: float | None = None, shape: str = "", **more
+    ) -> None:
         self.link(child, mass, shape, moments=(1e-4,) * 3, **more)
         self.joint(f"{child}_joint", "fixed", parent, child, place)
 
 
 def shape(geometry: str, xyz="0 0 0", rpy="0 0 0", kinds: Sequence[str] = ("collision", "visual")) -> str:
-    return "".join(f'<{kind}><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{geometry}</geometry></{kind}>' for kind in kinds)
+    return "".join(
+        f'<{kind}><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{geometry}</geometry></{kind}>' for kind in kinds
+    )
 
 
 def bought(
@@ -102,8 +111,8 @@ def bought(
     turned: str = "0.1 0.2 0.3",
     more: Callable[[Bought], None] = lambda made: None,
 ) -> Bought:
-    """A body on two wheels, or with a `wheelbase` on four (m), whose axle, or the middle of the wheels, is above the origin of
-    the root. `castors` are places ahead and to the left (m).
+    """A body on two wheels, or with a `wheelbase` on four (m), whose axle, or the middle of the wheels, is
+    above the origin of the root. `castors` are places ahead and to the left (m).
     """
     made = Bought(name, radius=radius)
     made.link("base_footprint")
@@ -157,16 +166,23 @@ def spun(radius: float, axis: str) -> tuple[float, float, float]:
 
 
 def add_castor(made: Bought, kind: str, name: str, ahead: float, left: float) -> None:
-    """A castor that stands ahead and to the left: a sphere, a box, or a wheel on a swivel, above it or with trail."""
+    """A castor that stands ahead and to the left: a sphere, a box, or a wheel on a swivel,
+    above it or with trail."""
     height = 0.04
     if kind in ("sphere", "box"):
-        body = f'<sphere radius="{height!r}"/>' if kind == "sphere" else f'<box size="0.03 0.03 {2 * height!r}"/>'
+        body = (
+            f'<sphere radius="{height!r}"/>'
+            if kind == "sphere"
+            else f'<box size="0.03 0.03 {2 * height!r}"/>'
+        )
         made.fixed(f"{name}_link", "base_link", (ahead, left, height - 0.02), 0.05, shape(body))
         made.castors[f"{name}_link"] = np.array([ahead, left, 0.0])
         return
     trail = 0.03 if kind == "swivel" else 0.0
     made.link(f"{name}_fork", 0.1, moments=(1e-4,) * 3)
-    made.joint(f"{name}_pivot", "continuous", "base_link", f"{name}_fork", (ahead + trail, left, 0.1), axis="0 0 1")
+    made.joint(
+        f"{name}_pivot", "continuous", "base_link", f"{name}_fork", (ahead + trail, left, 0.1), axis="0 0 1"
+    )
     body = shape(f'<cylinder radius="{height!r}" length="0.02"/>', rpy="1.5708 0 0")
     made.link(f"{name}_wheel", 0.1, body, moments=spun(height, "y"))
     made.joint(
@@ -191,19 +207,26 @@ def driven(made: Bought, how: str) -> None:
             )
         elif how == "ros2_control":
             made.parts.append(
-                f'<ros2_control name="{joint}" type="system"><joint name="{joint}"><command_interface name="velocity"/>'
-                '<state_interface name="position"/></joint></ros2_control>'
+                f'<ros2_control name="{joint}" type="system"><joint name="{joint}"><command_interface '
+                'name="velocity"/><state_interface name="position"/></joint></ros2_control>'
             )
     if how == "gazebo":
         sides = "".join(f"<{j.split('_')[1]}_joint>{j}</{j.split('_')[1]}_joint>" for j in made.wheels)
-        made.parts.append(f'<gazebo><plugin name="drive" filename="libgazebo_ros_diff_drive.so">{sides}</plugin></gazebo>')
-        made.parts.append('<gazebo reference="base_link"><material>Gazebo/Orange</material><mu1>0.2</mu1></gazebo>')
+        made.parts.append(
+            f'<gazebo><plugin name="drive" filename="libgazebo_ros_diff_drive.so">{sides}</plugin></gazebo>'
+        )
+        made.parts.append(
+            '<gazebo reference="base_link"><material>Gazebo/Orange</material><mu1>0.2</mu1></gazebo>'
+        )
 
 
 def sensors(made: Bought) -> None:
-    """What hangs on many robots: frames, sensors of no or little mass, a mast that moves, a gripper that mimics, an arm."""
+    """What hangs on many robots: frames, sensors of no or little mass, a mast that moves,
+    a gripper that mimics, an arm."""
     made.parts += ['<material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>'] * 2
-    made.fixed("base_scan", "base_link", (0.1, 0, 0.2), 0.1, shape('<mesh filename="package://none/laser.dae"/>'))
+    made.fixed(
+        "base_scan", "base_link", (0.1, 0, 0.2), 0.1, shape('<mesh filename="package://none/laser.dae"/>')
+    )
     made.fixed("imu_link", "base_link", (0, 0, 0.1), 1e-5)
     made.fixed("sonar_link", "base_link", (0.2, 0, 0.1), 0.0, shape('<box size="0.01 0.01 0.01"/>'))
     made.fixed(
@@ -231,7 +254,8 @@ def sensors(made: Bought) -> None:
 
 
 def mesh_with_shaft(folder: Path, name: str, scale: float = 1000.0) -> None:
-    """Write the tyre of radius 0.1 m from 0 to 25 mm along z, with a shaft of radius 10 mm on to 80 mm, in 1/scale m."""
+    """Write the tyre of radius 0.1 m from 0 to 25 mm along z, with a shaft of radius 10 mm on to 80 mm,
+    in 1/scale m."""
     import trimesh
 
     tyre = trimesh.creation.cylinder(0.1, 0.025, sections=48)
@@ -262,9 +286,15 @@ KINDS: dict[str, Callable[[], Bought]] = {
         castors=[(-0.17, -0.06), (-0.17, 0.06)],
         castor="box",
     ),
-    "kobuki": lambda: bought(radius=0.035, track=0.23, centre=(0.01, 0, 0.06), axis="z", castors=[(0.115, 0), (-0.135, 0)]),
-    "create": lambda: bought(radius=0.033, track=0.26, axis="y", castors=[(0.13, 0)], drive="gazebo", centre=(0.02, 0, 0.05)),
-    "p3dx": lambda: bought(track=0.33, castors=[(-0.21, 0)], castor="swivel", more=sensors, centre=(-0.05, 0, 0.1)),
+    "kobuki": lambda: bought(
+        radius=0.035, track=0.23, centre=(0.01, 0, 0.06), axis="z", castors=[(0.115, 0), (-0.135, 0)]
+    ),
+    "create": lambda: bought(
+        radius=0.033, track=0.26, axis="y", castors=[(0.13, 0)], drive="gazebo", centre=(0.02, 0, 0.05)
+    ),
+    "p3dx": lambda: bought(
+        track=0.33, castors=[(-0.21, 0)], castor="swivel", more=sensors, centre=(-0.05, 0, 0.1)
+    ),
     "mir": lambda: bought(
         radius=0.0625,
         track=0.445,
@@ -281,10 +311,16 @@ KINDS: dict[str, Callable[[], Bought]] = {
         axis="z up",
         centre=(0, 0, 0.2),
     ),
-    "freight": lambda: bought(mass=70.0, centre=(-0.004, 0, 0.2), more=sensors, drive="none", root="planar joint"),
-    "diffbot": lambda: bought(axis="z", castors=[(0.2, 0), (-0.2, 0)], drive="ros2_control", names="{}_wheel".format),
+    "freight": lambda: bought(
+        mass=70.0, centre=(-0.004, 0, 0.2), more=sensors, drive="none", root="planar joint"
+    ),
+    "diffbot": lambda: bought(
+        axis="z", castors=[(0.2, 0), (-0.2, 0)], drive="ros2_control", names="{}_wheel".format
+    ),
     "linorobot": lambda: bought(axis="-y", centre=(-0.03, 0, 0.1), castors=[(-0.2, 0)], drive="gazebo"),
-    "dingo": lambda: bought(axis="-z", castors=[(0.2, 0.1), (0.2, -0.1)], centre=(0.05, 0, 0.1), root="planar"),
+    "dingo": lambda: bought(
+        axis="-z", castors=[(0.2, 0.1), (0.2, -0.1)], centre=(0.05, 0, 0.1), root="planar"
+    ),
     "magni": lambda: bought(
         axis="x", castors=[(-0.3, 0.1), (-0.3, -0.1)], castor="swivel", centre=(-0.1, 0, 0.1), root="floating"
     ),

@@ -1,4 +1,5 @@
-"""A page in a browser without a window, in real time, so that its workers run: by the browser's own protocol over a pipe."""
+"""A page in a browser without a window, in real time, so that its workers run:
+by the browser's own protocol over a pipe."""
 
 import base64
 import fcntl
@@ -15,7 +16,9 @@ from typing import Any
 from noslip.tests.tools import skip_without
 
 FOUND = ("chromium", "chromium-browser", "google-chrome")
-UNTIL = "new Promise((done) => {{ const look = () => ({when} ? done({value}) : setTimeout(look, 50)); look(); }})"
+UNTIL = (
+    "new Promise((done) => {{ const look = () => ({when} ? done({value}) : setTimeout(look, 50)); look(); }})"
+)
 
 
 class Page:
@@ -46,7 +49,13 @@ class Page:
 
     def resize(self, width: int, height: int) -> None:
         """Show the page on a screen of another size, in pixels; a narrow one is a phone's."""
-        self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+        self._call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
 
     def printed(self) -> bytes:
         """Return the page as it is printed, a PDF."""
@@ -55,7 +64,11 @@ class Page:
     def _call(self, method: str, **arguments: Any) -> Any:
         self._count += 1
         session = {"sessionId": self._session} if self._session else {}
-        os.write(self._to, json.dumps({"id": self._count, "method": method, "params": arguments, **session}).encode() + b"\0")
+        os.write(
+            self._to,
+            json.dumps({"id": self._count, "method": method, "params": arguments, **session}).encode()
+            + b"\0",
+        )
         while True:
             while b"\0" not in self._rest:
                 part = os.read(self._back, 1 << 20)
@@ -77,8 +90,15 @@ def browser(folder: Path) -> Iterator[Page]:
     if program is None:
         skip_without(FOUND[:1])
     (theirs_in, to), (back, theirs_out) = os.pipe(), os.pipe()
-    command = [program, "--headless", "--no-sandbox", "--remote-debugging-pipe", f"--user-data-dir={folder / 'browser'}"]
-    ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (theirs_in, theirs_out)]  # none of them is 3 or 4
+    command = [
+        program,
+        "--headless",
+        "--no-sandbox",
+        "--remote-debugging-pipe",
+        f"--user-data-dir={folder / 'browser'}",
+    ]
+    # None of them is 3 or 4
+    ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (theirs_in, theirs_out)]
     actions = [(os.POSIX_SPAWN_DUP2, end, number) for number, end in enumerate(ends, 3)]
     quiet = (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0)
     process = os.posix_spawn(program, command, os.environ, file_actions=[*actions, quiet])

@@ -2,10 +2,11 @@
 
     python -m noslip.tests.by_day TIMES COVERAGE
 
-TIMES is what pytest wrote with `--junitxml`, COVERAGE what it wrote with `--cov-context=test`: which test runs which lines.
-The tests by which the mutants of C and codegen are looked for stay, and those of the repository. Of another function that
-takes longer than LONG in all, its quickest parameter stays, if that alone takes less; others are added, those with the
-most new lines for their time first, as long as they run WORTH lines a second that nothing else by day runs.
+TIMES is what pytest wrote with `--junitxml`, COVERAGE what it wrote with `--cov-context=test`: which test
+runs which lines. The tests by which the mutants of C and codegen are looked for stay, and those of the
+repository. Of another function that takes longer than LONG in all, its quickest parameter stays, if that
+alone takes less; others are added, those with the most new lines for their time first, as long as they run
+WORTH lines a second that nothing else by day runs.
 """
 
 import heapq
@@ -36,17 +37,24 @@ def times_of(path: Path) -> dict[Test, float]:
     found = {}
     for case in ElementTree.parse(path).iter("testcase"):
         function, _, parameters = GROUP.sub("", case.get("name", "")).partition("[")
-        found[case.get("classname", "").rpartition(".")[2], function, parameters.removesuffix("]")] = float(case.get("time", 0))
+        found[case.get("classname", "").rpartition(".")[2], function, parameters.removesuffix("]")] = float(
+            case.get("time", 0)
+        )
     return found
 
 
 def lines_of(path: Path) -> dict[Test, int]:
-    """Return the lines of the product that each test runs, a bit for each line of all files one after the other."""
+    """Return the lines of the product that each test runs, a bit for each line of all files one after the
+    other."""
     found, first = defaultdict[Test, int](int), dict[str, int]()
     joined = "line_bits JOIN file ON file.id = file_id JOIN context ON context.id = context_id"
-    rows = sqlite3.connect(path).execute(f"SELECT path, context, numbits FROM {joined} ORDER BY path").fetchall()
+    rows = (
+        sqlite3.connect(path).execute(f"SELECT path, context, numbits FROM {joined} ORDER BY path").fetchall()
+    )
     for file, context, bits in rows:
-        if TESTS not in Path(file).parents and (named := TEST.fullmatch(GROUP.sub("", context.rpartition("|")[0]))):
+        if TESTS not in Path(file).parents and (
+            named := TEST.fullmatch(GROUP.sub("", context.rpartition("|")[0]))
+        ):
             place = first.setdefault(file, len(first) * MOST_LINES)
             found[named[1], named[2], named[3] or ""] |= int.from_bytes(bits, "little") << place
     return found
@@ -59,7 +67,8 @@ def tests_of(*arguments: str) -> set[Test]:
 
 
 def always() -> set[Test]:
-    """Return the tests by which mutants are looked for, and those of the repository, which run no lines of the product."""
+    """Return the tests by which mutants are looked for, and those of the repository,
+    which run no lines of the product."""
     runs = {source.tests for source in SOURCES.values()} | {("tests/repository",)}
     return set().union(*(tests_of(*arguments) for arguments in runs))
 
@@ -81,7 +90,8 @@ def chosen(times: dict[Test, float], lines: dict[Test, int], always: set[Test]) 
     def worth(test: Test) -> float:
         return (lines.get(test, 0) & ~run).bit_count() / max(times[test], 0.01)
 
-    # What a test is worth only falls while others are added: the best of what was once worth more is the best of all.
+    # What a test is worth only falls while others are added: the best of what was once worth more is the best
+    # of all.
     others = [(-worth(test), test) for test in times.keys() - kept]
     heapq.heapify(others)
     while others:
@@ -105,7 +115,9 @@ def main() -> None:
         table[file][function] = sorted(test[2] for test in kept if test[:2] == (file, function))
     (TESTS / "by_day.json").write_text(json.dumps(table, indent=1) + "\n")
     stay = sum(times.get(test, 0.0) for test in kept)
-    print(f"{len(kept)} of {len(known)} tests stay; of those measured {stay:.0f} of {sum(times.values()):.0f} s")
+    print(
+        f"{len(kept)} of {len(known)} tests stay; of those measured {stay:.0f} of {sum(times.values()):.0f} s"
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Figures made once, for all tests that look at them.
 
-Each is drawn in full, but only as SVG, which holds all that is drawn: that a PNG comes of it as well is tested on a few.
+Each is drawn in full, but only as SVG, which holds all that is drawn: that a PNG comes of it as well is
+tested on a few.
 """
 
 from contextlib import nullcontext
@@ -26,7 +27,8 @@ def run_once(spec: Spec, singular: bool, engine: str | None) -> FigureRun:
 
 
 def runs_here():
-    """Within it figures' runs are carried out by this process, where the models are already: not for tests of processes."""
+    """Within it figures' runs are carried out by this process, where the models are already:
+    not for tests of processes."""
     return patch.object(production, "_workers", lambda count: nullcontext(run_once))
 
 

@@ -1,8 +1,8 @@
 """`make firmware-test`: what runs on the targets, in QEMU, against this host.
 
-The bits of every law; closed loops with the controller on the target; the loop of firmware/; how a program that fails is seen.
-Prints a line for each; the last one sums up. Exit 1 where something is wrong. A tool that is not there: what needs it is skipped,
-and said so; with NOSLIP_REQUIRE_FIRMWARE=1 that is wrong.
+The bits of every law; closed loops with the controller on the target; the loop of firmware/; how a program
+that fails is seen. Prints a line for each; the last one sums up. Exit 1 where something is wrong. A tool that
+is not there: what needs it is skipped, and said so; with NOSLIP_REQUIRE_FIRMWARE=1 that is wrong.
 """
 
 import subprocess
@@ -23,14 +23,20 @@ from noslip.simulation.controllers.pil import recorded, replay_session
 from noslip.simulation.controllers.targets import CONSOLE, TARGETS, Target, processor_of, required
 from noslip.simulation.loop import make_loop
 from noslip.simulation.replay import Record, first_difference
-from noslip.simulation.specification.spec import ApproachSection, ContactSection, LimitsSection, Spec, read_spec
+from noslip.simulation.specification.spec import (
+    ApproachSection,
+    ContactSection,
+    LimitsSection,
+    Spec,
+    read_spec,
+)
 from noslip.tests.runtime_c.test_bits import TIMEOUT, table, targeted
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMOS = ("cortex-m4f", "cortex-m7", "netduinoplus2", "rv32imafc", "rv32imac")  # of firmware/Makefile
 
-# Forward, into a cusp, in reverse and forward again, led by what encoders count, with noise, corrections, limits, an integral and
-# an approach.
+# Forward, into a cusp, in reverse and forward again, led by what encoders count, with noise, corrections,
+# limits, an integral and an approach.
 COMPOSITE = """
 robot = "labmate"
 gains = { kp = 4.0, kd = 5.0, kv = 2.0, ki_distance = 1.0 }
@@ -56,7 +62,9 @@ stop = "axle"
 def runs() -> dict[str, Spec]:
     """Closed loops by name, the controller called every 10 ms."""
     specs = {name: read_spec(ROOT / "examples/specs" / f"{name}.toml") for name in ("line", "circle")}
-    called = {name: replace(spec, simulation=replace(spec.simulation, period=0.01)) for name, spec in specs.items()}
+    called = {
+        name: replace(spec, simulation=replace(spec.simulation, period=0.01)) for name, spec in specs.items()
+    }
     gripped = {"contact": ContactSection(mu=0.4, height=0.1), "limits": LimitsSection(mode="grip")}
     approach = replace(called["line"].reference, approach=ApproachSection(acceleration=0.4))
     called["grip"] = replace(called["line"], reference=approach, **gripped)
@@ -85,7 +93,8 @@ class Report:
 
 
 def loop_on(backend: str, spec: Spec, here: str) -> str:
-    """The run on a target against the table of the one on this host, byte for byte, and its record replayed on the host."""
+    """The run on a target against the table of the one on this host, byte for byte,
+    and its record replayed on the host."""
     law = make_loop(spec).law
     with recorded(law, backend) as calls:
         run = simulate(spec, backend)
@@ -93,7 +102,10 @@ def loop_on(backend: str, spec: Spec, here: str) -> str:
     with closing(replay_session(law, "cf")) as host:
         difference = first_difference(Record(law, calls, range(len(calls))), host, "cf")
     assert difference is None, difference
-    return f"{len(run.t)} rows to t = {run.t[-1]:g} s as on the host, byte for byte; {len(calls)} calls replayed there, same bits"
+    return (
+        f"{len(run.t)} rows to t = {run.t[-1]:g} s as on the host, byte for byte; {len(calls)} calls "
+        "replayed there, same bits"
+    )
 
 
 PROGRAMS = {  # main -> exit code
@@ -111,10 +123,24 @@ def exit_codes(target: Target) -> str:
             Path(folder, name).write_text(text, encoding="utf-8")
         for body, wanted in PROGRAMS.items():
             Path(folder, "main.c").write_text(f"int main(void)\n{{\n    {body}\n}}\n", encoding="utf-8")
-            build = [*target.compile(), *STANDARD, "-O2", "-I.", *target.start, "main.c", *target.link(), "-o", "image"]
+            build = [
+                *target.compile(),
+                *STANDARD,
+                "-O2",
+                "-I.",
+                *target.start,
+                "main.c",
+                *target.link(),
+                "-o",
+                "image",
+            ]
             subprocess.run(build, cwd=folder, check=True, timeout=TIMEOUT)
             run = subprocess.run(
-                target.run("image", *CONSOLE), cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, timeout=TIMEOUT
+                target.run("image", *CONSOLE),
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=TIMEOUT,
             )
             assert run.returncode == wanted, f"{body} ends with {run.returncode}, not {wanted}"
             found.append(str(wanted))

@@ -1,4 +1,5 @@
-"""Text of a figure that cannot be read: overlapping other text or a legend, or cut at an edge; and legends over curves."""
+"""Text of a figure that cannot be read: overlapping other text or a legend, or cut at an edge;
+and legends over curves."""
 
 import itertools
 from collections.abc import Iterator
@@ -14,11 +15,11 @@ SLACK = 1.0  # pixels by which boxes may overlap: they include room around the g
 
 
 def unreadable(figure: Figure) -> list[str]:
-    """Return what is wrong with the text of a figure: a sentence for each pair of boxes that overlap, each that is cut, and each
-    legend that a curve runs through.
+    """Return what is wrong with the text of a figure: a sentence for each pair of boxes that overlap, each
+    that is cut, and each legend that a curve runs through.
 
-    The figure has been drawn, and its layout is kept: another one could mend what was seen. Boxes are those of Matplotlib's Agg
-    renderer; the text of a legend is taken with its legend.
+    The figure has been drawn, and its layout is kept: another one could mend what was seen. Boxes are those
+    of Matplotlib's Agg renderer; the text of a legend is taken with its legend.
     """
     engine = figure.get_layout_engine()
     figure.set_layout_engine(None)
@@ -26,21 +27,33 @@ def unreadable(figure: Figure) -> list[str]:
     figure.set_layout_engine(engine)
     renderer = RendererAgg(*figure.bbox.size, figure.dpi)
     boxes = [(name, box) for name, box in _boxes(figure, renderer) if box.width > 0 and box.height > 0]
-    found = [f"{name} is cut at the edge of the figure" for name, box in boxes if not _within(box, figure.bbox)]
-    found += [f"{a} overlaps {b}" for (a, one), (b, other) in itertools.combinations(boxes, 2) if _overlap(one, other)]
+    found = [
+        f"{name} is cut at the edge of the figure" for name, box in boxes if not _within(box, figure.bbox)
+    ]
+    found += [
+        f"{a} overlaps {b}"
+        for (a, one), (b, other) in itertools.combinations(boxes, 2)
+        if _overlap(one, other)
+    ]
     return found + list(_covered(figure, renderer))
 
 
 def _boxes(figure: Figure, renderer: RendererAgg) -> Iterator[tuple[str, Bbox]]:
     """What is shown of legends, labels of ticks and other text: a name, and the box in pixels."""
     legends = figure.findobj(Legend)
-    ticks = {text for axes in figure.findobj(Axes) for axis in (axes.xaxis, axes.yaxis) for text in axis.findobj(Text)}
+    ticks = {
+        text
+        for axes in figure.findobj(Axes)
+        for axis in (axes.xaxis, axes.yaxis)
+        for text in axis.findobj(Text)
+    }
     hidden = ticks | {text for legend in legends for text in legend.findobj(Text)}
     for legend in legends:
         yield _name(legend), legend.get_window_extent(renderer)
     for text in [*_labels(figure), *(text for text in figure.findobj(Text) if text not in hidden)]:
         if text.get_visible() and text.get_text().strip():
-            yield repr(text.get_text()), Text.get_window_extent(text, renderer)  # of an annotation, without its arrow
+            # Of an annotation, without its arrow
+            yield repr(text.get_text()), Text.get_window_extent(text, renderer)
 
 
 def _name(legend: Legend) -> str:

@@ -1,13 +1,15 @@
 """How much of its tolerance each comparison of the tests needs: `pytest --margins FILE`.
 
-A test whose numbers fill their tolerance passes on one processor and fails on the next. With this option every comparison
-with a tolerance is measured while the tests run as usual, and the run fails where one needs more than a tenth of what it
-allows. Measured are `pytest.approx`, `assert_allclose`, `allclose`, `isclose`, and `<` or `<=` in an assertion whose right side
-contains a tolerance: a number written with a negative exponent (1e-9), or a name for such a number.
+A test whose numbers fill their tolerance passes on one processor and fails on the next. With this option
+every comparison with a tolerance is measured while the tests run as usual, and the run fails where one needs
+more than a tenth of what it allows. Measured are `pytest.approx`, `assert_allclose`, `allclose`, `isclose`,
+and `<` or `<=` in an assertion whose right side contains a tolerance: a number written with a negative
+exponent (1e-9), or a name for such a number.
 
-The right side of a comparison is an expression R in its tolerances, for example `1 + 1e-9` or `TOLERANCE * size`. It is
-evaluated with the tolerances times 0 and times 1, and the part that the left side needs is (left - R(0)) / (R(1) - R(0)).
-Bounds that are not tolerances (`slip < 0.01`, in m/s) are written without an exponent.
+The right side of a comparison is an expression R in its tolerances, for example `1 + 1e-9` or
+`TOLERANCE * size`. It is evaluated with the tolerances times 0 and times 1, and the part that the left side
+needs is (left - R(0)) / (R(1) - R(0)). Bounds that are not tolerances (`slip < 0.01`, in m/s) are written
+without an exponent.
 """
 
 from __future__ import annotations
@@ -31,8 +33,10 @@ from _pytest.python_api import ApproxScalar
 ALLOWED = 0.1  # the part of a tolerance that a comparison may need
 NAMED = re.compile(r"toleranc|^tol$", re.IGNORECASE)
 TESTS = Path(__file__).parent
-COMPARE = rf"{re.escape(__file__)}$|/_pytest/|/numpy/|/contextlib"  # files whose functions compare for their caller
-needed: dict[str, dict[str, float]] = {}  # test -> place of a comparison -> largest part of its tolerance needed
+# Files whose functions compare for their caller
+COMPARE = rf"{re.escape(__file__)}$|/_pytest/|/numpy/|/contextlib"
+# Test -> place of a comparison -> largest part of its tolerance needed
+needed: dict[str, dict[str, float]] = {}
 test = ""  # that runs now
 
 
@@ -60,7 +64,10 @@ class Measured(ast.NodeTransformer):
 
     def is_tolerance(self, node: ast.AST) -> bool:
         """Return whether a node is a number that is written with a negative exponent."""
-        if not (isinstance(node, ast.Constant) and isinstance(node.value, float)) or node.lineno != node.end_lineno:
+        if (
+            not (isinstance(node, ast.Constant) and isinstance(node.value, float))
+            or node.lineno != node.end_lineno
+        ):
             return False
         return b"e-" in self.lines[node.lineno - 1][node.col_offset : node.end_col_offset]
 
@@ -84,7 +91,9 @@ class Measured(ast.NodeTransformer):
                     pairs = [(name, value)]
                 case ast.Name(id=name) if NAMED.search(name):
                     self.names.add(name)
-            self.names |= {name.id for name, value in pairs if isinstance(name, ast.Name) and self.only_tolerances(value)}
+            self.names |= {
+                name.id for name, value in pairs if isinstance(name, ast.Name) and self.only_tolerances(value)
+            }
 
     def visit_Assert(self, node: ast.Assert) -> ast.AST:
         """Look at the comparisons of an assertion."""
@@ -102,12 +111,19 @@ class Measured(ast.NodeTransformer):
         if any(isinstance(part, ast.NamedExpr | ast.Await | ast.Yield) for part in ast.walk(right)):
             return node
         scaled = Scaled(self.names, self.is_tolerance)
-        of_scale = ast.Lambda(ast.arguments([], [ast.arg("scale")], None, [], [], None, []), scaled.visit(right))
+        of_scale = ast.Lambda(
+            ast.arguments([], [ast.arg("scale")], None, [], [], None, []), scaled.visit(right)
+        )
         if not scaled.count:
             return node
         call = ast.Call(
             ast.Name("measured_comparison", ast.Load()),
-            [node.left, of_scale, ast.Constant(isinstance(node.ops[0], ast.Lt)), ast.Constant(f"{self.path}:{node.lineno}")],
+            [
+                node.left,
+                of_scale,
+                ast.Constant(isinstance(node.ops[0], ast.Lt)),
+                ast.Constant(f"{self.path}:{node.lineno}"),
+            ],
             [],
         )
         return ast.fix_missing_locations(ast.copy_location(call, node))
@@ -122,7 +138,8 @@ def note(place: str, part: float) -> None:
 
 
 def measured_comparison(left: Any, right: Callable[[float], Any], strict: bool, place: str) -> Any:
-    """Return left < right(1), or left <= right(1), and note the part of the tolerance that is needed where it holds."""
+    """Return left < right(1), or left <= right(1), and note the part of the tolerance that is needed where it
+    holds."""
     limit = right(1.0)
     holds = left < limit if strict else left <= limit
     with np.errstate(all="ignore"):
@@ -139,7 +156,8 @@ def measured_comparison(left: Any, right: Callable[[float], Any], strict: bool, 
 
 
 def place_of_caller() -> str:
-    """Return the place in the tests from which the present comparison is called; empty if the product or a library calls it."""
+    """Return the place in the tests from which the present comparison is called;
+    empty if the product or a library calls it."""
     frame: FrameType | None = sys._getframe(2)
     while frame and re.search(COMPARE, frame.f_code.co_filename):
         frame = frame.f_back
@@ -189,18 +207,23 @@ class Margins:
         self.path, self.patch = path, pytest.MonkeyPatch()
         measure = rewrite.rewrite_asserts
 
-        def rewritten(tree: ast.Module, source: bytes, module_path: str | None = None, config: Any = None) -> None:
+        def rewritten(
+            tree: ast.Module, source: bytes, module_path: str | None = None, config: Any = None
+        ) -> None:
             measured = Measured(source, module_path or "")
             measured.find_names(tree)
             measured.visit(tree)
             measure(tree, source, module_path, config)
 
         self.patch.setattr(rewrite, "rewrite_asserts", rewritten)
-        self.patch.setattr(rewrite, "_read_pyc", lambda *_, **__: None)  # what is compiled without this plugin does not measure
+        # What is compiled without this plugin does not measure
+        self.patch.setattr(rewrite, "_read_pyc", lambda *_, **__: None)
         self.patch.setattr(sys, "dont_write_bytecode", True)
         self.patch.setattr(builtins, "measured_comparison", measured_comparison, raising=False)
         self.patch.setattr(ApproxScalar, "__eq__", approx_measured)
-        self.patch.setattr(np.testing, "assert_allclose", close_measured(np.testing.assert_allclose, 1e-7, 0.0))
+        self.patch.setattr(
+            np.testing, "assert_allclose", close_measured(np.testing.assert_allclose, 1e-7, 0.0)
+        )
         self.patch.setattr(np, "allclose", close_measured(np.allclose, 1e-5, 1e-8))
         self.patch.setattr(np, "isclose", close_measured(np.isclose, 1e-5, 1e-8))
         self.patch.setattr(math, "isclose", close_measured(math.isclose, 1e-9, 0.0))
@@ -235,7 +258,9 @@ class Margins:
         terminalreporter.section("margins")
         for place, part in list(close.items()) or list(places.items())[:10]:
             terminalreporter.write_line(f"{place}: {part:.3g} of its tolerance")
-        terminalreporter.write_line(f"{len(places)} comparisons; {len(close)} need more than {ALLOWED} of their tolerance")
+        terminalreporter.write_line(
+            f"{len(places)} comparisons; {len(close)} need more than {ALLOWED} of their tolerance"
+        )
 
 
 def by_place(of_tests: dict[str, dict[str, float]]) -> dict[str, float]:

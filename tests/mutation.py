@@ -1,11 +1,13 @@
-"""Mutation test: small changes are made to the sources, one at a time, and the tests chosen for the source must fail.
+"""Mutation test: small changes are made to the sources, one at a time, and the tests chosen for the source
+must fail.
 
-    python -m noslip.tests.mutation [FILE ...] [--all] [--sample N] [--seed N ...] [--jobs N] [--least PART] [--json FILE]
+    python -m noslip.tests.mutation [FILE ...] [--all] [--sample N] [--seed N ...] [--jobs N] [--least PART]
+    [--json FILE]
 
-Works on copies of the tree in a temporary folder, one for each job, never on the tree itself. Of each source a sample of its
-mutants is run for each seed. A mutant in C that does not compile, or whose optimized code is that of the source, is none. Mutants
-that no test can find are listed with the reason in mutation_equivalent.toml. Exit 1 when fewer than LEAST, or PART, of the others
-are killed.
+Works on copies of the tree in a temporary folder, one for each job, never on the tree itself. Of each source
+a sample of its mutants is run for each seed. A mutant in C that does not compile, or whose optimized code is
+that of the source, is none. Mutants that no test can find are listed with the reason in
+mutation_equivalent.toml. Exit 1 when fewer than LEAST, or PART, of the others are killed.
 """
 
 from __future__ import annotations
@@ -35,14 +37,26 @@ from noslip.tests.tools import path_of
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = "tests/mutation_equivalent.toml"
 LEAST, SEED, SAMPLE = 0.97, 1992, 15
-MOST, TIMES = 300, 4  # s of processor time for tests; how often that of the source a mutant may take: an endless loop ends there
+# s of processor time for tests; how often that of the source a mutant may take: an endless loop ends there
+MOST, TIMES = 300, 4
 FOLDERS = ("runtime_c", "firmware", "generated/labmate")  # of headers
-HEAVY = ("casadi", "cffi", "matplotlib.pyplot", "mpmath", "numpy", "pyarrow.parquet", "pytest", "scipy.integrate", "scipy.linalg")
+HEAVY = (
+    "casadi",
+    "cffi",
+    "matplotlib.pyplot",
+    "mpmath",
+    "numpy",
+    "pyarrow.parquet",
+    "pytest",
+    "scipy.integrate",
+    "scipy.linalg",
+)
 
 
 @dataclass(frozen=True)
 class Source:
-    """The tests that are to find what is wrong in a source, as arguments of pytest; how many mutants a run tries."""
+    """The tests that are to find what is wrong in a source, as arguments of pytest;
+    how many mutants a run tries."""
 
     tests: tuple[str, ...]
     sample: int = SAMPLE
@@ -56,19 +70,31 @@ def _chosen(names: str, words: str) -> tuple[str, ...]:
     return (*map(path_of, names.split()), "-k", expression)
 
 
-_TRIG = _chosen("test_runtime test_odometry test_tracking", "trig_and_roots sinc tanc atan2_against atan2_is angle_of")
+_TRIG = _chosen(
+    "test_runtime test_odometry test_tracking", "trig_and_roots sinc tanc atan2_against atan2_is angle_of"
+)
 _PATH = _chosen(
     "test_tracking",
-    "against_the_reference never_back several_turns laps crosses passes drift pushed beside cusp profile smooth errors centre "
-    "error_on is_an_update null however_far too_many refused not_finite largest_gap whole_turns tight -casadi",
+    "against_the_reference never_back several_turns laps crosses passes drift pushed beside cusp profile "
+    "smooth errors centre error_on is_an_update null however_far too_many refused not_finite largest_gap "
+    "whole_turns tight -casadi",
 )
 _SHIPPED = "tests/codegen/test_codegen.py::test_shipped_files_are_current"
 _CODEGEN = {  # by what else than the shipped C
-    "derivation/foot": ("test_codegen test_follow test_verify", "foot_is_enough labmate who_has no_follow any_shape remembered"),
-    "derivation/grip": ("test_codegen test_grip test_verify", "c_is_the_reference rolls_or_says remembered generate-grip"),
+    "derivation/foot": (
+        "test_codegen test_follow test_verify",
+        "foot_is_enough labmate who_has no_follow any_shape remembered",
+    ),
+    "derivation/grip": (
+        "test_codegen test_grip test_verify",
+        "c_is_the_reference rolls_or_says remembered generate-grip",
+    ),
     "derivation/stages": ("test_codegen test_extension", "steps_are singular_is masses c_is_the_model"),
     "derivation/taylor": ("test_codegen test_functions", "derivatives in_a_path"),
-    "graph": ("test_codegen", "equal_expressions simplifying random_graphs random_c powers tangent functions_without any_name"),
+    "graph": (
+        "test_codegen",
+        "equal_expressions simplifying random_graphs random_c powers tangent functions_without any_name",
+    ),
     "optimize": ("test_codegen", "random_graphs value_of_laws fewer"),
     "program": (
         "test_codegen test_extension test_damped",
@@ -78,41 +104,56 @@ _CODEGEN = {  # by what else than the shipped C
     "printing/program_c": ("test_codegen", "any_name laws_in_c counts_are comments"),
     "printing/robot_c": ("test_codegen", "any_name names_of laws_in_c"),
     "printing/scalar": ("test_codegen", "literals does_not_fit random_c"),
-    "printing/statements": ("test_codegen test_large", "random_c powers tangent laws_in_c comments temporaries invert no_warn"),
+    "printing/statements": (
+        "test_codegen test_large",
+        "random_c powers tangent laws_in_c comments temporaries invert no_warn",
+    ),
 }
 
 SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_odometry.inc": Source(
-        _chosen("test_odometry", "-compiler -warnings -float_side -plant -labmate -rates1 -rates2 -casadi -robots")
+        _chosen(
+            "test_odometry", "-compiler -warnings -float_side -plant -labmate -rates1 -rates2 -casadi -robots"
+        )
     ),
     "runtime_c/noslip_integral.inc": Source(
         _chosen(
             "test_integral",
-            "without_a_jump "
-            "error_counts c_is_the_reference windup wrong_side small_steps time_nothing left_of new_start refused null way_out",
+            "without_a_jump error_counts c_is_the_reference windup wrong_side small_steps time_nothing "
+            "left_of new_start refused null way_out",
         )
     ),
     "runtime_c/noslip_controller.inc": Source(
         _chosen(
             "test_limits test_integral test_motor test_odometry",
-            "within_the_limits desired "
-            "written_and slow_by_itself nothing_helps any_size line-cut bad_limits small_steps time_nothing refused",
+            "within_the_limits desired written_and slow_by_itself nothing_helps any_size line-cut bad_limits "
+            "small_steps time_nothing refused",
         )
     ),
     "runtime_c/noslip_grip.inc": Source(
-        _chosen("test_grip", "c_is rolls_or given_up least_squares init_checks cone_is_cut way_to steps_keep any_forces touched")
+        _chosen(
+            "test_grip",
+            "c_is rolls_or given_up least_squares init_checks cone_is_cut way_to steps_keep any_forces "
+            "touched",
+        )
     ),
-    "runtime_c/noslip_shaping.inc": Source(_chosen("test_grip", "least_forces used_first c_is any_forces not_touched")),
+    "runtime_c/noslip_shaping.inc": Source(
+        _chosen("test_grip", "least_forces used_first c_is any_forces not_touched")
+    ),
     "runtime_c/noslip_approach.inc": Source(
         _chosen("test_approach", "bounded at_rest overshoot c_is fastest refused within -specs")
     ),
-    "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats derivative cusp slow_line")),
+    "runtime_c/noslip_profile.inc": Source(
+        _chosen("test_profile", "fastest refuses repeats derivative cusp slow_line")
+    ),
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
     "runtime_c/noslip_ekf.inc": Source(
         _chosen(
-            "test_ekf", "50_digits late too_old covariance_are wrong_pose whole_turns init_refuses refused_changes any_bits range"
+            "test_ekf",
+            "50_digits late too_old covariance_are wrong_pose whole_turns init_refuses refused_changes "
+            "any_bits range",
         )
     ),
     "runtime_c/noslip_factors.inc": Source(_chosen("test_ekf test_adaptation", "50_digits least_squares")),
@@ -120,13 +161,15 @@ SOURCES: Mapping[str, Source] = {
         _chosen("test_adaptation", "least_squares forgotten beyond_the_bounds any_bits init_refuses")
     ),
     "runtime_c/noslip_motor.inc": Source(
-        _chosen("test_motor test_runtime", "desired continuous leave supply torque misuse finite noslip_motor")
+        _chosen(
+            "test_motor test_runtime", "desired continuous leave supply torque misuse finite noslip_motor"
+        )
     ),
     "runtime_c/noslip_velocity.inc": Source(
         _chosen(
             "test_drives test_kinematic",
-            "c_is any_bits_in_l any_bits_of stop_together blocked keep_the misuse follow_is accelerations_of too_fast "
-            "what_a_step -car -manip -wheel -slope",
+            "c_is any_bits_in_l any_bits_of stop_together blocked keep_the misuse follow_is accelerations_of "
+            "too_fast what_a_step -car -manip -wheel -slope",
         )
     ),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
@@ -136,7 +179,9 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_path_code.inc": Source(_PATH),
     "runtime_c/noslip_trig.h": Source(_TRIG),
     **{
-        f"runtime_c/noslip_functions.{kind}": Source(_chosen("test_runtime test_functions", "trig_and_roots kinks"))
+        f"runtime_c/noslip_functions.{kind}": Source(
+            _chosen("test_runtime test_functions", "trig_and_roots kinks")
+        )
         for kind in ("h", "inc")
     },
     "runtime_c/noslip_real.h": Source(
@@ -146,9 +191,9 @@ SOURCES: Mapping[str, Source] = {
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(
             "test_firmware test_follower",
-            "zeros together are_counts law_says far_from approach update "
-            "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck "
-            "integral left_out keep_grip limited_and same_point one_motor not_driven wide_enough",
+            "zeros together are_counts law_says far_from approach update settings null wheel_rates width "
+            "stands_where recursion misread missed too_long stops resets forgets sees stuck integral "
+            "left_out keep_grip limited_and same_point one_motor not_driven wide_enough",
         )
     ),
     **{
@@ -177,11 +222,30 @@ class Mutant:
         return text[first:last].strip(), (text[first : self.start] + self.new + text[self.end : last]).strip()
 
 
-# -- mutants of C ------------------------------------------------------------------------------------------------------
+# -- mutants of C --------------------------------------------------------------------------------------------
 
-OPPOSITE = {"<": ("<=", ">="), ">": (">=", "<="), "<=": ("<", ">"), ">=": (">", "<"), "==": ("!=",), "!=": ("==",)}
+OPPOSITE = {
+    "<": ("<=", ">="),
+    ">": (">=", "<="),
+    "<=": ("<", ">"),
+    ">=": (">", "<"),
+    "==": ("!=",),
+    "!=": ("==",),
+}
 EXCHANGED = {
-    **{"+": "-", "-": "+", "*": "/", "/": "*", "%": "*", "&&": "||", "||": "&&", "&": "|", "|": "&", "<<": ">>", ">>": "<<"},
+    **{
+        "+": "-",
+        "-": "+",
+        "*": "/",
+        "/": "*",
+        "%": "*",
+        "&&": "||",
+        "||": "&&",
+        "&": "|",
+        "|": "&",
+        "<<": ">>",
+        ">>": "<<",
+    },
     **{"+=": "-=", "-=": "+=", "*=": "/=", "/=": "*=", "|=": "&=", "<<=": ">>="},
 }
 COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"', re.DOTALL)
@@ -190,14 +254,21 @@ NUMBER = re.compile(r"(?<![\w.])(0x[0-9a-fA-F]+|\d+\.?\d*(?:[eE][-+]?\d+)?)([uUf
 MINUS = re.compile(r"(?:(?<=[=,?:<>&|+*/-] )|(?<=return )|(?<=[({)]))-(?=[\w(])")
 NOT = re.compile(r"!(?=[\w(])")
 CONDITION = re.compile(r"\bif (?=\()")
-STATEMENT = re.compile(r"(?<=[;{}])(\s+)((?!return|break|continue|typedef|for|if|do|else|while)[\w(*+-][^;{}]*;)(?=\s)")
+STATEMENT = re.compile(
+    r"(?<=[;{}])(\s+)((?!return|break|continue|typedef|for|if|do|else|while)[\w(*+-][^;{}]*;)(?=\s)"
+)
 DECLARED = re.compile(r"\b(?:NOSLIP_REAL|float|double|u?int\w*|NOSLIP_NAME\(\w+\))\s[\w\s,*\[\]]*?\w$")
 
 
 def c_mutants(text: str, active: set[int]) -> list[Mutant]:
     """All mutants of a text of C in the lines that are compiled, from 1."""
     code = COMMENT.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text)
-    code = re.sub(r"^[ \t]*#(?:[^\n]*\\\n)*[^\n]*", lambda found: re.sub(r"[^\n]", " ", found[0]), code, flags=re.MULTILINE)
+    code = re.sub(
+        r"^[ \t]*#(?:[^\n]*\\\n)*[^\n]*",
+        lambda found: re.sub(r"[^\n]", " ", found[0]),
+        code,
+        flags=re.MULTILINE,
+    )
     return [mutant for mutant in _c_mutants(code) if code.count("\n", 0, mutant.start) + 1 in active]
 
 
@@ -208,7 +279,10 @@ def _c_mutants(code: str) -> Iterator[Mutant]:
     for found in NUMBER.finditer(code):
         line = code[code.rfind("\n", 0, found.start()) + 1 : found.start()]
         if line[-1:] != "[" or not DECLARED.search(line[:-1]):
-            yield Mutant(*found.span(), f"(2 * {found[0]})" if "." in found[1] or "e-" in found[1] else f"({found[0]} + 1)")
+            yield Mutant(
+                *found.span(),
+                f"(2 * {found[0]})" if "." in found[1] or "e-" in found[1] else f"({found[0]} + 1)",
+            )
     for pattern in (MINUS, NOT):
         for found in pattern.finditer(code):
             yield Mutant(*found.span(), "")
@@ -240,10 +314,18 @@ def _units(path: str) -> list[str]:
 
 def _compiled(root: Path, path: str, *flags: str) -> str | None:
     """What the compiler makes of a source with these flags; None where it refuses."""
-    command = ["cc", "-std=c99", "-ffp-contract=off", "-fno-math-errno", *(f"-I{root / folder}" for folder in FOLDERS)]
+    command = [
+        "cc",
+        "-std=c99",
+        "-ffp-contract=off",
+        "-fno-math-errno",
+        *(f"-I{root / folder}" for folder in FOLDERS),
+    ]
     made = []
     for unit in _units(path):
-        done = subprocess.run([*command, *flags, "-x", "c", "-o", "-", "-"], input=unit, capture_output=True, text=True)
+        done = subprocess.run(
+            [*command, *flags, "-x", "c", "-o", "-", "-"], input=unit, capture_output=True, text=True
+        )
         if done.returncode:
             return None
         made.append(done.stdout)
@@ -271,12 +353,19 @@ def _active(root: Path, path: str) -> set[int]:
     return seen
 
 
-# -- mutants of Python -------------------------------------------------------------------------------------------------
+# -- mutants of Python ---------------------------------------------------------------------------------------
 
 PYTHON = {
     **{ast.Lt: ("<=", ">="), ast.LtE: ("<", ">"), ast.Gt: (">=", "<="), ast.GtE: (">", "<"), ast.Eq: ("!=",)},
     **{ast.NotEq: ("==",), ast.In: ("not in",), ast.NotIn: ("in",), ast.Is: ("is not",), ast.IsNot: ("is",)},
-    **{ast.Add: ("-",), ast.Sub: ("+",), ast.Mult: ("/",), ast.Div: ("*",), ast.FloorDiv: ("*",), ast.Mod: ("*",)},
+    **{
+        ast.Add: ("-",),
+        ast.Sub: ("+",),
+        ast.Mult: ("/",),
+        ast.Div: ("*",),
+        ast.FloorDiv: ("*",),
+        ast.Mod: ("*",),
+    },
     **{ast.And: ("or",), ast.Or: ("and",), ast.Pow: ("*",), ast.BitAnd: ("|",), ast.BitOr: ("&",)},
 }
 TOKEN = re.compile(r"(?:is not|not in|[-+*/%<>=!&|]+|is|in|and|or)(?![\w])|[-+*/%<>=!&|]+")
@@ -304,7 +393,9 @@ def python_mutants(text: str) -> list[Mutant]:
 
     def visit(node: ast.AST) -> Iterator[Mutant]:
         if isinstance(node, ast.Compare):
-            for left, kind, right in zip([node.left, *node.comparators], node.ops, node.comparators, strict=False):
+            for left, kind, right in zip(
+                [node.left, *node.comparators], node.ops, node.comparators, strict=False
+            ):
                 yield from between(left, right, kind)
         elif isinstance(node, ast.BinOp):
             yield from between(node.left, node.right, node.op)
@@ -336,7 +427,7 @@ def python_mutants(text: str) -> list[Mutant]:
     return list(visit(ast.parse(text)))
 
 
-# -- the runs ----------------------------------------------------------------------------------------------------------
+# -- the runs ------------------------------------------------------------------------------------------------
 
 
 def mutants(root: Path, path: str) -> list[Mutant]:
@@ -349,7 +440,9 @@ def equivalent(root: Path) -> dict[str, set[tuple[str, str]]]:
     """Mutants that no test can find: source -> lines before and after."""
     file = root / EQUIVALENT
     listed = tomllib.loads(file.read_text()) if file.exists() else {}
-    return {path: {(entry["before"], entry["after"]) for entry in entries} for path, entries in listed.items()}
+    return {
+        path: {(entry["before"], entry["after"]) for entry in entries} for path, entries in listed.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -368,8 +461,14 @@ class Outcome:
 
 def files_of(root: Path) -> list[str]:
     """All files of a tree that git has or would take; of one without git, all."""
-    listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=root, capture_output=True, text=True)
-    names = listed.stdout.splitlines() if listed.returncode == 0 else [str(p.relative_to(root)) for p in root.rglob("*")]
+    listed = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard"], cwd=root, capture_output=True, text=True
+    )
+    names = (
+        listed.stdout.splitlines()
+        if listed.returncode == 0
+        else [str(p.relative_to(root)) for p in root.rglob("*")]
+    )
     return sorted({name for name in names if (root / name).is_file()})
 
 
@@ -390,7 +489,8 @@ class Copy:
         self.compiler.chmod(0o700)
 
     def passes(self, tests: tuple[str, ...]) -> float:
-        """Processor time (s) of the tests in a process of its own, which has what is not noslip's already; 0 where they fail."""
+        """Processor time (s) of the tests in a process of its own, which has what is not noslip's already;
+        0 where they fail."""
         child = os.fork()
         if child == 0:
             os._exit(self._pytest(tests))
@@ -423,8 +523,11 @@ class Copy:
         cache = self.folder / "cache"
         return set(cache.iterdir()) if cache.exists() else set()
 
-    def outcomes(self, path: str, source: Source, everything: bool, sample: int, seeds: Sequence[int]) -> list[Outcome]:
-        """Tries samples of the mutants of a source; prints who survives. Raises NotReady where its tests fail without them."""
+    def outcomes(
+        self, path: str, source: Source, everything: bool, sample: int, seeds: Sequence[int]
+    ) -> list[Outcome]:
+        """Tries samples of the mutants of a source; prints who survives. Raises NotReady where its tests fail
+        without them."""
         file = self.tree / path
         text, listed, python = file.read_text(), equivalent(self.tree).get(path, set()), path.endswith(".py")
         self.most = MOST
@@ -433,7 +536,9 @@ class Copy:
         self.most = int(10 + TIMES * took)
         compiled, found, tried = self.kept(), {}, 0
         plain = None if python else _optimized(self.tree, path)
-        for mutant, most in _drawn(mutants(self.tree, path), path, seeds, 0 if everything else sample or source.sample):
+        for mutant, most in _drawn(
+            mutants(self.tree, path), path, seeds, 0 if everything else sample or source.sample
+        ):
             if tried >= most or mutant in found:
                 continue
             before, after = mutant.lines(text)
@@ -457,7 +562,8 @@ class Copy:
 
 
 def _drawn(made: list[Mutant], path: str, seeds: Sequence[int], sample: int) -> Iterator[tuple[Mutant, int]]:
-    """The mutants of a source in the order of each seed, and how many are to be tried up to this seed; of 0, all."""
+    """The mutants of a source in the order of each seed, and how many are to be tried up to this seed;
+    of 0, all."""
     for k, seed in enumerate(seeds, 1):
         for mutant in random.Random(f"{seed} {path}").sample(made, len(made)):
             yield mutant, k * sample or len(made)
@@ -492,17 +598,22 @@ def run(
 ) -> int:
     """Tries mutants of the sources, says which survive and the scores; 0 where enough are killed.
 
-    `ready`: modules that are imported once for all; `out`: a file for the numbers as JSON, in all and by source.
+    `ready`: modules that are imported once for all; `out`: a file for the numbers as JSON, in all and by
+    source.
     """
     counts = {}
     # When a worker is stopped, the tests that it runs may still write.
     scratch = tempfile.TemporaryDirectory(prefix="mutation", ignore_cleanup_errors=True)
     with scratch as folder, ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
-        tasks = [(root, Path(folder), ready, path, source, everything, sample, seeds) for path, source in sources.items()]
+        tasks = [
+            (root, Path(folder), ready, path, source, everything, sample, seeds)
+            for path, source in sources.items()
+        ]
         for (path, _), found in zip(sources.items(), pool.map(_outcomes, tasks), strict=True):
             if isinstance(found, str):
                 print(found)
-                pool.shutdown(cancel_futures=True)  # waits for what runs: a worker that is stopped may hold a lock
+                # Waits for what runs: a worker that is stopped may hold a lock
+                pool.shutdown(cancel_futures=True)
                 return 2
             ends = [outcome.end for outcome in found]
             own = counts[path] = {end: ends.count(end) for end in ("killed", "equivalent", "survived")}
@@ -516,19 +627,25 @@ def run(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="changes the sources a little and looks whether the tests fail")
+    parser = argparse.ArgumentParser(
+        description="changes the sources a little and looks whether the tests fail"
+    )
     parser.add_argument("file", nargs="*", help="sources, as in SOURCES (all)")
     parser.add_argument("--all", action="store_true", help="every mutant of each")
     parser.add_argument("--sample", type=int, default=0, help="mutants of each (as in SOURCES)")
     parser.add_argument("--seed", type=int, nargs="+", default=[SEED], dest="seeds")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--least", type=float, default=LEAST, metavar="PART", help=f"that must be killed ({LEAST:g})")
+    parser.add_argument(
+        "--least", type=float, default=LEAST, metavar="PART", help=f"that must be killed ({LEAST:g})"
+    )
     parser.add_argument("--json", metavar="FILE", help="where the numbers go")
     given = parser.parse_args()
     if unknown := [path for path in given.file if path not in SOURCES]:
         parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(SOURCES)}")
     chosen = {path: SOURCES[path] for path in given.file or SOURCES}
-    return run(ROOT, chosen, given.all, given.sample, given.seeds, given.jobs, least=given.least, out=given.json)
+    return run(
+        ROOT, chosen, given.all, given.sample, given.seeds, given.jobs, least=given.least, out=given.json
+    )
 
 
 if __name__ == "__main__":

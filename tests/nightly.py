@@ -1,15 +1,17 @@
 """Which parameters of tests `make test` leaves to `make nightly`: those of long tests that find nothing more.
 
-by_day.json names, for each long test, the parameters that stay by day, if any; `by_day.py` chooses them and writes it.
-Other tests that are long as a whole carry the marker `nightly` where they are defined; others look at the same, or at a smaller
-version of it.
+by_day.json names, for each long test, the parameters that stay by day, if any; `by_day.py` chooses them and
+writes it. Other tests that are long as a whole carry the marker `nightly` where they are defined; others look
+at the same, or at a smaller version of it.
 """
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-BY_DAY: Mapping[str, Mapping[str, Sequence[str]]] = json.loads((Path(__file__).parent / "by_day.json").read_text())
+BY_DAY: Mapping[str, Mapping[str, Sequence[str]]] = json.loads(
+    (Path(__file__).parent / "by_day.json").read_text()
+)
 
 
 def is_nightly(file: str, name: str) -> bool:

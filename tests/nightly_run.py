@@ -1,12 +1,14 @@
-"""`make nightly`: everything that there are tools for, step by step on all cores, and a page of what came of it.
+"""`make nightly`: everything that there are tools for, step by step on all cores, and a page of what came of
+it.
 
     python -m noslip.tests.nightly_run [--steps REGEX] [-o DIR]
 
-A step is a command in a process of its own; it passes with exit code 0. The longest steps begin first, as many at a time as there
-are cores; a step that fails does not stop the others. What a step printed is in DIR/night/NAME.log. The results are kept with the
-content of the tree: a night that was stopped goes on with the steps that have not passed yet, and a changed tree starts anew.
-DIR/nightly.json and DIR/nightly.html say what ran, what was skipped and why, and the numbers that README and guarantees rest on.
-Exit code 1 if a step failed.
+A step is a command in a process of its own; it passes with exit code 0. The longest steps begin first, as
+many at a time as there are cores; a step that fails does not stop the others. What a step printed is in
+DIR/night/NAME.log. The results are kept with the content of the tree: a night that was stopped goes on with
+the steps that have not passed yet, and a changed tree starts anew. DIR/nightly.json and DIR/nightly.html say
+what ran, what was skipped and why, and the numbers that README and guarantees rest on. Exit code 1 if a step
+failed.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ ROOT = Path(__file__).resolve().parent.parent
 LONGEST = 3600  # s: a step that takes longer is ended, and has failed
 PYTEST = (sys.executable, "-P", "-m", "pytest")
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
-# Long steps, in s of one core, where no night has measured them yet; of the others it is assumed that they take 30 s.
+# Long steps, in s of one core, where no night has measured them yet; of the others it is assumed that they
+# take 30 s.
 ABOUT = {
     "guarantees eva": 1200,
     "guarantees others": 400,
@@ -53,12 +56,14 @@ ABOUT = {
 }
 PIECE = 900  # s: the tests of a file that takes longer are dealt into several steps
 PART = re.compile(r" \d+ of \d+$")  # in the name of such a step
-SEEDS, OF_C, OF_CODEGEN = ("39", "1936"), "4", "2"  # of mutation: not the seed that tests were written for; mutants for each
+# Of mutation: not the seed that tests were written for; mutants for each
+SEEDS, OF_C, OF_CODEGEN = ("39", "1936"), "4", "2"
 # Files whose tests integrate, linearize and plan: they pass with the kernels of other processors too.
 NUMERICAL = "guidance simulate outer_loop outer_design planning integral analyse shape redundancy".split()
 SHORT = re.compile(r"::test_(guarantee|bits)\[")  # short versions of the guarantees and of `make bits`
 COMPILES = re.compile(r'HOST_CC|COMPILERS|"gcc"')  # in a test file: its tests run a compiler of this host
-OTHER_TOOLS = re.compile(r"clang|lld|ld\.lld|llvm|arm-none|riscv|qemu|cppcheck|frama|cbmc|chromium|node|emcc")  # than gcc
+# Than gcc
+OTHER_TOOLS = re.compile(r"clang|lld|ld\.lld|llvm|arm-none|riscv|qemu|cppcheck|frama|cbmc|chromium|node|emcc")
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,8 @@ class Step:
 
 @dataclass
 class Result:
-    """What became of a step. `seconds`: its part of the night, its duration times the part of the cores that it uses, so that
-    those of all steps add up to the night. `reason`: why it failed or was skipped.
+    """What became of a step. `seconds`: its part of the night, its duration times the part of the cores that
+    it uses, so that those of all steps add up to the night. `reason`: why it failed or was skipped.
     """
 
     name: str
@@ -84,7 +89,7 @@ class Result:
     reason: str = ""
 
 
-# -- the steps ---------------------------------------------------------------------------------------------------------
+# -- the steps -----------------------------------------------------------------------------------------------
 
 
 def steps(folder: Path) -> list[Step]:
@@ -96,16 +101,26 @@ def steps(folder: Path) -> list[Step]:
 
     # The tests of the day, by which the margins are measured.
     found = [target("margins", cores=os.cpu_count() or 1)]
-    found += [target("lint"), target("types"), target("check-generated"), target("bits"), target("firmware-test")]
+    found += [
+        target("lint"),
+        target("types"),
+        target("check-generated"),
+        target("bits"),
+        target("firmware-test"),
+    ]
     found += [target("figures")]
     found += [Step(name, _pytest(folder, name, "-m", "nightly", *tests)) for name, tests in _of_the_night()]
     for choice, environment in choices().items():
         command = _pytest(folder, f"kernels {choice}", *(f"test_{name}" for name in NUMERICAL))
         if environment:  # the margins have the kernels of this processor
             found.append(Step(f"kernels {choice}", command, environment, lacking=lacking(choice)))
-    alone = [path.stem for path in sorted(ROOT.glob("tests/*/test_*.py")) if COMPILES.search(path.read_text())]
+    alone = [
+        path.stem for path in sorted(ROOT.glob("tests/*/test_*.py")) if COMPILES.search(path.read_text())
+    ]
     absent = "" if shutil.which("gcc") else "gcc is not installed"
-    found.append(Step("gcc alone", _pytest(folder, "gcc alone", *alone), {"PATH": str(folder / "gcc")}, lacking=absent))
+    found.append(
+        Step("gcc alone", _pytest(folder, "gcc alone", *alone), {"PATH": str(folder / "gcc")}, lacking=absent)
+    )
     others = [name for name in CHECKS if name not in ("eva", "fuzz")]
     for name, checks in {"eva": ["eva"], "fuzz": ["fuzz"], "others": others}.items():
         command = [python, "-m", "noslip.checks.guarantees", *checks, "-o", str(folder / "guarantees" / name)]
@@ -114,7 +129,15 @@ def steps(folder: Path) -> list[Step]:
         sample = OF_CODEGEN if path.startswith("codegen") else OF_C
         options = ["--jobs", "1", "--seed", *SEEDS, "--sample", sample, "--least", "0"]
         name = f"mutation {path}"
-        command = [python, "-m", "noslip.tests.mutation", path, *options, "--json", str(_file(folder, name, "json"))]
+        command = [
+            python,
+            "-m",
+            "noslip.tests.mutation",
+            path,
+            *options,
+            "--json",
+            str(_file(folder, name, "json")),
+        ]
         found.append(Step(name, command))
     return found
 
@@ -126,8 +149,8 @@ def _pytest(folder: Path, name: str, *arguments: str) -> list[str]:
 
 
 def _of_the_night() -> Iterator[tuple[str, list[str]]]:
-    """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a part of one. Left out
-    are short versions of what other steps run whole.
+    """Yield the names of the steps that run what is left to the night, and their tests: a file each, or a
+    part of one. Left out are short versions of what other steps run whole.
     """
     tests = [test for test in collected("nightly", "tests") if not SHORT.search(test)]
     for file in sorted({re.split(r"[/.]", test)[2] for test in tests}):
@@ -152,11 +175,12 @@ def _file(folder: Path, name: str, kind: str) -> Path:
     return folder / f"{re.sub(r'[^A-Za-z0-9_.-]+', '-', name)}.{kind}"
 
 
-# -- running them ------------------------------------------------------------------------------------------------------
+# -- running them --------------------------------------------------------------------------------------------
 
 
 class Night:
-    """The results so far, in a folder; those of another content of the tree are not taken over, but for their duration."""
+    """The results so far, in a folder; those of another content of the tree are not taken over,
+    but for their duration."""
 
     def __init__(self, folder: Path, tree: str):
         self.folder, self.tree, self.results = folder, tree, dict[str, Result]()
@@ -167,7 +191,8 @@ class Night:
             self.results = {each["name"]: Result(**each) for each in kept["steps"]}
 
     def run(self, chosen: Sequence[Step], cores: int) -> list[Result]:
-        """Run the steps that have not passed, the longest first, and return the results of all, in the order of the steps."""
+        """Run the steps that have not passed, the longest first, and return the results of all,
+        in the order of the steps."""
         waiting = [step for step in chosen if self._outstanding(step)]
         waiting.sort(key=lambda step: (-min(step.cores, cores), -self._expected(step)))
         running: dict[Running, int] = {}
@@ -204,7 +229,11 @@ class Night:
         print(f"{result.status:8}{result.name}  [{result.seconds:.0f} s]  {result.reason}", flush=True)
         self.results[result.name] = result
         self.seconds[result.name] = result.seconds
-        kept = {"tree": self.tree, "seconds": self.seconds, "steps": [asdict(each) for each in self.results.values()]}
+        kept = {
+            "tree": self.tree,
+            "seconds": self.seconds,
+            "steps": [asdict(each) for each in self.results.values()],
+        }
         write(self.folder / "results.json", json.dumps(kept, indent=1))
 
 
@@ -218,9 +247,14 @@ class Running:
         with log.open("w") as printed:
             environment = {**os.environ, **step.environment}
             self.process = subprocess.Popen(
-                step.command, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, stdout=printed, stderr=printed,
+                step.command,
+                cwd=ROOT,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=printed,
+                stderr=printed,
                 start_new_session=True,
-            )  # fmt: skip
+            )
 
     def ended(self) -> bool:
         """Has it ended? One that takes too long is ended."""
@@ -238,7 +272,11 @@ class Running:
 
     def result(self) -> Result:
         """Return what became of it."""
-        seconds, code, printed = time.monotonic() - self.began, self.process.returncode, self.log.read_text(errors="replace")
+        seconds, code, printed = (
+            time.monotonic() - self.began,
+            self.process.returncode,
+            self.log.read_text(errors="replace"),
+        )
         if seconds > LONGEST:
             return Result(self.step.name, FAILED, seconds, f"took longer than {LONGEST} s")
         if code == 0:
@@ -248,7 +286,9 @@ class Running:
             return Result(self.step.name, SKIPPED if whole else PASSED, seconds, reason)
         lines = [line.strip() for line in printed.splitlines() if line.strip()]
         telling = [line for line in lines if re.match(r"FAILED|ERROR|\S+ +FAILED|make.*Error", line)]
-        return Result(self.step.name, FAILED, seconds, f"exit {code}: {'; '.join((telling or lines)[-3:])[:300]}")
+        return Result(
+            self.step.name, FAILED, seconds, f"exit {code}: {'; '.join((telling or lines)[-3:])[:300]}"
+        )
 
 
 def content(root: Path = ROOT) -> str:
@@ -265,16 +305,23 @@ def write(path: Path, text: str) -> None:
     path.with_suffix(".new").replace(path)
 
 
-# -- what they found ---------------------------------------------------------------------------------------------------
+# -- what they found -----------------------------------------------------------------------------------------
 
 
 def report(folder: Path, results: Sequence[Result], tree: str) -> dict:
     """Return what the page says, from the results of the steps and the files that they wrote."""
     tests = list(_tests(folder, results))
     by_file = _mutation(folder, results)
-    totals = {kind: sum(counts[kind] for counts in by_file.values()) for kind in ("killed", "equivalent", "survived")}
+    totals = {
+        kind: sum(counts[kind] for counts in by_file.values())
+        for kind in ("killed", "equivalent", "survived")
+    }
     judged = [*results, *_scores(by_file)]
-    margins = json.loads((ROOT / "build/margins.json").read_text()) if (ROOT / "build/margins.json").exists() else {}
+    margins = (
+        json.loads((ROOT / "build/margins.json").read_text())
+        if (ROOT / "build/margins.json").exists()
+        else {}
+    )
     needed = [(part, test, place) for test, places in margins.items() for place, part in places.items()]
     return {
         "tree": tree,
@@ -282,20 +329,29 @@ def report(folder: Path, results: Sequence[Result], tree: str) -> dict:
         "mutation": {**totals, "files": by_file},
         "eva": _lines(folder, "guarantees eva", r"^eva .*"),
         "digests": _lines(folder, "bits", r"^\S.*\b[0-9a-f]{8,}.*"),
-        "margins": [{"part": part, "test": test, "place": place} for part, test, place in sorted(needed, reverse=True)[:20]],
-        "slowest": [{"test": name, "seconds": seconds} for seconds, name, _, _ in sorted(tests, reverse=True)[:30]],
+        "margins": [
+            {"part": part, "test": test, "place": place}
+            for part, test, place in sorted(needed, reverse=True)[:20]
+        ],
+        "slowest": [
+            {"test": name, "seconds": seconds} for seconds, name, _, _ in sorted(tests, reverse=True)[:30]
+        ],
         "failures": [{"test": name, "says": says} for _, name, end, says in tests if end == "failure"],
         "skipped": [{"test": name, "reason": says} for _, name, end, says in tests if end == "skipped"],
     }
 
 
 def _tests(folder: Path, results: Iterable[Result]) -> Iterator[tuple[float, str, str, str]]:
-    """Yield of each test of the steps its duration (s), its name, how it ended ("", "failure" or "skipped"), and why so."""
+    """Yield of each test of the steps its duration (s), its name, how it ended ("",
+    "failure" or "skipped"), and why so."""
     for result in results:
         file = _file(folder, result.name, "xml")
         for case in ElementTree.parse(file).iter("testcase") if file.exists() and result.seconds else ():
-            ends = [(("skipped" if each.tag == "skipped" else "failure"), each.get("message", "")) for each in case
-                    if each.tag in ("failure", "error", "skipped")]  # fmt: skip
+            ends = [
+                (("skipped" if each.tag == "skipped" else "failure"), each.get("message", ""))
+                for each in case
+                if each.tag in ("failure", "error", "skipped")
+            ]
             end, says = ends[0] if ends else ("", "")
             yield float(case.get("time", 0)), f"{case.get('classname')}::{case.get('name')}", end, says[:300]
 
@@ -320,17 +376,24 @@ def _scores(by_file: Mapping[str, Mapping[str, int]]) -> Iterator[Result]:
         total = killed + sum(counts["survived"] for counts in some)
         says = f"{killed} of {total} mutants of {words} killed; {LEAST:.0%} are asked"
         if total:
-            yield Result(f"mutation score of {words}", PASSED if killed >= LEAST * total else FAILED, 0.0, says)
+            yield Result(
+                f"mutation score of {words}", PASSED if killed >= LEAST * total else FAILED, 0.0, says
+            )
 
 
 def _lines(folder: Path, name: str, pattern: str) -> list[str]:
     """Return lines of what a step printed."""
     log = _file(folder, name, "log")
-    return [line.rstrip() for line in re.findall(pattern, log.read_text(errors="replace"), re.M)] if log.exists() else []
+    return (
+        [line.rstrip() for line in re.findall(pattern, log.read_text(errors="replace"), re.M)]
+        if log.exists()
+        else []
+    )
 
 
 STYLE = """
-body { font: 15px sans-serif; margin: 2em; max-width: 75em } table { border-collapse: collapse } pre { font-size: 12px }
+body { font: 15px sans-serif; margin: 2em; max-width: 75em } table { border-collapse: collapse } pre { \
+font-size: 12px }
 td, th { padding: 2px 9px; text-align: left; vertical-align: top; border-bottom: 1px solid #ddd }
 .failed { color: #b00020; font-weight: bold } .skipped { color: #777 }
 """
@@ -355,7 +418,11 @@ def page(found: Mapping) -> str:
         _table("Slowest tests", found["slowest"], ("seconds", "test")),
         _table("Tests that were skipped", found["skipped"], ("test", "reason")),
     ]
-    return f"<!doctype html><meta charset=utf-8><title>The night</title><style>{STYLE}</style>\n" + "\n".join(parts) + "\n"
+    return (
+        f"<!doctype html><meta charset=utf-8><title>The night</title><style>{STYLE}</style>\n"
+        + "\n".join(parts)
+        + "\n"
+    )
 
 
 def _table(title: str, rows: Iterable[Mapping], columns: Sequence[str]) -> str:
@@ -381,16 +448,22 @@ def night(chosen: Sequence[Step], out: Path, tree: str, cores: int) -> int:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="runs everything that there are tools for, and writes build/nightly.html")
+    parser = argparse.ArgumentParser(
+        description="runs everything that there are tools for, and writes build/nightly.html"
+    )
     parser.add_argument("--steps", metavar="REGEX", default="", help="only steps whose names have this")
-    parser.add_argument("-o", metavar="DIR", dest="out", type=Path, default=ROOT / "build", help="where the page goes")
+    parser.add_argument(
+        "-o", metavar="DIR", dest="out", type=Path, default=ROOT / "build", help="where the page goes"
+    )
     given = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     out = given.out.resolve()
     _only_gcc(out / "night" / "gcc")
     chosen = [step for step in steps(out / "night") if re.search(given.steps, step.name)]
     try:
-        return night(chosen, out, content(), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2)
+        return night(
+            chosen, out, content(), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
+        )
     except KeyboardInterrupt:
         print("stopped; make nightly goes on from here")
         return 130

@@ -1,8 +1,9 @@
-"""The same numbers on every processor: runs of all shipped SPECs under the kernels that libraries choose for other processors.
+"""The same numbers on every processor: runs of all shipped SPECs under the kernels that libraries choose for
+other processors.
 
 OpenBLAS, NumPy and the C library choose code by processor, and each can be told to take another's. `python -m
-noslip.tests.processors` prints, for each choice, one digest of the CSVs of all SPECs with all backends of this host;
-`python -m noslip.tests.processors digest [SPEC ...]` prints that of this process.
+noslip.tests.processors` prints, for each choice, one digest of the CSVs of all SPECs with all backends of
+this host; `python -m noslip.tests.processors digest [SPEC ...]` prints that of this process.
 """
 
 import hashlib
@@ -21,7 +22,8 @@ from noslip.simulation.specification.spec import read_spec
 SPECS = sorted((Path(__file__).resolve().parent.parent / "examples/specs").rglob("*.toml"))
 
 
-CORES = {"Prescott": "sse3", "Nehalem": "sse4_2", "Haswell": "avx2", "Zen": "avx2", "SkylakeX": "avx512f"}  # what they need
+# What they need
+CORES = {"Prescott": "sse3", "Nehalem": "sse4_2", "Haswell": "avx2", "Zen": "avx2", "SkylakeX": "avx512f"}
 
 
 @cache
@@ -34,7 +36,9 @@ def choices() -> dict[str, dict[str, str]]:
         "NumPy's baseline": {"NPY_DISABLE_CPU_FEATURES": " ".join(dispatched)},
         "libm without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-AVX,-FMA,-FMA4"},
     }
-    together = {name: value for choice in (cores["Prescott"], *plain.values()) for name, value in choice.items()}
+    together = {
+        name: value for choice in (cores["Prescott"], *plain.values()) for name, value in choice.items()
+    }
     return {"this processor": {}, **cores, **plain, "all of the oldest": together}
 
 
@@ -57,15 +61,21 @@ def digest(specs: Sequence[Path], backends: Sequence[str] = BACKENDS) -> str:
         for backend in backends:
             text = csv(spec, backend)
             if os.environ.get("SHOWN"):
-                print(f"{spec.stem:20}{backend:8}{hashlib.sha256(text.encode()).hexdigest()[:12]}", file=sys.stderr)
+                print(
+                    f"{spec.stem:20}{backend:8}{hashlib.sha256(text.encode()).hexdigest()[:12]}",
+                    file=sys.stderr,
+                )
             made.update(text.encode())
     return made.hexdigest()
 
 
 def run_with(choice: str, command: Sequence[str]) -> str:
-    """Standard output of Python with a choice in its environment. Raises CalledProcessError where it fails."""
+    """Standard output of Python with a choice in its environment. Raises CalledProcessError where it
+    fails."""
     environment = {**os.environ, **choices()[choice]}
-    return subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        [sys.executable, *command], env=environment, capture_output=True, text=True, check=True
+    ).stdout
 
 
 def digest_with(choice: str, specs: Sequence[Path], backends: Sequence[str] = BACKENDS) -> str:

@@ -1,8 +1,10 @@
-"""Random constrained robots, and their equations by projected Newton-Euler in 40 digits, derived without noslip.
+"""Random constrained robots, and their equations by projected Newton-Euler in 40 digits, derived without
+noslip.
 
-A robot is a description: every function in it is a tree of operations on coordinates, parameters and decimals. noslip gets it as
-CasADi expressions. Here the trees are evaluated as jets (value, gradient, Hessian) of mpmath numbers, and the equations are
-solved at one state after another: no null space, no decoupling matrix and no symbolic algebra lie between a robot and tau.
+A robot is a description: every function in it is a tree of operations on coordinates, parameters and
+decimals. noslip gets it as CasADi expressions. Here the trees are evaluated as jets (value, gradient,
+Hessian) of mpmath numbers, and the equations are solved at one state after another: no null space, no
+decoupling matrix and no symbolic algebra lie between a robot and tau.
 """
 
 import random
@@ -19,12 +21,13 @@ WELL = 40.0  # the largest condition number, rows scaled to length 1, of a state
 TRIES = 400  # states drawn, before a robot is given up
 
 
-# -- trees ----------------------------------------------------------------------------------------------------------------
+# -- trees ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Tree:
-    """An operation on other trees; a leaf is a coordinate ("q", number), a parameter ("p", number) or a decimal ("n", text)."""
+    """An operation on other trees; a leaf is a coordinate ("q", number), a parameter ("p",
+    number) or a decimal ("n", text)."""
 
     operation: str
     arguments: tuple = ()
@@ -68,7 +71,8 @@ def evaluated(tree: Tree, q: Sequence, p: Sequence, number, functions):
 class Jet:
     """A function of q at a point: value, gradient (n,) and Hessian (n, n) of mpmath numbers.
 
-    Arrays come first in products: an mpmath number before one is slow, for mpmath tries to read the array as a number.
+    Arrays come first in products: an mpmath number before one is slow, for mpmath tries to read the array as
+    a number.
     """
 
     def __init__(self, value, gradient, hessian):
@@ -92,13 +96,17 @@ class Jet:
 
     def through(self, value, slope, bend):
         """f(self), given f, f' and f'' there."""
-        return Jet(value, self.gradient * slope, self.hessian * slope + np.outer(self.gradient, self.gradient) * bend)
+        return Jet(
+            value, self.gradient * slope, self.hessian * slope + np.outer(self.gradient, self.gradient) * bend
+        )
 
 
 JETS = {
     "sin": lambda a: a.through(mpmath.sin(a.value), mpmath.cos(a.value), -mpmath.sin(a.value)),
     "cos": lambda a: a.through(mpmath.cos(a.value), -mpmath.sin(a.value), -mpmath.cos(a.value)),
-    "sqrt": lambda a: a.through(mpmath.sqrt(a.value), 1 / (2 * mpmath.sqrt(a.value)), -1 / (4 * mpmath.sqrt(a.value) ** 3)),
+    "sqrt": lambda a: a.through(
+        mpmath.sqrt(a.value), 1 / (2 * mpmath.sqrt(a.value)), -1 / (4 * mpmath.sqrt(a.value) ** 3)
+    ),
 }
 
 
@@ -116,15 +124,18 @@ def in_casadi(tree: Tree, q: Sequence, p: Sequence):
     """The tree as noslip takes it."""
     import casadi as ca
 
-    return evaluated(tree, q, p, lambda text: ca.SX(float(text)), {"sin": ca.sin, "cos": ca.cos, "sqrt": ca.sqrt})
+    return evaluated(
+        tree, q, p, lambda text: ca.SX(float(text)), {"sin": ca.sin, "cos": ca.cos, "sqrt": ca.sqrt}
+    )
 
 
-# -- robots ---------------------------------------------------------------------------------------------------------------
+# -- robots --------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Velocity:
-    """Linear in the rates: the rate of a function of q, coefficients times rates, or `terms`, times rates of functions."""
+    """Linear in the rates: the rate of a function of q, coefficients times rates, or `terms`,
+    times rates of functions."""
 
     function: Tree | None = None
     coefficients: tuple[Tree | None, ...] = ()
@@ -133,7 +144,8 @@ class Velocity:
 
 @dataclass(frozen=True)
 class Force:
-    """-coefficient times v, |v| v, v sqrt(v^2 + 1/4), or |w|, w being the rate of the coordinate `other`; on v."""
+    """-coefficient times v, |v| v, v sqrt(v^2 + 1/4), or |w|, w being the rate of the coordinate `other`;
+    on v."""
 
     kind: str
     coefficient: Tree
@@ -143,7 +155,8 @@ class Force:
 
 @dataclass(frozen=True)
 class RandomRobot:
-    """What was drawn. `weights` and `places`: kinetic energy, half the sum of weight times the place's rate squared."""
+    """What was drawn. `weights` and `places`: kinetic energy,
+    half the sum of weight times the place's rate squared."""
 
     seed: int
     n: int
@@ -177,7 +190,11 @@ class _Draw:
 
     def factor(self) -> Tree:
         """A number or a parameter."""
-        return self.number() if self.random.random() < 0.4 else Tree("p", (self.random.randrange(self.parameters),))
+        return (
+            self.number()
+            if self.random.random() < 0.4
+            else Tree("p", (self.random.randrange(self.parameters),))
+        )
 
     def coordinate(self) -> Tree:
         return Tree("q", (self.random.randrange(self.n),))
@@ -277,7 +294,9 @@ def _drawn(seed: int, attempt: int) -> RandomRobot:
         if source.random() < 0.3:
             outputs.append((1, draw.velocity(k)))
         else:
-            outputs.append((2, Tree("q", (k,)) if source.random() < 0.4 else Tree("q", (k,)) + draw.function(2)))
+            outputs.append(
+                (2, Tree("q", (k,)) if source.random() < 0.4 else Tree("q", (k,)) + draw.function(2))
+            )
     return RandomRobot(
         seed,
         n,
@@ -293,7 +312,7 @@ def _drawn(seed: int, attempt: int) -> RandomRobot:
     )
 
 
-# -- for noslip -----------------------------------------------------------------------------------------------------------
+# -- for noslip ----------------------------------------------------------------------------------------------
 
 
 def mechanism(robot: RandomRobot) -> Mechanism:
@@ -310,7 +329,9 @@ def mechanism(robot: RandomRobot) -> Mechanism:
             return result.rate(in_casadi(v.function, q, p))
         if v.terms:
             return sum(in_casadi(c, q, p) * result.rate(in_casadi(f, q, p)) for c, f in v.terms)
-        parts = [in_casadi(c, q, p) * result.rate(q[k]) for k, c in enumerate(v.coefficients) if c is not None]
+        parts = [
+            in_casadi(c, q, p) * result.rate(q[k]) for k, c in enumerate(v.coefficients) if c is not None
+        ]
         return sum(parts[1:], start=parts[0])
 
     for weight, place in zip(robot.weights, robot.places, strict=True):
@@ -338,12 +359,13 @@ def mechanism(robot: RandomRobot) -> Mechanism:
     return result
 
 
-# -- by itself ------------------------------------------------------------------------------------------------------------
+# -- by itself -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class State:
-    """Numbers that a float holds. `nu` are the quasi-velocities, `reference` y_d, ydot_d (and yddot_d) row by row."""
+    """Numbers that a float holds. `nu` are the quasi-velocities, `reference` y_d,
+    ydot_d (and yddot_d) row by row."""
 
     p: tuple[float, ...]
     q: tuple[float, ...]
@@ -383,7 +405,8 @@ def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def chosen_velocities(robot: RandomRobot, names: Sequence[str]) -> list[Velocity]:
-    """The quasi-velocities: the robot's own, or those that noslip names: rates of coordinates, velocities that inputs act on."""
+    """The quasi-velocities: the robot's own, or those that noslip names: rates of coordinates,
+    velocities that inputs act on."""
     if robot.quasi:
         return list(robot.quasi)
     velocities = []
@@ -395,7 +418,8 @@ def chosen_velocities(robot: RandomRobot, names: Sequence[str]) -> list[Velocity
 
 
 def truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Every quantity of the law and of the dynamics at a state, by Newton's and Euler's equations and Lagrange's multipliers."""
+    """Every quantity of the law and of the dynamics at a state,
+    by Newton's and Euler's equations and Lagrange's multipliers."""
     with mpmath.workdps(DIGITS):
         return _truth(robot, state, names)
 
@@ -479,7 +503,8 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
 
 
 def states(robot: RandomRobot, count: int) -> list[State]:
-    """Random states where nothing that must be inverted is near singular; every third with coordinates that are zero."""
+    """Random states where nothing that must be inverted is near singular;
+    every third with coordinates that are zero."""
     source, accepted = np.random.default_rng(robot.seed), []
     free = robot.dof
     references = sum(3 if degree == 2 else 2 for degree, _ in robot.outputs)
@@ -512,7 +537,9 @@ def _well_conditioned(robot: RandomRobot, state: State) -> bool:
     with mpmath.workdps(20):
         q, p = [mpmath.mpf(x) for x in state.q], [mpmath.mpf(x) for x in state.p]
         A, E = _rows(robot.constraints, q, p)[0], _rows(robot.inputs, q, p)[0]
-        J = np.array([_row(x, q, p)[0] if degree == 1 else jet(x, q, p).gradient for degree, x in robot.outputs])
+        J = np.array(
+            [_row(x, q, p)[0] if degree == 1 else jet(x, q, p).gradient for degree, x in robot.outputs]
+        )
         checked = [np.concatenate([A, J]) if len(J) else A, np.concatenate([A, E])]
         if robot.quasi:
             checked.append(np.concatenate([A, _rows(robot.quasi, q, p)[0]]))

@@ -15,7 +15,11 @@ def sled():
     robot.input("T", "N m", on=robot.rate(phi))
     robot.quasi_velocity("v", "m/s", forward)
     robot.quasi_velocity("w", "rad/s", robot.rate(phi))
-    robot.output("speeds", "forward speed and yaw rate", [("forward", "m/s", forward), ("yaw", "rad/s", robot.rate(phi))])
+    robot.output(
+        "speeds",
+        "forward speed and yaw rate",
+        [("forward", "m/s", forward), ("yaw", "rad/s", robot.rate(phi))],
+    )
     return robot
 
 

@@ -14,7 +14,8 @@ from noslip.simulation.controllers.targets import PACKAGES, missing, required
 ROOT = Path(__file__).resolve().parent.parent
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]  # for this host
 HOST_CC = (*COMPILERS, "cc")[0]
-NOSLIP = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]  # the command, in a process
+# The command, in a process
+NOSLIP = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]
 
 
 def path_of(name: str) -> str:
@@ -43,9 +44,11 @@ def need(*tools: str) -> str:
 
 
 def lacking(reasons: Iterable[str]) -> str:
-    """Return in one line which packages would bring what tests were skipped for, and how many each; empty: none.
+    """Return in one line which packages would bring what tests were skipped for, and how many each; empty:
+    none.
 
-    `reasons`: those of the skipped tests, as `need`, `pytest.importorskip` and the checks of guarantees/ word them.
+    `reasons`: those of the skipped tests, as `need`, `pytest.importorskip` and the checks of guarantees/ word
+    them.
     """
     counts: Counter[str] = Counter()
     for reason in reasons:

@@ -1,7 +1,9 @@
-"""The links of a URDF in space, from its XML and nothing else: mass matrix and velocities, for comparison with what is imported.
+"""The links of a URDF in space, from its XML and nothing else: mass matrix and velocities, for comparison
+with what is imported.
 
-Nothing of noslip is used. The velocities are those of a free flyer, as Pinocchio has them: the linear (m/s) and angular (rad/s)
-velocity of the root's frame, in its own axes, then the rate of each joint that moves, in the order of the file.
+Nothing of noslip is used. The velocities are those of a free flyer, as Pinocchio has them: the linear (m/s)
+and angular (rad/s) velocity of the root's frame, in its own axes, then the rate of each joint that moves, in
+the order of the file.
 """
 
 import xml.etree.ElementTree as xml
@@ -43,7 +45,8 @@ class Links:
         self.root = next(name for name in self.links if name not in children)
 
     def frames(self, angles: dict[str, float]) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Rotation, place and Jacobian (6 x 6 + moving, velocity then angular velocity) of each link in the frame of the root."""
+        """Rotation, place and Jacobian (6 x 6 + moving, velocity then angular velocity) of each link in the
+        frame of the root."""
         still = np.zeros((6, 6 + len(self.moving)))
         still[:, :6] = np.eye(6)
         frames, waiting = {self.root: (np.eye(3), np.zeros(3), still)}, list(self.joints.values())
@@ -81,7 +84,9 @@ class Links:
                 continue
             turn, place = origin(inertial)
             values = inertial.find("inertia")
-            xx, xy, xz, yy, yz, zz = (float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+            xx, xy, xz, yy, yz, zz = (
+                float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            )
             inertia = R @ turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ (R @ turn).T
             centre = J[:3] - cross(R @ place) @ J[3:]
             M = M + mass * centre.T @ centre + J[3:].T @ inertia @ J[3:]

@@ -1,4 +1,5 @@
-"""URDFs for tests: links with inertial frames that are turned and shifted, joints with turned frames, fixed links."""
+"""URDFs for tests: links with inertial frames that are turned and shifted, joints with turned frames,
+fixed links."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -48,13 +49,21 @@ class Urdf:
         inertia = np.diag([0.6, 0.6, 1.0]) * mass * radius**2 / 2
         cylinder = f'<geometry><cylinder radius="{radius!r}" length="0.04"/></geometry>'
         shape = f'<collision>{cylinder}<origin xyz="0 0 {BESIDE}"/></collision>'
-        self.parts.append(f'<link name="{name}">{self.inertial(mass, (0, 0, 0.01), (0, 0, 0.3), inertia)}{shape}</link>')
+        self.parts.append(
+            f'<link name="{name}">{self.inertial(mass, (0, 0, 0.01), (0, 0, 0.3), inertia)}{shape}</link>'
+        )
         place = np.subtract(place, (0, BESIDE, 0))
-        self.joint(f"{name}_joint", "continuous", parent, name, place, WHEEL, (0, 0, -1 if backward else 1), **joint)
+        self.joint(
+            f"{name}_joint", "continuous", parent, name, place, WHEEL, (0, 0, -1 if backward else 1), **joint
+        )
 
-    def joint(self, name, kind, parent, child, place=(0, 0, 0), rpy="0 0 0", axis=(0, 0, 1), limit=(-1.0, 1.0)) -> None:
+    def joint(
+        self, name, kind, parent, child, place=(0, 0, 0), rpy="0 0 0", axis=(0, 0, 1), limit=(-1.0, 1.0)
+    ) -> None:
         limits = (
-            f'<limit lower="{limit[0]}" upper="{limit[1]}" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
+            f'<limit lower="{limit[0]}" upper="{limit[1]}" effort="1" velocity="1"/>'
+            if kind in ("revolute", "prismatic")
+            else ""
         )
         self.parts.append(
             f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
@@ -62,11 +71,14 @@ class Urdf:
         )
 
     def drives(self, *joints: str) -> None:
-        self.parts += [f'<transmission name="of_{joint}"><joint name="{joint}"/></transmission>' for joint in joints]
+        self.parts += [
+            f'<transmission name="of_{joint}"><joint name="{joint}"/></transmission>' for joint in joints
+        ]
 
 
 def body(name: str) -> Urdf:
-    """A body whose frame is on the ground in the middle of the fixed axle, with a box fixed to it and a castor."""
+    """A body whose frame is on the ground in the middle of the fixed axle,
+    with a box fixed to it and a castor."""
     made = Urdf(name)
     made.link("base", 8.0, (0.1, 0.02, 0.2))
     made.link("box", 1.5, (0.05, 0.01, 0.03))
@@ -107,7 +119,12 @@ def steered(pair: bool, front: bool = False) -> Urdf:
         made.link(f"knuckle{name}", 0.4, (0.02, 0.01 * side, 0.03))
         down = side > 0
         made.joint(
-            f"steering{name}", "revolute", "base", f"knuckle{name}", (0.8, side * 0.25, 0.1), axis=(0, 0, -1 if down else 1)
+            f"steering{name}",
+            "revolute",
+            "base",
+            f"knuckle{name}",
+            (0.8, side * 0.25, 0.1),
+            axis=(0, 0, -1 if down else 1),
         )
         made.wheel(f"front{name}", f"knuckle{name}", (0, side * 0.05, 0), mass=0.6)
     made.drives(*(("front_joint",) if front else ("left_joint", "right_joint")))
@@ -123,8 +140,8 @@ def four_wheels() -> Urdf:
 
 
 def mecanum(rollers: int = 8) -> Urdf:
-    """Four wheels of radius 0.1 m with rollers, which have joints; without any, their wheels are cylinders. The left ones turn
-    about an axis to the right.
+    """Four wheels of radius 0.1 m with rollers, which have joints; without any, their wheels are cylinders.
+    The left ones turn about an axis to the right.
     """
     made = body("mecanum_cart")
     for ahead, place in ((0.25, "front"), (-0.25, "rear")):
@@ -136,10 +153,16 @@ def mecanum(rollers: int = 8) -> Urdf:
             slant = np.sign(ahead) * -side * QUARTER / 2  # 45 deg for the front right one
             for k in range(rollers):
                 angle = 2 * np.pi * k / rollers
-                outward, tangent = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
+                outward, tangent = (
+                    np.array([np.cos(angle), np.sin(angle), 0]),
+                    np.array([-np.sin(angle), np.cos(angle), 0]),
+                )
                 axis = np.cos(slant) * tangent - np.sin(slant) * np.array([0, 0, 1])
                 roller, off = f"{wheel}_roller_{k}", -0.01 * axis  # its link's origin is off the middle
-                shape = f'<collision><origin xyz="{numbers(-off)}"/><geometry><sphere radius="0.02"/></geometry></collision>'
+                shape = (
+                    f'<collision><origin xyz="{numbers(-off)}"/><geometry><sphere '
+                    'radius="0.02"/></geometry></collision>'
+                )
                 inertial = made.inertial(0.03, -off, (0, 0, 0), 1e-5 * np.eye(3))
                 made.parts.append(f'<link name="{roller}">{inertial}{shape}</link>')
                 place_of = 0.08 * outward + np.array([0, 0, BESIDE]) + off
@@ -148,7 +171,8 @@ def mecanum(rollers: int = 8) -> Urdf:
 
 
 def with_arm(made: Urdf) -> Urdf:
-    """With an arm: two vertical joints, the second upside down on a flange, and a wrist that cannot move in the plane."""
+    """With an arm: two vertical joints, the second upside down on a flange,
+    and a wrist that cannot move in the plane."""
     made.link("upper_arm", 1.2, (0.2, 0.01, 0.05))
     made.joint("shoulder", "revolute", "base", "upper_arm", (-0.3, 0.03, 0.4), "0 0 0.5")
     made.link("flange", 0.1, (0.01, 0, 0))
@@ -161,11 +185,17 @@ def with_arm(made: Urdf) -> Urdf:
 
 
 def turtlebot3(model: str) -> Urdf:
-    """The links of a TurtleBot3 that have mass, from ROBOTIS' turtlebot3_burger.urdf or turtlebot3_waffle_pi.urdf, without
-    meshes.
+    """The links of a TurtleBot3 that have mass, from ROBOTIS' turtlebot3_burger.urdf or
+    turtlebot3_waffle_pi.urdf, without meshes.
     """
     mass, moments, half, castors, scan = {
-        "burger": (8.2573504e-01, (2.2124416e-03, 2.1193702e-03, 2.0064271e-03), 0.08, {"": (-0.081, 0, -0.004)}, -0.032),
+        "burger": (
+            8.2573504e-01,
+            (2.2124416e-03, 2.1193702e-03, 2.0064271e-03),
+            0.08,
+            {"": (-0.081, 0, -0.004)},
+            -0.032,
+        ),
         "waffle_pi": (
             1.3729096,
             (8.7002718e-03, 8.6195418e-03, 1.4612727e-02),
@@ -177,17 +207,30 @@ def turtlebot3(model: str) -> Urdf:
     made = Urdf(f"turtlebot3_{model}")
 
     def link(name: str, mass: float, moments, shape: str = "") -> None:
-        made.parts.append(f'<link name="{name}">{made.inertial(mass, (0, 0, 0), (0, 0, 0), np.diag(moments))}{shape}</link>')
+        made.parts.append(
+            f'<link name="{name}">{made.inertial(mass, (0, 0, 0), (0, 0, 0), np.diag(moments))}{shape}</link>'
+        )
 
     link("base_link", mass, moments)
     for name, side in (("left", half), ("right", -half)):
         rim = '<collision><geometry><cylinder length="0.018" radius="0.033"/></geometry></collision>'
         link(f"wheel_{name}_link", 2.8498940e-02, (1.1175580e-05, 1.1192413e-05, 2.0712558e-05), rim)
-        made.joint(f"wheel_{name}_joint", "continuous", "base_link", f"wheel_{name}_link", (0, side, 0.023), "-1.57 0 0")
-    box = '<collision><origin xyz="0 0.001 0"/><geometry><box size="0.030 0.009 0.020"/></geometry></collision>'
+        made.joint(
+            f"wheel_{name}_joint",
+            "continuous",
+            "base_link",
+            f"wheel_{name}_link",
+            (0, side, 0.023),
+            "-1.57 0 0",
+        )
+    box = (
+        '<collision><origin xyz="0 0.001 0"/><geometry><box size="0.030 0.009 0.020"/></geometry></collision>'
+    )
     for name, place in castors.items():
         link(f"caster_back{name}_link", 0.005, (1e-3, 1e-3, 1e-3), box)
-        made.joint(f"caster_back{name}_joint", "fixed", "base_link", f"caster_back{name}_link", place, "-1.57 0 0")
+        made.joint(
+            f"caster_back{name}_joint", "fixed", "base_link", f"caster_back{name}_link", place, "-1.57 0 0"
+        )
     link("base_scan", 0.114, (1e-3, 1e-3, 1e-3))
     made.joint("scan_joint", "fixed", "base_link", "base_scan", (scan, 0, 0.172))
     return made

@@ -1,4 +1,5 @@
-"""Encloses the motions of a closed loop for all uncertain parameters, until it is proved regular for ever or the proof fails."""
+"""Encloses the motions of a closed loop for all uncertain parameters,
+until it is proved regular for ever or the proof fails."""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ from .tube import Flow, Lost, Tube, TubeStep
 
 LONGEST, STEPS = 0.05, 6000  # longest step of a continuous loop, s; most steps
 SETTLED = 1e-3  # relative to 1 + |x|: minimum width of a set that is tested for invariance
-SOON = 0.5  # s: motions count as approaching the singular set if they would reach it within this time at their present rate
+# s: motions count as approaching the singular set if they would reach it within this time at their present
+# rate
+SOON = 0.5
 WIDER = 4  # how often the set of a settled motion is widened, each time by a factor of 4
 STILL = 1e-9  # relative to 1 + |x|: largest change of a motion at rest
 PROBE = 1e-6  # deviation whose growth determines whether an equilibrium is stable
@@ -26,14 +29,15 @@ AGAIN = 1.2  # factor of the time until the next attempt
 
 @dataclass
 class Course:
-    """The proved result: regular up to `until` (s), for ever if `invariant`; `margin`: lower bound of |det Phi| over its row
-    norms.
+    """The proved result: regular up to `until` (s), for ever if `invariant`; `margin`: lower bound of |det
+    Phi| over its row norms.
 
-    `largest`: upper bound of |s|; `lost`: why no more is proved, empty if the end was reached; `t` (s) and `s` of the nominal
-    motion. `unstable`: it rests at an equilibrium that is not stable. `approaching`: all motions approach the singular set, and
-    none would have reached it earlier at its present rate; `approach`: which deviations of the parameters (1: the largest) bring
-    them nearer; `shares`: what each parameter's spread contributes to the width of the set in its coordinates, relative to that
-    width and summed. Both are None before the first step.
+    `largest`: upper bound of |s|; `lost`: why no more is proved, empty if the end was reached; `t` (s) and
+    `s` of the nominal motion. `unstable`: it rests at an equilibrium that is not stable. `approaching`: all
+    motions approach the singular set, and none would have reached it earlier at its present rate; `approach`:
+    which deviations of the parameters (1: the largest) bring them nearer; `shares`: what each parameter's
+    spread contributes to the width of the set in its coordinates, relative to that width and summed. Both are
+    None before the first step.
     """
 
     until: float = 0.0
@@ -51,7 +55,8 @@ class Course:
 
 @dataclass(frozen=True)
 class Settled:
-    """The motions whose deviation differs by at most `width` from the part of `tube` that is linear in the parameters."""
+    """The motions whose deviation differs by at most `width` from the part of `tube` that is linear in the
+    parameters."""
 
     tube: Tube
     width: np.ndarray
@@ -63,7 +68,9 @@ class Settled:
 
     def holds(self, tube: Tube) -> bool:
         """Whether it contains all motions of a tube."""
-        reach = np.abs(tube.centre - self.tube.centre) + np.abs(tube.S - self.tube.S) @ tube.spread + tube.rest
+        reach = (
+            np.abs(tube.centre - self.tube.centre) + np.abs(tube.S - self.tube.S) @ tube.spread + tube.rest
+        )
         return bool((reach <= self.width).all())
 
 
@@ -83,10 +90,12 @@ class _Field:
 
     def __init__(self, loop: EnclosedLoop):
         self.loop = loop
-        self.curvature = np.zeros(0 if loop.along is None else 1)  # the curvature at the nominal motion, if it is an argument
+        # The curvature at the nominal motion, if it is an argument
+        self.curvature = np.zeros(0 if loop.along is None else 1)
 
     def near(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Return by how much the curvature may differ from `curvature` for advancing motions, and whether they must advance."""
+        """Return by how much the curvature may differ from `curvature` for advancing motions,
+        and whether they must advance."""
         loop = self.loop
         if loop.along is None:
             return self.curvature, False
@@ -103,7 +112,8 @@ class _Field:
 
 
 class _Held(_Field):
-    """The plant with its inputs held: x = [z; integrals; held; next], in which the inputs from `first` on act."""
+    """The plant with its inputs held: x = [z; integrals; held; next],
+    in which the inputs from `first` on act."""
 
     def __init__(self, loop: EnclosedLoop, first: int):
         super().__init__(loop)
@@ -116,7 +126,9 @@ class _Held(_Field):
     def tangent(self, x: np.ndarray, bounds: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See RateOfChange."""
         n, r, count = len(self.loop.z), len(self.loop.most), len(self.loop.spread)
-        value, slope = self.loop.plant.tangent(np.concatenate([*self._arguments(x), self.loop.nominal, self.curvature]))
+        value, slope = self.loop.plant.tangent(
+            np.concatenate([*self._arguments(x), self.loop.nominal, self.curvature])
+        )
         rate, A, B = np.zeros(len(x)), np.zeros((len(x), len(x))), np.zeros((len(x), count))
         rate[:n], A[:n, :n], B[:n] = value, slope[:, :n], slope[:, n + r : n + r + count]
         A[:n, self._first : self._first + r] = slope[:, n : n + r]
@@ -166,7 +178,13 @@ class _Closed(_Field):
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
         """See RateOfChange."""
-        loop, n, r, m, count = self.loop, len(self.loop.z), len(self.loop.most), len(tube.centre), len(tube.spread)
+        loop, n, r, m, count = (
+            self.loop,
+            len(self.loop.z),
+            len(self.loop.most),
+            len(tube.centre),
+            len(tube.spread),
+        )
         half, has_to = self.near(tube, moved, growth)
         law = loop.law_bounds(tube, self.curvature, half, moved, growth, self._fixed)
         self._inputs = loop.inputs(law)
@@ -229,7 +247,9 @@ class Certificate:
         start, inputs = self._loop.start, len(self._loop.most)
         count = self._count + (2 * inputs if self._simulation.period else 0)
         centre = np.concatenate([start.value, np.zeros(count)])
-        return Tube(centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread)
+        return Tube(
+            centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread
+        )
 
     def _follow(self, tube: Tube) -> None:
         """Integrate to the end, or until the set of motions is invariant. Raises Lost and _Stop."""
@@ -247,14 +267,18 @@ class Certificate:
                 tube, self._t, self._course = self._kept  # the set that was widened was too wide
                 self._kept, self._tried = None, ()
 
-    # -- integration ---------------------------------------------------------------------------------------------------------
+    # -- integration -----------------------------------------------------------------------------------------
 
     def _turn(self, tube: Tube, passed: Callable[[TubeStep], Tube]) -> Tube:
-        """Integrate one period of a sampled loop or one step of a continuous one, and check every step by `passed`."""
+        """Integrate one period of a sampled loop or one step of a continuous one,
+        and check every step by `passed`."""
         loop, simulation = self._loop, self._simulation
         if not simulation.period:
-            end = min((int(self._t / LONGEST + 1e-9) + 1) * LONGEST, simulation.duration)  # common times of courses
-            return passed(self._flow(_Closed, self._fixed()).step(tube, min(end - self._t, self._to_joint(tube))))
+            # Common times of courses
+            end = min((int(self._t / LONGEST + 1e-9) + 1) * LONGEST, simulation.duration)
+            return passed(
+                self._flow(_Closed, self._fixed()).step(tube, min(end - self._t, self._to_joint(tube)))
+            )
         first, r = len(loop.z) + self._count, len(loop.most)
         tube = self._called(tube)
         for begin, duration in ((first, simulation.delay), (first + r, simulation.period - simulation.delay)):
@@ -265,7 +289,8 @@ class Certificate:
         return _handed_on(tube, first, r)
 
     def _to_joint(self, tube: Tube) -> float:
-        """Return a duration (s) in which most motions stay on their segment of the path, or change it together."""
+        """Return a duration (s) in which most motions stay on their segment of the path,
+        or change it together."""
         loop = self._loop
         if loop.along is None:
             return np.inf
@@ -322,10 +347,14 @@ class Certificate:
     def _fixed(self) -> np.ndarray:
         """Return the present config and reference of the law."""
         loop = self._loop
-        reference = loop.loop.guidance.reference(self._t, loop.loop.start) if loop.reference is None else loop.reference
+        reference = (
+            loop.loop.guidance.reference(self._t, loop.loop.start)
+            if loop.reference is None
+            else loop.reference
+        )
         return np.concatenate([loop.constants, reference])
 
-    # -- checks of a step ------------------------------------------------------------------------------------------------
+    # -- checks of a step ------------------------------------------------------------------------------------
 
     def _passed(self, step: TubeStep) -> Tube:
         """Return the result of a step after checking that the states in between are regular."""
@@ -344,18 +373,29 @@ class Certificate:
         if loop.along is not None:
             place, reach = centre[loop.along], (moved + radius)[loop.along]
             if place + reach >= loop.stop:
-                raise _Stop("the desired speed changes along the path from here on, which this proof does not cover")
-            curvature, half = (np.array([part]) for part in loop.curvatures.within(place - reach, place + reach))
+                raise _Stop(
+                    "the desired speed changes along the path from here on, which this proof does not cover"
+                )
+            curvature, half = (
+                np.array([part]) for part in loop.curvatures.within(place - reach, place + reach)
+            )
         near = np.concatenate([moved[:n], 0 * half]), np.concatenate([radius[:n], half])
         bounds = loop.guard.bounds(np.concatenate([centre[:n], curvature]), *near, fixed=loop.constants)
         size, scale, determinant, s, *inputs = bounds.value
         spread = bounds.moved + bounds.radius
-        if not (bounds.finite and abs(determinant) > spread[2] and size - spread[0] > SINGULAR * (scale + spread[1])):
+        if not (
+            bounds.finite
+            and abs(determinant) > spread[2]
+            and size - spread[0] > SINGULAR * (scale + spread[1])
+        ):
             raise _Stop("a motion may become singular")
         if inputs and not inputs[0] - spread[4] > SINGULAR * (inputs[1] + spread[5]):
             raise _Stop("inputs may lose a direction")
         least = (size - spread[0]) / (scale + spread[1])
-        course.margin, course.largest = min(course.margin, float(least)), max(course.largest, float(abs(s) + spread[3]))
+        course.margin, course.largest = (
+            min(course.margin, float(least)),
+            max(course.largest, float(abs(s) + spread[3])),
+        )
         course.t.append(self._t)
         course.s.append(float(s))
         return bounds
@@ -382,7 +422,8 @@ class Certificate:
         return self._simulation.duration - 1e-9
 
     def _tried_again(self, tube: Tube) -> Tube:
-        """For a settled motion, return whether the set of states is contained in an earlier one; else a wider set is tried."""
+        """For a settled motion, return whether the set of states is contained in an earlier one;
+        else a wider set is tried."""
         if not self._loop.settles:
             return tube
         if any(each.holds(tube) for each in (*self._invariant, *self._tried)):
@@ -394,7 +435,10 @@ class Certificate:
         width = np.maximum(2 * tube.rest, SETTLED * (1 + np.abs(tube.centre)))
         width[tube.radius == 0] = 0.0  # unused entries
         last, self._before = self._before, tube
-        if last is not None and (np.abs(tube.centre - last.centre) <= STILL * (1 + np.abs(tube.centre))).all():
+        if (
+            last is not None
+            and (np.abs(tube.centre - last.centre) <= STILL * (1 + np.abs(tube.centre))).all()
+        ):
             self._rest(tube)
         if last is None or not (np.abs(tube.centre - last.centre) <= width)[: len(self._loop.z)].all():
             return tube
@@ -414,7 +458,8 @@ def _handed_on(tube: Tube, first: int, r: int) -> Tube:
 
 
 def widest(loop: EnclosedLoop, simulation: Simulation) -> tuple[Settled, ...]:
-    """Return the widest set found of motions that stay regular for ever; none if the start does not lead into one."""
+    """Return the widest set found of motions that stay regular for ever;
+    none if the start does not lead into one."""
     certificate = Certificate(loop, simulation)
     certificate.run()
     invariant = certificate.settled

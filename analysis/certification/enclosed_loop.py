@@ -1,11 +1,13 @@
-"""The closed loop of a SPEC as `tube` needs it: plant, law and guard with their bounds, in coordinates in which a motion settles.
+"""The closed loop of a SPEC as `tube` needs it: plant, law and guard with their bounds, in coordinates in
+which a motion settles.
 
-Along a line or a circle the place on the path does not matter. There the vehicle is described from the foot of P_l on the path:
-by h, the distance of P_l to the left, and psi, its heading against the direction of travel. With the curvature k of the path
-(positive to the left), P_l' = (x', y') seen from the foot, the foot advances at sigma' = x' / (1 - k h), h' = y' and
-psi' = heading' - k sigma'. Along an ellipse k depends on the foot: there the direction theta of the path at the foot is a further
-coordinate, theta' = k sigma'. On a composite path the distance along it is a further coordinate; where two segments join, k
-changes, h and psi do not. Where forces depend on the pose, the coordinates are the robot's own.
+Along a line or a circle the place on the path does not matter. There the vehicle is described from the foot
+of P_l on the path: by h, the distance of P_l to the left, and psi, its heading against the direction of
+travel. With the curvature k of the path (positive to the left), P_l' = (x', y') seen from the foot, the foot
+advances at sigma' = x' / (1 - k h), h' = y' and psi' = heading' - k sigma'. Along an ellipse k depends on the
+foot: there the direction theta of the path at the foot is a further coordinate, theta' = k sigma'. On a
+composite path the distance along it is a further coordinate; where two segments join, k changes, h and psi do
+not. Where forces depend on the pose, the coordinates are the robot's own.
 """
 
 from __future__ import annotations
@@ -41,8 +43,9 @@ FLAT = 1e-4  # relative; ten times the value below which the controller takes a 
 
 @dataclass(frozen=True)
 class Foot:
-    """A start seen from its foot on the path: `config` of the law there, `curvature` (1/m) to the left, `distance` h (m),
-    `heading` psi (rad); `along` is the coordinate of the foot along the path, if it matters.
+    """A start seen from its foot on the path: `config` of the law there, `curvature` (1/m) to the left,
+    `distance` h (m), `heading` psi (rad); `along` is the coordinate of the foot along the path, if it
+    matters.
     """
 
     config: np.ndarray
@@ -53,7 +56,8 @@ class Foot:
 
 
 def foot_of(kind: str, names: list[str], config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
-    """Return the start from P_l and the heading in the world frame. None for a path without a chart, and if no foot is found."""
+    """Return the start from P_l and the heading in the world frame. None for a path without a chart,
+    and if no foot is found."""
     values, (x, y, heading) = dict(zip(names, config, strict=True)), pose
     if kind == "line":
         A, B, C = (values[name] for name in "ABC")
@@ -97,8 +101,8 @@ def _foot_on_ellipse(a: float, b: float, config: np.ndarray, pose: tuple[float, 
 
 
 def _ellipse(a: ca.SX, b: ca.SX, theta: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Curvature and foot where the direction of travel is theta: with the normal n outwards and G = |(a n_x, b n_y)|, the foot
-    is (a^2 n_x, b^2 n_y) / G, the radius of curvature (a b)^2 / G^3.
+    """Curvature and foot where the direction of travel is theta: with the normal n outwards and G = |(a n_x,
+    b n_y)|, the foot is (a^2 n_x, b^2 n_y) / G, the radius of curvature (a b)^2 / G^3.
     """
     n = ca.vertcat(-ca.sin(theta), ca.cos(theta))
     G = ca.sqrt((a * n[0]) ** 2 + (b * n[1]) ** 2)
@@ -107,8 +111,8 @@ def _ellipse(a: ca.SX, b: ca.SX, theta: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The limited inputs near a state: their bounds, and the combinations of entries of `law` (inputs, entries) that they
-    follow there.
+    """The limited inputs near a state: their bounds, and the combinations of entries of `law` (inputs,
+    entries) that they follow there.
     """
 
     bounds: Bounds
@@ -120,19 +124,26 @@ class Inputs:
 
 
 def mixed(law: Bounds, mix: np.ndarray, value: np.ndarray, off: np.ndarray, off_moved: np.ndarray) -> Inputs:
-    """Inputs of that value whose change differs from that of the combinations by at most `off`, between x and the centre by at
-    most `off_moved`.
+    """Inputs of that value whose change differs from that of the combinations by at most `off`, between x and
+    the centre by at most `off_moved`.
     """
     used = np.abs(mix).any(axis=0)  # the other entries may have no bounds
     size, part = np.abs(mix[:, used]), law.rows(used)
     with np.errstate(invalid="ignore", over="ignore"):
-        moved, radius, rest, turned = (size @ bound for bound in (part.moved, part.radius, part.rest, part.turned))
-    return Inputs(Bounds(value, mix[:, used] @ part.slope, moved + off_moved, radius + off, rest + off, turned), mix)
+        moved, radius, rest, turned = (
+            size @ bound for bound in (part.moved, part.radius, part.rest, part.turned)
+        )
+    return Inputs(
+        Bounds(value, mix[:, used] @ part.slope, moved + off_moved, radius + off, rest + off, turned), mix
+    )
 
 
-def kink(over: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the slope of the line nearest to max(0, x), where x moves from `over` by at most `moved` and then changes by at most
-    `radius`; and by how much the change of max(0, x) can differ from that of the line, in the second step and in the first.
+def kink(
+    over: np.ndarray, moved: np.ndarray, radius: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the slope of the line nearest to max(0, x), where x moves from `over` by at most `moved` and
+    then changes by at most `radius`; and by how much the change of max(0, x) can differ from that of the
+    line, in the second step and in the first.
     """
     spread = moved + radius
     slope = np.clip(0.5 + 0.5 * over / np.maximum(spread, 1e-300), 0.0, 1.0)
@@ -142,7 +153,8 @@ def kink(over: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> tuple[np.nd
 
 
 class EnclosedPlant:
-    """w' = N^-1 F and the rates of the coordinates before, from an Enclosure of [rates; N; F] of [z; tau; p]; N is dof^2.
+    """w' = N^-1 F and the rates of the coordinates before, from an Enclosure of [rates; N; F] of [z; tau; p];
+    N is dof^2.
 
     Nothing is inverted symbolically: N (w' + dw') = F + dF - dN w' bounds the change of w'.
     """
@@ -156,12 +168,16 @@ class EnclosedPlant:
         value, slope = self._parts.tangent(x, self.fixed)
         return self._solved(value, slope)[:2]
 
-    def bounds(self, x: np.ndarray, moved: np.ndarray, radius: np.ndarray, rest: np.ndarray | float = 0.0) -> Bounds:
+    def bounds(
+        self, x: np.ndarray, moved: np.ndarray, radius: np.ndarray, rest: np.ndarray | float = 0.0
+    ) -> Bounds:
         """See Enclosure."""
         parts, f = self._parts.bounds(x, moved, radius, rest, self.fixed), self._dof
         value, slope, inverse = self._solved(parts.value, parts.slope)
         size, k = np.abs(value[-f:]), len(value) - f
-        (mN, mF), (RN, RF), (rN, rF) = (self._split(part)[1:] for part in (parts.moved, parts.radius, parts.rest))
+        (mN, mF), (RN, RF), (rN, rF) = (
+            self._split(part)[1:] for part in (parts.moved, parts.radius, parts.rest)
+        )
         inverse = np.abs(inverse)
         change = inverse @ (mN + RN)
         if not (parts.finite and np.abs(change).sum(axis=1).max() < 1):
@@ -173,7 +189,9 @@ class EnclosedPlant:
         rest_w = inverse @ (rF + rN @ (size + moved_w) + RN @ radius_w)
         tN, tF = self._split(parts.turned)[1:]
         linear = self._split(np.abs(parts.slope) @ radius)[1]
-        turned_w = inverse @ (tF + tN @ (size + moved_w) + linear @ moved_w + mN @ (np.abs(slope[-f:]) @ radius))
+        turned_w = inverse @ (
+            tF + tN @ (size + moved_w) + linear @ moved_w + mN @ (np.abs(slope[-f:]) @ radius)
+        )
         firsts = (parts.moved, parts.radius, parts.rest, parts.turned)
         both = zip(firsts, (moved_w, radius_w, rest_w, turned_w), strict=True)
         return Bounds(value, slope, *[np.concatenate([first[:k], second]) for first, second in both])
@@ -196,7 +214,8 @@ class EnclosedPlant:
 
 @dataclass(frozen=True)
 class PathCurvatures:
-    """Curvatures `values` (1/m) of the segments of a path, and the places `ends` (m along it) where each but the last ends."""
+    """Curvatures `values` (1/m) of the segments of a path, and the places `ends` (m along it) where each but
+    the last ends."""
 
     ends: np.ndarray
     values: np.ndarray
@@ -214,29 +233,41 @@ class PathCurvatures:
 
 
 class EnclosedLoop:
-    """z (n): the coordinates and quasi-velocities that matter; p: the uncertain parameters, of value `nominal` and +- `spread`.
+    """z (n): the coordinates and quasi-velocities that matter; p: the uncertain parameters, of value
+    `nominal` and +- `spread`.
 
-    `plant`: z' of [z; tau; p]. `law`: the inputs before limits, the errors with integral action and, where it may slow down,
-    the inputs with each limit met, of [z; integrals] with `constants` and the reference. `guard`: |det Phi|, the product of Phi's
-    row norms, det Phi and s, the cosine of the angle between heading and normal, of z with `constants`. `start`: z of p.
-    `settles`: a motion may come to rest in these coordinates. On a composite path `curvatures` are those of its segments,
-    z[along] the place on it, `stop` (m) where the desired speed changes; all three functions then also depend on the curvature,
-    their last argument.
+    `plant`: z' of [z; tau; p]. `law`: the inputs before limits, the errors with integral action and, where it
+    may slow down, the inputs with each limit met, of [z; integrals] with `constants` and the reference.
+    `guard`: |det Phi|, the product of Phi's row norms, det Phi and s, the cosine of the angle between heading
+    and normal, of z with `constants`. `start`: z of p. `settles`: a motion may come to rest in these
+    coordinates. On a composite path `curvatures` are those of its segments, z[along] the place on it, `stop`
+    (m) where the desired speed changes; all three functions then also depend on the curvature, their last
+    argument.
     """
 
     def __init__(self, loop: Loop, spec: Spec, uncertainty: Mapping[str, float]):
-        """Raises BadInput for a robot whose pose is not three of its coordinates, and a model without bounds."""
+        """Raises BadInput for a robot whose pose is not three of its coordinates,
+        and a model without bounds."""
         law, mechanism = loop.law, loop.law.system.mechanism
         names = [q.name for q in law.parameters]
         uncertain = [k for k, name in enumerate(names) if uncertainty.get(name)]
         self.loop, self._uncertain = loop, uncertain
-        self.spread = np.array([uncertainty[names[k]] for k in uncertain]) * np.abs(loop.plant.parameters[uncertain])
+        self.spread = np.array([uncertainty[names[k]] for k in uncertain]) * np.abs(
+            loop.plant.parameters[uncertain]
+        )
         self.slows = loop.limits is not None and loop.limits.mode == "slow"
-        self.most = np.array([most or np.inf for most in loop.limits.torque] if loop.limits else [np.inf] * len(mechanism.inputs))
+        self.most = np.array(
+            [most or np.inf for most in loop.limits.torque]
+            if loop.limits
+            else [np.inf] * len(mechanism.inputs)
+        )
         parameters = ca.vertsplit(mechanism.p)
         certain = [k for k in range(len(names)) if k not in uncertain]
         self._p = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in uncertain])
-        self._certain = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in certain]), ca.SX(loop.plant.parameters[certain])
+        self._certain = (
+            ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in certain]),
+            ca.SX(loop.plant.parameters[certain]),
+        )
         self._of_nu = _velocities(law.system, loop.believed)
         self._build(spec)
         self._begin(loop, spec)
@@ -248,8 +279,9 @@ class EnclosedLoop:
         return other
 
     def half(self, spec: Spec, which: int, side: float) -> tuple[EnclosedLoop, Spec]:
-        """Return the loop and the SPEC with one uncertain parameter restricted to the half of its range above (side 1) or below
-        (-1) its value. `spec` is that of this loop; the plant gets the middle of the half, the controller's value is unchanged.
+        """Return the loop and the SPEC with one uncertain parameter restricted to the half of its range above
+        (side 1) or below (-1) its value. `spec` is that of this loop; the plant gets the middle of the half,
+        the controller's value is unchanged.
         """
         middle, other = np.zeros(len(self.spread)), copy(self)
         middle[which], other.spread = side / 2, self.spread.copy()
@@ -260,14 +292,18 @@ class EnclosedLoop:
     def _build(self, spec: Spec) -> None:
         """Build the parts that do not depend on the start, the gains and the position of the path."""
         law, system, loop = self.loop.law, self.loop.law.system, self.loop
-        tau, limits, curvature = (ca.SX.sym(name, n) for name, n in (("tau", len(self.most)), ("most", len(self.most)), ("k", 1)))
+        tau, limits, curvature = (
+            ca.SX.sym(name, n) for name, n in (("tau", len(self.most)), ("most", len(self.most)), ("k", 1))
+        )
         on_body = point_on_body(system)
         pose = list(on_body.pose) if on_body else []
-        # From the coordinates to the vehicle's point, as the controller knows it: P_l is where the controller takes it to be.
+        # From the coordinates to the vehicle's point, as the controller knows it: P_l is where the controller
+        # takes it to be.
         self._arm = arm_function(system)(loop.believed).full().ravel() if on_body else np.zeros(2)
         acting = ca.vertcat(ca.vec(system.Mbar), ca.vec(system.input_map), system.bias)
         state, kind = symbols(law.state), law.output.required_path.kind
-        level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # whether the forces are the same in each pose
+        # Whether the forces are the same in each pose
+        level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))
         self._kind = kind if pose and level and foot_of(kind, *self._pose_of(loop, pose)) else ""
         if loop.composite and not self._kind:
             raise BadInput("the forces depend on the pose, which is not covered along a composite path")
@@ -295,13 +331,19 @@ class EnclosedLoop:
         self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals, moving), fixed)
         self.guard = Enclosure(guard, ca.vertcat(z, moving), constants)
 
-    def _pose_of(self, loop: Loop, pose: list[int]) -> tuple[list[str], np.ndarray, tuple[float, float, float]]:
+    def _pose_of(
+        self, loop: Loop, pose: list[int]
+    ) -> tuple[list[str], np.ndarray, tuple[float, float, float]]:
         """Return the config of the path by name, P_l and the heading at the start."""
         names, config, x = [c.name for c in loop.law.config], np.asarray(loop.guidance.leg.config), loop.start
         values = dict(zip(names, config, strict=True))
         ahead, left = self._arm + (values["L"], values.get("W", 0.0))
         c, s = math.cos(x[pose[2]]), math.sin(x[pose[2]])
-        return names, config, (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]])
+        return (
+            names,
+            config,
+            (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]]),
+        )
 
     def _begin(self, loop: Loop, spec: Spec) -> None:
         """Set the start and the numbers of path and controller."""
@@ -343,20 +385,29 @@ class EnclosedLoop:
         return np.clip(tau, -self.most, self.most)
 
     def law_bounds(
-        self, tube: Tube, curvature: np.ndarray, half: np.ndarray, moved: np.ndarray, growth: np.ndarray, fixed: np.ndarray
+        self,
+        tube: Tube,
+        curvature: np.ndarray,
+        half: np.ndarray,
+        moved: np.ndarray,
+        growth: np.ndarray,
+        fixed: np.ndarray,
     ) -> Bounds:
-        """Return bounds of `law` for the states [z; integrals] of a tube, `moved` and `growth` as in RateOfChange; `curvature`,
-        where it is an argument, may be off by `half`.
+        """Return bounds of `law` for the states [z; integrals] of a tube, `moved` and `growth` as in
+        RateOfChange; `curvature`, where it is an argument, may be off by `half`.
         """
         none, columns = np.zeros(len(half)), np.zeros((len(half), tube.G.shape[1]))
         apart = np.concatenate([0 * growth, half])
         radius = np.concatenate([tube.radius + growth, half])
-        bounds = self.law.bounds(np.concatenate([tube.centre, curvature]), np.concatenate([moved, none]), radius, apart, fixed)
+        bounds = self.law.bounds(
+            np.concatenate([tube.centre, curvature]), np.concatenate([moved, none]), radius, apart, fixed
+        )
         S, G = np.vstack([tube.S, np.zeros((len(half), len(tube.spread)))]), np.vstack([tube.G, columns])
         return bounds.of(S, G, tube.spread, np.concatenate([growth, half]))
 
     def inputs(self, law: Bounds) -> Inputs:
-        """Return the limited inputs from the bounds of `law`; if several limits may be active, `rest` covers all cases."""
+        """Return the limited inputs from the bounds of `law`; if several limits may be active,
+        `rest` covers all cases."""
         r = len(self.most)
         value, size, spread = self.limited(law.value), np.abs(law.value[:r]), (law.moved + law.radius)[:r]
         if (size + spread <= self.most).all():
@@ -366,11 +417,16 @@ class EnclosedLoop:
         moved, radius = law.moved[:r], law.radius[:r]
         slope, off, off_moved = kink(size - self.most, moved, radius)
         both = spread - size > self.most  # either limit may be active
-        slope, off, off_moved = np.where(both, 0.5, slope), np.where(both, radius / 2, off), np.where(both, moved / 2, off_moved)
+        slope, off, off_moved = (
+            np.where(both, 0.5, slope),
+            np.where(both, radius / 2, off),
+            np.where(both, moved / 2, off_moved),
+        )
         return mixed(law, (1 - slope)[:, None] * np.eye(r, len(law.value)), value, off, off_moved)
 
     def _slowed(self, law: Bounds, value: np.ndarray) -> Inputs:
-        """Return the inputs if one limit is, or may be, active and the others are not; else anything within the limits."""
+        """Return the inputs if one limit is, or may be, active and the others are not;
+        else anything within the limits."""
         r, n = len(self.most), len(law.value)
         spread = law.moved + law.radius
         tau, steepness, steepness_spread = law.value[:r], np.abs(law.value[-r:]), spread[-r:]
@@ -383,24 +439,33 @@ class EnclosedLoop:
             if not (steep and holds and over + spread[i] > 0):
                 continue
             if over - spread[i] < 0:
-                if not (np.abs(tau) + spread[:r] <= self.most)[others].all() or -side * tau[i] + spread[i] > self.most[i]:
+                if (
+                    not (np.abs(tau) + spread[:r] <= self.most)[others].all()
+                    or -side * tau[i] + spread[i] > self.most[i]
+                ):
                     continue
             slope, off, off_moved = kink(over, law.moved[i], law.radius[i])
             mix = np.zeros((r, n))
             mix[:, :r], mix[:, met : met + r] = (1 - slope) * np.eye(r), slope * np.eye(r)
             least = steepness[i] - steepness_spread[i]
             ratio = (steepness + steepness_spread) / least
-            if 0 < slope < 1:  # max(0, over) less the line multiplies the quotient of two slopes, which changes too
+            # max(0, over) less the line multiplies the quotient of two slopes, which changes too
+            if 0 < slope < 1:
                 apart = min(slope, 1 - slope) * abs(over)
-                change, change_moved = ((part[-r:] + ratio * part[n - r + i]) / least for part in (law.radius, law.moved))
+                change, change_moved = (
+                    (part[-r:] + ratio * part[n - r + i]) / least for part in (law.radius, law.moved)
+                )
                 off = off * ratio + (apart + law.moved[i]) * change
                 off_moved = off_moved * ratio + apart * change_moved
             return mixed(law, mix, value, off * np.ones(r), off_moved * np.ones(r))
         anything, none = self.most + np.abs(value), np.zeros(r)
-        return Inputs(Bounds(value, np.zeros((r, law.slope.shape[1])), none, anything, anything, none), np.zeros((r, n)))
+        return Inputs(
+            Bounds(value, np.zeros((r, law.slope.shape[1])), none, anything, anything, none), np.zeros((r, n))
+        )
 
     def _chart(self, curvature: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return the coordinates of z, the state [q; nu] as a function of z, and the rates of these coordinates."""
+        """Return the coordinates of z, the state [q; nu] as a function of z,
+        and the rates of these coordinates."""
         law, system = self.loop.law, self.loop.law.system
         state, rates, pose = symbols(law.state), system.qdot, self._pose
         self._first = system.mechanism.q.numel()
@@ -420,11 +485,16 @@ class EnclosedLoop:
         offsets = ca.vertcat(*[q.symbol for q in point]), ca.vertcat(ahead, left) - required_point(system).arm
         velocity = system.along_motion(ca.substitute(ca.vertcat(*reference_point(system, point)), *offsets))
         cosine, sine = ca.cos(direction), ca.sin(direction)
-        behind, across = left * ca.sin(psi) - ahead * ca.cos(psi), h - ahead * ca.sin(psi) - left * ca.cos(psi)
+        behind, across = (
+            left * ca.sin(psi) - ahead * ca.cos(psi),
+            h - ahead * ca.sin(psi) - left * ca.cos(psi),
+        )
         places = place + ca.vertcat(cosine * behind - sine * across, sine * behind + cosine * across)
         others = [k for k in range(self._first) if k not in pose]
         from_foot, x_of_z = state[:], state[:]  # with the foot as origin, and in the world frame
-        for k, here, there in zip(pose, (behind, across, psi), (*ca.vertsplit(places), direction + psi), strict=True):
+        for k, here, there in zip(
+            pose, (behind, across, psi), (*ca.vertsplit(places), direction + psi), strict=True
+        ):
             from_foot[k], x_of_z[k] = here, there
         ahead_, aside = ca.vertsplit(ca.substitute(velocity, state, from_foot))
         advance = ahead_ / (1 - curvature * h)
@@ -435,7 +505,8 @@ class EnclosedLoop:
         return ca.vertcat(h, psi, lengthwise, *[state[k] for k in others]), x_of_z, moved
 
     def _speeds(self, coordinates: ca.SX, x_of_z: ca.SX, rates: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """z with forward speed and yaw rate, by the controller's parameters, for the quasi-velocities; the rest by this z."""
+        """z with forward speed and yaw rate, by the controller's parameters, for the quasi-velocities;
+        the rest by this z."""
         nu, moving = self.loop.law.system.nu, ca.SX.sym("moving", self.loop.law.system.dof)
         change = nu, ca.SX(ca.inv(ca.DM(self._of_nu))) @ moving
         return ca.vertcat(coordinates, moving), ca.substitute(x_of_z, *change), ca.substitute(rates, *change)
@@ -460,7 +531,10 @@ class EnclosedLoop:
             raise BadInput(f"{law.name}: its first output is no distance of a point")
         gradient = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, through.inner)
         s = ca.dot(gradient, ca.vertcat(ca.cos(heading), ca.sin(heading))) / ca.sqrt(ca.sumsqr(gradient))
-        errors = [desired[entry] - linearization.h[row] for entry, row in zip(action.desired, action.acting, strict=True)]
+        errors = [
+            desired[entry] - linearization.h[row]
+            for entry, row in zip(action.desired, action.acting, strict=True)
+        ]
         tau = self._forces @ in_z(ca.substitute(law.tau, desired, desired + added))
         slope = in_z(law.slope)
         met = []
@@ -472,7 +546,8 @@ class EnclosedLoop:
         return ca.vertcat(tau, *map(in_z, errors), *met, flat), in_z(guard)
 
     def _plain_inputs(self, by_nu: ca.DM) -> ca.DM:
-        """Return the factor of the inputs: with as many inputs as speeds and no limits, forces along the speeds are used."""
+        """Return the factor of the inputs: with as many inputs as speeds and no limits,
+        forces along the speeds are used."""
         system, r = self.loop.law.system, len(self.most)
         map_ = system.input_map
         if np.isfinite(self.most).any() or r != system.dof or ca.symvar(map_):
@@ -480,7 +555,8 @@ class EnclosedLoop:
         return by_nu.T @ ca.evalf(ca.densify(map_))
 
     def _start(self, spec: Spec) -> Bounds:
-        """Return z as a function of p: quasi-velocities of a start given by its speed depend on the parameters."""
+        """Return z as a function of p: quasi-velocities of a start given by its speed depend on the
+        parameters."""
         n, count = len(self.z), len(self.spread)
         rest = Bounds(self.z, np.zeros((n, count)), *np.zeros((4, n)))
         initial = spec.initial
@@ -488,7 +564,9 @@ class EnclosedLoop:
             return rest
         system = self.loop.law.system
         dof, q, speed = system.dof, system.mechanism.q, ca.SX.sym("speed")
-        motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.required_vehicle.heading))
+        motion = ca.vertcat(
+            forward_speed(system), system.along_motion(system.mechanism.required_vehicle.heading)
+        )
         M = ca.substitute(ca.jacobian(motion, system.nu), *self._certain)
         desired = ca.vertcat(speed, 0.0)
         nu = ca.solve(M, desired) if dof == 2 else M.T @ ca.solve(M @ M.T, desired)
@@ -501,7 +579,8 @@ class EnclosedLoop:
 
 
 def _path_curvatures(route: Route, spec: Spec, start: np.ndarray) -> tuple[PathCurvatures, float, float]:
-    """Return the curvatures of a composite path, the place where the desired speed begins to change, and that of the start.
+    """Return the curvatures of a composite path, the place where the desired speed begins to change, and that
+    of the start.
 
     Raises BadInput if the start is beyond the last segment.
     """
@@ -522,7 +601,8 @@ def _path_curvatures(route: Route, spec: Spec, start: np.ndarray) -> tuple[PathC
 
 
 def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:
-    """Return forward speed and yaw rate if they are combinations of the quasi-velocities, else the quasi-velocities."""
+    """Return forward speed and yaw rate if they are combinations of the quasi-velocities,
+    else the quasi-velocities."""
     try:
         forward, turn, _ = vehicle_wheels(system, believed)
     except BadInput:

@@ -1,13 +1,15 @@
 """Bounds of a function near a trajectory: of its deviation from its value and from its tangent there.
 
-At a point c + e, where the centre c lies within m of a given point x and |e| <= R entry by entry, Taylor's theorem gives
+At a point c + e, where the centre c lies within m of a given point x and |e| <= R entry by entry, Taylor's
+theorem gives
 
     f(c + e) = f(c) + f'(c) e + e' f''(xi) e / 2.
 
-|f''| is bounded over the whole box by its value at x and by how far it can be from that. Each operation is carried out on Taylor
-polynomials about x, exact up to the order 3, with a bound of the derivatives of order 4 over the whole box (`_Jet`; Makino and
-Berz 2003 bound the remainder itself, which says nothing about f'). Terms of the second and third order thus cancel as they do in
-f; only those of the fourth are added up operation by operation.
+|f''| is bounded over the whole box by its value at x and by how far it can be from that. Each operation is
+carried out on Taylor polynomials about x, exact up to the order 3, with a bound of the derivatives of order 4
+over the whole box (`_Jet`; Makino and Berz 2003 bound the remainder itself, which says nothing about f').
+Terms of the second and third order thus cancel as they do in f; only those of the fourth are added up
+operation by operation.
 """
 
 from __future__ import annotations
@@ -29,9 +31,10 @@ NONE = np.zeros(0)
 
 @dataclass(frozen=True)
 class Bounds:
-    """A function near a point x: `value` (n) and `slope` (n, inputs) there; bounds (n) of |f(c) - f(x)|, `moved`, of
-    |f(c + e) - f(c)|, `radius`, of |f(c + e) - f(c) - f'(c) e|, `rest`, and of |(f'(c) - f'(x)) e|, `turned`. Infinite or NaN
-    where there are none. Where f'' at x is known, it is `hessian` (n, inputs, inputs), and `loose` is what is left of `rest`.
+    """A function near a point x: `value` (n) and `slope` (n, inputs) there; bounds (n) of |f(c) - f(x)|,
+    `moved`, of |f(c + e) - f(c)|, `radius`, of |f(c + e) - f(c) - f'(c) e|, `rest`, and of |(f'(c) - f'(x))
+    e|, `turned`. Infinite or NaN where there are none. Where f'' at x is known, it is `hessian` (n, inputs,
+    inputs), and `loose` is what is left of `rest`.
     """
 
     value: np.ndarray
@@ -46,7 +49,9 @@ class Bounds:
     @property
     def finite(self) -> bool:
         """False if an operation may be undefined, such as a quotient whose denominator may be zero."""
-        return bool(np.isfinite(self.radius).all() and np.isfinite(self.rest).all() and np.isfinite(self.moved).all())
+        return bool(
+            np.isfinite(self.radius).all() and np.isfinite(self.rest).all() and np.isfinite(self.moved).all()
+        )
 
     def rows(self, which: slice) -> Bounds:
         """Return the enclosure of some entries of the function."""
@@ -54,12 +59,15 @@ class Bounds:
         return Bounds(**{name: part[which] for name, part in parts.items() if part is not None})
 
     def of(self, S: np.ndarray, G: np.ndarray, spread: np.ndarray, growth: np.ndarray) -> Bounds:
-        """Return the bounds for e = S pi + G b + anything within `growth`, |pi| <= spread and |b| <= 1: correlated entries."""
+        """Return the bounds for e = S pi + G b + anything within `growth`,
+        |pi| <= spread and |b| <= 1: correlated entries."""
         columns = np.hstack([S * spread, G, np.diag(growth)[:, growth > 0]])
         rest = self.rest
         with np.errstate(invalid="ignore", over="ignore"):
             if self.hessian is not None:
-                rest = np.fmin(rest, np.abs(columns.T @ self.hessian @ columns).sum(axis=(1, 2)) / 2 + self.loose)
+                rest = np.fmin(
+                    rest, np.abs(columns.T @ self.hessian @ columns).sum(axis=(1, 2)) / 2 + self.loose
+                )
             image = np.abs(self.slope @ columns).sum(axis=1)
         return replace(self, rest=rest, radius=np.fmin(self.radius, image + self.turned + rest))
 
@@ -72,7 +80,9 @@ class Enclosure:
 
     def __init__(self, expression: ca.SX, symbols: ca.SX, fixed: ca.SX | None = None):
         fixed = ca.SX(0, 1) if fixed is None else fixed
-        compiled = _compiled(ca.Function("f", [symbols, fixed], [ca.cse(ca.densify(ca.vec(expression)))]).serialize())
+        compiled = _compiled(
+            ca.Function("f", [symbols, fixed], [ca.cse(ca.densify(ca.vec(expression)))]).serialize()
+        )
         self._shape, self._tangent, self._bounds, places = compiled
         self._output, self._first, self._second = places
         self._half = np.where(self._first == self._second, 0.5, 1.0)
@@ -91,14 +101,17 @@ class Enclosure:
         rest: np.ndarray | float = 0.0,
         fixed: np.ndarray = NONE,
     ) -> Bounds:
-        """Return bounds near x. `rest`: the part of `radius` that is not linear in the variables of the derivative."""
+        """Return bounds near x. `rest`: the part of `radius` that is not linear in the variables of the
+        derivative."""
         box = moved + radius
         value, slope, at, around, far = self._bounds(x, fixed, box)
         slope = slope.reshape(self._shape, order="F")
         size, a, b = np.abs(slope), self._first, self._second
         apart = rest if isinstance(rest, np.ndarray) else np.full(len(x), rest)
         pairs = np.array([moved, moved, moved, radius]), np.array([moved, radius, apart, radius])
-        shares = np.divide(pairs, box, out=np.zeros((2, *pairs[0].shape)), where=box > 0).max(axis=2, initial=0.0)
+        shares = np.divide(pairs, box, out=np.zeros((2, *pairs[0].shape)), where=box > 0).max(
+            axis=2, initial=0.0
+        )
         both = (pairs[0][:, a] * pairs[1][:, b] + pairs[0][:, b] * pairs[1][:, a]) * self._half
         hessian = np.zeros((len(value), len(x), len(x)))
         hessian[self._output, a, b] = hessian[self._output, b, a] = at
@@ -106,7 +119,8 @@ class Enclosure:
             most = np.vstack([both * (np.abs(at) + around), both[3] * around])
             curved = np.outer(np.append(shares[0] * shares[1], shares[0, 3] * shares[1, 3]), far)
             if len(self._curved):
-                curved[:, self._curved] += np.add.reduceat(most, self._begins, axis=1)  # the pairs of an output are adjacent
+                # The pairs of an output are adjacent
+                curved[:, self._curved] += np.add.reduceat(most, self._begins, axis=1)
             from_moved, turned, from_apart, squared, loose = curved
             linear = size @ np.array([moved, radius, apart]).T
             return Bounds(
@@ -123,8 +137,8 @@ class Enclosure:
 
 @lru_cache(maxsize=32)
 def _compiled(function: str) -> tuple[tuple[int, int], Direct, Direct, np.ndarray]:
-    """Return for a serialized function: the shape of its slope, functions for value and slope and for the terms of bounds, and
-    the entries of f'' that are not zero.
+    """Return for a serialized function: the shape of its slope, functions for value and slope and for the
+    terms of bounds, and the entries of f'' that are not zero.
     """
     f = ca.Function.deserialize(function)
     n = f.numel_in(0)
@@ -162,8 +176,9 @@ def _pairs(monomial: Monomial) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class _Jet:
-    """A function near x: its Taylor coefficients `terms` up to ORDER, by monomial, and `rest`: over the whole box, whose radii
-    are `box`, the sum of |derivatives| of the next order over its factorial, each times the radii it belongs to.
+    """A function near x: its Taylor coefficients `terms` up to ORDER, by monomial, and `rest`: over the whole
+    box, whose radii are `box`, the sum of |derivatives| of the next order over its factorial, each times the
+    radii it belongs to.
     """
 
     terms: dict[Monomial, ca.SX]
@@ -184,7 +199,10 @@ class _Jet:
                 term *= self.box[k]
             here[len(monomial)] += term
         here.append(self.rest)
-        return [sum((math.comb(i, j) * here[i] for i in range(j + 1, ORDER + 2)), here[j]) for j in range(ORDER + 2)]
+        return [
+            sum((math.comb(i, j) * here[i] for i in range(j + 1, ORDER + 2)), here[j])
+            for j in range(ORDER + 2)
+        ]
 
     @cached_property
     def spread(self) -> ca.SX:
@@ -207,7 +225,9 @@ class _Jet:
     def plus(self, other: _Jet, sign: int = 1) -> _Jet:
         terms = dict(self.terms)
         for monomial, coefficient in other.terms.items():
-            terms[monomial] = terms[monomial] + sign * coefficient if monomial in terms else sign * coefficient
+            terms[monomial] = (
+                terms[monomial] + sign * coefficient if monomial in terms else sign * coefficient
+            )
         return _Jet(terms, self.rest + other.rest, self.box)
 
     def times(self, other: _Jet) -> _Jet:
@@ -219,8 +239,8 @@ class _Jet:
         return _Jet(terms, rest, self.box)
 
     def through(self, coefficients: Sequence[ca.SX], most: Sequence[ca.SX]) -> _Jet:
-        """Return g of this, from the Taylor coefficients of g at `value` up to ORDER and their bounds over the range up to
-        ORDER + 1."""
+        """Return g of this, from the Taylor coefficients of g at `value` up to ORDER and their bounds over
+        the range up to ORDER + 1."""
         if not any(self.terms):
             return _Jet({(): coefficients[0]}, ca.SX(0), self.box)
         shift = {m: c for m, c in self.terms.items() if m}
@@ -231,7 +251,9 @@ class _Jet:
         powers, size, rest = [ca.SX(0), *self.sizes[1:]], [ca.SX(0), *self.sizes[1:]], ca.SX(0)
         for bound in most[1:]:  # the term of order ORDER + 1 of each power of the shift
             rest += bound * powers[ORDER + 1]
-            powers = [sum((powers[i] * size[k - i] for i in range(k + 1)), ca.SX(0)) for k in range(ORDER + 2)]
+            powers = [
+                sum((powers[i] * size[k - i] for i in range(k + 1)), ca.SX(0)) for k in range(ORDER + 2)
+            ]
         return _Jet(terms, rest, self.box)
 
 
@@ -247,8 +269,8 @@ def _product(one: dict[Monomial, ca.SX], other: dict[Monomial, ca.SX]) -> dict[M
 
 
 def _power(x: _Jet, exponent: float) -> _Jet:
-    """Return the coefficients of a power of a positive quantity, or any quantity for a negative integer; infinite if it may be
-    0."""
+    """Return the coefficients of a power of a positive quantity, or any quantity for a negative integer;
+    infinite if it may be 0."""
     binomials = [math.prod((exponent - i) / (i + 1) for i in range(k)) for k in range(ORDER + 2)]
     size, value = ca.fabs(x.value), x.value
     least = ca.fmax((value if exponent > 0 else size) - x.spread, 1e-200)

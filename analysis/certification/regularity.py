@@ -1,11 +1,14 @@
-"""From which starts damped laws and laws with a dynamic extension can begin, without an enclosure of the whole motion.
+"""From which starts damped laws and laws with a dynamic extension can begin, without an enclosure of the
+whole motion.
 
-What a damped law inverts does not depend on the state: it begins everywhere, whatever robot, sampling, limits and sensors are.
+What a damped law inverts does not depend on the state: it begins everywhere, whatever robot, sampling, limits
+and sensors are.
 
-With a dynamic extension and P_l on the axle the whole motion is that of the outputs, and singular where P_l stands still; along a
-path also where the heading is normal to it, |distance'| = |speed|. In the continuous loop with the controller's parameters the
-errors obey e^(k) + ... + kd e' + kp e = 0, so that these sizes are known functions of time. They are bounded between the times
-at which they are computed: the error state changes by at most |eps| (exp(|A| h) - 1) in h seconds.
+With a dynamic extension and P_l on the axle the whole motion is that of the outputs, and singular where P_l
+stands still; along a path also where the heading is normal to it, |distance'| = |speed|. In the continuous
+loop with the controller's parameters the errors obey e^(k) + ... + kd e' + kp e = 0, so that these sizes are
+known functions of time. They are bounded between the times at which they are computed: the error state
+changes by at most |eps| (exp(|A| h) - 1) in h seconds.
 """
 
 import math
@@ -32,14 +35,16 @@ def begins_everywhere(law: ControlLaw) -> bool:
 
 
 def centres(loop: Loop, spec: Spec) -> bool:
-    """Return whether there are points at which the distance from the path has no gradient, such as the centre of a circle."""
+    """Return whether there are points at which the distance from the path has no gradient,
+    such as the centre of a circle."""
     kind = loop.law.output.required_path.kind
     return kind != "segment" and kind != "line" or any(piece.curvature for piece in spec.output.segments)
 
 
 @dataclass(frozen=True)
 class Proof:
-    """`least`: a lower bound of what must not vanish (m/s), up to `until` (s; infinite: for ever); `lost`: why it ends there."""
+    """`least`: a lower bound of what must not vanish (m/s), up to `until` (s; infinite: for ever);
+    `lost`: why it ends there."""
 
     least: float
     until: float
@@ -47,16 +52,23 @@ class Proof:
 
 
 def why_no_closed_form(loop: Loop, spec: Spec, uncertainty: Mapping[str, float]) -> str:
-    """Return why the errors of an extended law are not the solutions of their linear equations; empty if they are."""
+    """Return why the errors of an extended law are not the solutions of their linear equations;
+    empty if they are."""
     output, guidance = loop.law.output, loop.guidance
     doubts = [
-        (any(uncertainty.values()) or not np.array_equal(loop.plant.parameters, loop.believed), "the robot's parameters differ"),
+        (
+            any(uncertainty.values()) or not np.array_equal(loop.plant.parameters, loop.believed),
+            "the robot's parameters differ",
+        ),
         (spec.simulation.period > 0, "the loop is sampled"),
         (loop.limits is not None, "the inputs are limited"),
         (bool(loop.integral.rows), "the loop has integral action"),
         (type(guidance) is not OnePath, "the reference depends on the place of the robot"),
         (spec.output.own, "the output is the robot's own"),
-        (output.path is not None and output.path.kind not in ("line", "circle"), "the distance is one of first order"),
+        (
+            output.path is not None and output.path.kind not in ("line", "circle"),
+            "the distance is one of first order",
+        ),
         (bool(loop.law.linearization.measures[1:]), "inputs may lose a direction"),
         (_leaves_joints(loop.law), "joints move that the outputs do not determine"),
     ]
@@ -64,7 +76,8 @@ def why_no_closed_form(loop: Loop, spec: Spec, uncertainty: Mapping[str, float])
 
 
 def _leaves_joints(law: ControlLaw) -> bool:
-    """Return whether the motion depends on more than the outputs with their derivatives and the place along a path."""
+    """Return whether the motion depends on more than the outputs with their derivatives and the place along a
+    path."""
     found, system = law.linearization, law.system
     z = ca.vertcat(found.h, found.rate)
     motion = ca.vertcat(z, ca.vec(found.Phi), found.drift, ca.vec(system.S))
@@ -73,7 +86,8 @@ def _leaves_joints(law: ControlLaw) -> bool:
 
 
 class OutputErrors:
-    """The errors of the outputs over time, e = y_d - y: `state` (a column for each row: e, e', ...) from the start's on."""
+    """The errors of the outputs over time, e = y_d - y: `state` (a column for each row: e, e',
+    ...) from the start's on."""
 
     def __init__(self, loop: Loop):
         law = loop.law
@@ -112,7 +126,8 @@ class OutputErrors:
 
 
 def proof_of_motion(loop: Loop, spec: Spec) -> Proof:
-    """Return the proof that P_l keeps moving, and along a path that the heading does not become normal to it."""
+    """Return the proof that P_l keeps moving, and along a path that the heading does not become normal to
+    it."""
     errors, course = OutputErrors(loop), spec.reference
     start = max(1.0, *(float(np.abs(e).max()) for e in errors.states))
     path = loop.law.output.path

@@ -21,8 +21,8 @@ FIRST, MOST, HALVINGS = 0.5, 8.0, 3  # m: first and largest offset tried; it is 
 
 @dataclass(frozen=True)
 class Offsets:
-    """`offsets` (m) by speed (m/s) and heading (rad, from the path's direction): up to there each start is proved to be safe on a
-    grid, on both sides of the path; None where not even a start on the path is safe.
+    """`offsets` (m) by speed (m/s) and heading (rad, from the path's direction): up to there each start is
+    proved to be safe on a grid, on both sides of the path; None where not even a start on the path is safe.
     """
 
     speeds: tuple[float, ...]
@@ -31,7 +31,9 @@ class Offsets:
 
     def lines(self) -> list[str]:
         """Return the table as text."""
-        head = "speed m/s".rjust(10) + "".join(f"{math.degrees(heading):9.0f} deg" for heading in self.headings)
+        head = "speed m/s".rjust(10) + "".join(
+            f"{math.degrees(heading):9.0f} deg" for heading in self.headings
+        )
         rows = []
         for speed, offsets in zip(self.speeds, self.offsets, strict=True):
             cells = "".join(("none" if offset is None else f"{offset:.3g} m").rjust(13) for offset in offsets)
@@ -46,7 +48,8 @@ def safe_offsets(
     headings: Sequence[float] | None = None,
     progress: Reported = silent,
 ) -> Offsets:
-    """Return the table for a SPEC whose path is a line, a circle or an arc; `speeds` in m/s, `headings` in rad, or a few of each.
+    """Return the table for a SPEC whose path is a line, a circle or an arc; `speeds` in m/s, `headings` in
+    rad, or a few of each.
 
     Raises BadInput for another path, and as `make_loop` does.
     """
@@ -77,7 +80,9 @@ def safe_offsets(
 
     def _safe(offset: float, speed: float, heading: float) -> bool:
         try:
-            course = Certificate(enclosed.started(*beside(offset, speed, heading)), spec.simulation, invariant).run()
+            course = Certificate(
+                enclosed.started(*beside(offset, speed, heading)), spec.simulation, invariant
+            ).run()
         except BadInput:  # the start is singular
             return False
         return not course.lost
@@ -87,7 +92,9 @@ def safe_offsets(
     for v, a in itertools.product(speeds, headings):
         offsets.append(_largest(lambda d, v=v, a=a: safe(d, v, a)))
         progress(len(offsets), len(speeds) * columns, "safe offsets found")
-    return Offsets(speeds, headings, tuple(tuple(offsets[k : k + columns]) for k in range(0, len(offsets), columns)))
+    return Offsets(
+        speeds, headings, tuple(tuple(offsets[k : k + columns]) for k in range(0, len(offsets), columns))
+    )
 
 
 def _largest(safe) -> float | None:

@@ -1,12 +1,14 @@
-"""Encloses all motions of a closed loop from one start that differ by the robot's parameters, about a nominal motion.
+"""Encloses all motions of a closed loop from one start that differ by the robot's parameters, about a nominal
+motion.
 
-About the nominal motion x(t) the deviation of any other is e = S pi + G b: pi the deviations of the parameters, at most `spread`,
-S the sensitivity of the motion to them, and b unknown numbers in [-1, 1]. S and G are carried along by the loop's tangent; what
-the tangent leaves out (`Enclosure`), the error of each step of integration and what a limit or the next segment of a path
-makes uncertain become further columns of G. A step is good when a box is found that no motion leaves during it (Picard).
+About the nominal motion x(t) the deviation of any other is e = S pi + G b: pi the deviations of the
+parameters, at most `spread`, S the sensitivity of the motion to them, and b unknown numbers in [-1, 1]. S and
+G are carried along by the loop's tangent; what the tangent leaves out (`Enclosure`), the error of each step
+of integration and what a limit or the next segment of a path makes uncertain become further columns of G. A
+step is good when a box is found that no motion leaves during it (Picard).
 
-Each step adds the error that the embedded method estimates, which is no bound, and an allowance for rounding; the tangent itself
-is taken to be exact along the nominal motion.
+Each step adds the error that the embedded method estimates, which is no bound, and an allowance for rounding;
+the tangent itself is taken to be exact along the nominal motion.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ class Lost(Exception):
 
 @dataclass
 class Tube:
-    """`centre` (n), `S` (n, parameters), `G` (n, columns) and the parameters' `spread`: the set of states at an instant."""
+    """`centre` (n), `S` (n, parameters), `G` (n, columns) and the parameters' `spread`:
+    the set of states at an instant."""
 
     centre: np.ndarray
     S: np.ndarray
@@ -72,8 +75,8 @@ def _reduced(G: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class TubeStep:
-    """`h` s, and the tube behind it. In between the nominal motion was within `moved` of `centre`, the others within `radius` of
-    that; `rate`: bounds of their rates of change.
+    """`h` s, and the tube behind it. In between the nominal motion was within `moved` of `centre`, the others
+    within `radius` of that; `rate`: bounds of their rates of change.
     """
 
     h: float
@@ -91,8 +94,8 @@ class RateOfChange(Protocol):
         """Return f and its derivatives by x and p, which may use the bounds of f in the step."""
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
-        """Return the bounds of f near the tube: the nominal motion is within `moved` of its centre, the deviations differ by at
-        most `growth` from those there. The slope is not needed.
+        """Return the bounds of f near the tube: the nominal motion is within `moved` of its centre, the
+        deviations differ by at most `growth` from those there. The slope is not needed.
         """
 
 
@@ -147,7 +150,9 @@ class Flow:
             growth = np.maximum(growth, 1.1 * grown + ROUNDING)
         return None
 
-    def _step(self, tube: Tube, h: float, box: tuple[np.ndarray, np.ndarray, Bounds]) -> tuple[Tube, float] | None:
+    def _step(
+        self, tube: Tube, h: float, box: tuple[np.ndarray, np.ndarray, Bounds]
+    ) -> tuple[Tube, float] | None:
         """Return the tube after h, and the error of the nominal motion relative to the tolerance."""
         n, (_, _, rate) = len(tube.centre), box
         slopes: list[np.ndarray] = []
@@ -178,4 +183,6 @@ class Flow:
             term = h / order * (size @ term)
             rest = rest + term
         rest = rest + error + ROUNDING * (1 + np.abs(after))
-        return tube.map(after, X[:, :n], X[:, n:], rest), float((error / (TOLERANCE * (1 + np.abs(after)))).max())
+        return tube.map(after, X[:, :n], X[:, n:], rest), float(
+            (error / (TOLERANCE * (1 + np.abs(after)))).max()
+        )

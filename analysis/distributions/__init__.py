@@ -1,1 +1,2 @@
-"""Distributions and brackets: growth, involutive closure, integrals, places of lower rank, control properties."""
+"""Distributions and brackets: growth, involutive closure, integrals, places of lower rank,
+control properties."""

@@ -1,8 +1,10 @@
-"""Actuation of a robot: whether its inputs drive every quasi-velocity, and the reachable dimension if they do not.
+"""Actuation of a robot: whether its inputs drive every quasi-velocity, and the reachable dimension if they do
+not.
 
-If S'E has rank n-m, the feedback (12) turns the robot into qdot = S nu, nudot = u (13). Otherwise the robot is
-x' = f(x) + sum g_j tau_j, x = [q; nu], where f is its motion without inputs, and brackets of these determine what it reaches:
-H. J. Sussmann, V. Jurdjevic, Controllability of nonlinear systems, J. Differential Equations 12, 1972.
+If S'E has rank n-m, the feedback (12) turns the robot into qdot = S nu, nudot = u (13). Otherwise the robot
+is x' = f(x) + sum g_j tau_j, x = [q; nu], where f is its motion without inputs, and brackets of these
+determine what it reaches: H. J. Sussmann, V. Jurdjevic, Controllability of nonlinear systems, J. Differential
+Equations 12, 1972.
 """
 
 import random
@@ -27,7 +29,8 @@ from ..exact.symbolic import FUNCTIONS
 LARGEST = 20_000  # operations of a bracket
 CONSTANT = 1e-9  # of sizes about 1: what is below it is zero
 STATES = 3  # random states at which ranks are computed
-ROUNDING = 1e-12  # relative, of numbers in a model such as 0.1; smaller values compared with the terms of a bracket are zero
+# Relative, of numbers in a model such as 0.1; smaller values compared with the terms of a bracket are zero
+ROUNDING = 1e-12
 NUMERIC: Mapping[int, Callable] = {
     **FUNCTIONS,
     ca.OP_SQRT: mpmath.sqrt,
@@ -44,8 +47,8 @@ NUMERIC: Mapping[int, Callable] = {
 
 @dataclass(frozen=True, eq=False)
 class Actuation:
-    """Actuation by the inputs of a mechanism: `driven` of the `dof` = n - m quasi-velocities; generic ranks at random
-    states."""
+    """Actuation by the inputs of a mechanism: `driven` of the `dof` = n - m quasi-velocities; generic ranks
+    at random states."""
 
     mechanism: Mechanism
     driven: int
@@ -58,10 +61,11 @@ class Actuation:
 
     @cached_property
     def reached(self) -> int | None:
-        """Dimension of the strong accessibility distribution, at the default parameters; None if it cannot be computed.
+        """Dimension of the strong accessibility distribution, at the default parameters; None if it cannot be
+        computed.
 
-        The distribution is the smallest one that has all g_j and is invariant under brackets with f and g_j. Its dimension is
-        the largest of those at random states.
+        The distribution is the smallest one that has all g_j and is invariant under brackets with f and g_j.
+        Its dimension is the largest of those at random states.
         """
         try:
             return max(self._reached(seed) for seed in range(STATES))
@@ -70,12 +74,13 @@ class Actuation:
 
     @cached_property
     def at_rest(self) -> bool | None:
-        """Whether it is small-time locally controllable at rest at generic configurations, at the default parameters; None if
-        that is not decided, or cannot be computed.
+        """Whether it is small-time locally controllable at rest at generic configurations, at the default
+        parameters; None if that is not decided, or cannot be computed.
 
-        No: a single input g, and [g, [f, g]] is not a combination of the ad_f^k g (H. J. Sussmann, 1983, proposition 6.3). Yes,
-        without potential and dissipation, where Delta* is the whole space: the g_j and their symmetric products
-        [g_i, [f, g_j]], i < j, span all velocities, and [g_j, [f, g_j]] is a combination of the g_j (A. D. Lewis, 2000).
+        No: a single input g, and [g, [f, g]] is not a combination of the ad_f^k g (H. J. Sussmann, 1983,
+        proposition 6.3). Yes, without potential and dissipation, where Delta* is the whole space: the g_j and
+        their symmetric products [g_i, [f, g_j]], i < j, span all velocities, and [g_j, [f, g_j]] is a
+        combination of the g_j (A. D. Lewis, 2000).
         """
         try:
             (verdict, *others) = [self._at_rest(seed) for seed in range(STATES)]
@@ -91,12 +96,17 @@ class Actuation:
                 return None
             twice = ca.substitute(drift, self._system.nu, 2 * self._system.nu)[-self.dof :]
             once = value(drift)[-self.dof :]
-            free = _size([fast - 4 * slow for fast, slow in zip(value(twice), once, strict=True)]) <= ROUNDING * max(
-                1, _size(once)
-            )
+            free = _size(
+                [fast - 4 * slow for fast, slow in zip(value(twice), once, strict=True)]
+            ) <= ROUNDING * max(1, _size(once))
             products = [[_bracket(one, _bracket(drift, other, x), x) for other in driving] for one in driving]
-            own, usual = [resting(each) for each in driving], max(_size(value(each)) for row in products for each in row)
-            bad = [product for j in range(count) if _size(product := resting(products[j][j])) > ROUNDING * usual]
+            own, usual = (
+                [resting(each) for each in driving],
+                max(_size(value(each)) for row in products for each in row),
+            )
+            bad = [
+                product for j in range(count) if _size(product := resting(products[j][j])) > ROUNDING * usual
+            ]
             if count == 1 and bad:
                 linear, candidate = list(own), driving[0]
                 for _ in range(x.numel() - 1):
@@ -109,11 +119,12 @@ class Actuation:
 
     @cached_property
     def linearizable(self) -> tuple[bool, str] | None:
-        """Whether static state feedback linearizes it where it is accessible, and why, at the default parameters; None if that
-        cannot be computed.
+        """Whether static state feedback linearizes it where it is accessible, and why, at the default
+        parameters; None if that cannot be computed.
 
-        D_1 = span{g_j} and D_(k+1) = D_k + [f, D_k] must be involutive, up to one with all dimensions that are `reached`
-        (B. Jakubczyk, W. Respondek, On linearization of control systems, Bull. Acad. Pol. Sci. 28, 1980): ranks at random states.
+        D_1 = span{g_j} and D_(k+1) = D_k + [f, D_k] must be involutive, up to one with all dimensions that
+        are `reached` (B. Jakubczyk, W. Respondek, On linearization of control systems, Bull. Acad. Pol. Sci.
+        28, 1980): ranks at random states.
         """
         try:
             return self._linearizable()
@@ -124,7 +135,8 @@ class Actuation:
         (x, drift, driving), states = self._fields, [self._value(seed) for seed in range(STATES)]
 
         def independent(fields: list[ca.SX], more: list[tuple[ca.SX, ca.SX, ca.SX]]) -> list[ca.SX]:
-            """Return the brackets among `more`, each with the two fields of which it is one, that add to the span of fields."""
+            """Return the brackets among `more`, each with the two fields of which it is one,
+            that add to the span of fields."""
             added: list[ca.SX] = []
             for bracket, a, b in more:
                 for value in states:
@@ -154,16 +166,19 @@ class Actuation:
 
     @cached_property
     def momentum(self) -> tuple[str, ...]:
-        """The coordinates of a common displacement whose momentum no input changes and is the rate of a function of q, at the
-        default parameters; empty if none is found.
+        """The coordinates of a common displacement whose momentum no input changes and is the rate of a
+        function of q, at the default parameters; empty if none is found.
 
-        Constant displacements xi with A xi = 0 that no input drives, E' xi = 0: the momentum p = xi' M qdot has the rate
-        xi' (Mdot qdot - V). If that is zero in all motions and xi' M is a gradient, the function grows with p t.
+        Constant displacements xi with A xi = 0 that no input drives, E' xi = 0: the momentum p = xi' M qdot
+        has the rate xi' (Mdot qdot - V). If that is zero in all motions and xi' M is a gradient, the function
+        grows with p t.
         """
         mechanism, system = self.mechanism, self._system
         rate = ca.jtimes(mechanism.M, mechanism.q, system.qdot) @ system.qdot - system.V
         state = ca.vertcat(mechanism.q, system.nu)
-        rows = ca.Function("rows", [state, mechanism.p], [ca.densify(ca.vertcat(mechanism.A, mechanism.E.T, rate.T))])
+        rows = ca.Function(
+            "rows", [state, mechanism.p], [ca.densify(ca.vertcat(mechanism.A, mechanism.E.T, rate.T))]
+        )
         xi = ca.SX.sym("xi", len(mechanism.coordinates))
         slopes = ca.jacobian(mechanism.M @ xi, mechanism.q)
         curl, by_nu = ca.densify(slopes - slopes.T), ca.densify(system.S.T @ mechanism.M @ xi)
@@ -175,7 +190,10 @@ class Actuation:
             return ()
         for displacement in null_space_of(stacked, rcond=CONSTANT).T:
             values = [[part.full() for part in closed(each, parameters, displacement)] for each in states]
-            if all(np.abs(curl).max() < CONSTANT for curl, _ in values) and min(np.abs(p).max() for _, p in values) > CONSTANT:
+            if (
+                all(np.abs(curl).max() < CONSTANT for curl, _ in values)
+                and min(np.abs(p).max() for _, p in values) > CONSTANT
+            ):
                 moved = np.abs(displacement) > CONSTANT
                 return tuple(q.name for q, moves in zip(mechanism.coordinates, moved, strict=True) if moves)
         return ()
@@ -189,7 +207,11 @@ class Actuation:
             return ca.densify(ca.vertcat(system.qdot, system.acceleration(tau)))
 
         drift = field(ca.SX.zeros(inputs))
-        return ca.vertcat(self.mechanism.q, system.nu), drift, [field(ca.SX.eye(inputs)[:, j]) - drift for j in range(inputs)]
+        return (
+            ca.vertcat(self.mechanism.q, system.nu),
+            drift,
+            [field(ca.SX.eye(inputs)[:, j]) - drift for j in range(inputs)],
+        )
 
     def _value(self, seed: int, rest: bool = False) -> Callable[[ca.SX], list[mpmath.mpf]]:
         """Return the function from a vector to its numbers at a random state, or at one with nu = 0."""
@@ -200,7 +222,9 @@ class Actuation:
         with mpmath.workdps(DIGITS):
             at = [mpmath.mpf(number) for number in (*state, *[p.default for p in parameters])]
         symbols = ca.vertsplit(ca.vertcat(x, self.mechanism.p))
-        return lambda vector: fold(vector, symbols, at.__getitem__, mpmath.mpf, lambda code, parts: NUMERIC[code](*parts))
+        return lambda vector: fold(
+            vector, symbols, at.__getitem__, mpmath.mpf, lambda code, parts: NUMERIC[code](*parts)
+        )
 
     def _reached(self, seed: int) -> int:
         (x, drift, driving), value = self._fields, self._value(seed)
@@ -218,7 +242,9 @@ class Actuation:
                 if rank([*values, direction], ROUNDING) > len(values):
                     values.append(direction)
                     brackets = [_bracket(other, candidate, x) for other in (drift, *driving)]
-                    waiting += [(bracket, size * other) for bracket, other in zip(brackets, sizes, strict=True)]
+                    waiting += [
+                        (bracket, size * other) for bracket, other in zip(brackets, sizes, strict=True)
+                    ]
         return len(values)
 
     @cached_property

@@ -1,4 +1,5 @@
-"""Exact analysis of a system: distribution, holonomic part, singular places, and the control properties of (13)."""
+"""Exact analysis of a system: distribution, holonomic part, singular places,
+and the control properties of (13)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +23,10 @@ from .properties import SPACE, Check, LinearizationStep, checks, linearization_s
 class DimensionProof:
     """Proof of the dimensions of the filtration.
 
-    `basis` names the brackets that span Delta*. e_1, e_2, ... (`fields`) span the same, level by level: e_i is a multiple of
-    the i-th bracket plus those before it. Lower bound: the minor of the brackets in the coordinates `rows` is `minor`, which is
-    not zero. Upper bound: `identities` write every other bracket of `generators` g_j, which are multiples of the columns of S,
-    with these fields.
+    `basis` names the brackets that span Delta*. e_1, e_2, ... (`fields`) span the same, level by level: e_i
+    is a multiple of the i-th bracket plus those before it. Lower bound: the minor of the brackets in the
+    coordinates `rows` is `minor`, which is not zero. Upper bound: `identities` write every other bracket of
+    `generators` g_j, which are multiples of the columns of S, with these fields.
     """
 
     generators: tuple[sp.Matrix, ...]
@@ -37,15 +38,21 @@ class DimensionProof:
 
     def text(self) -> list[str]:
         """Return the proof as lines."""
-        lines = [f"basis {', '.join(self.basis)}", f"its minor in ({', '.join(self.rows)}) is {written(self.minor)}"]
+        lines = [
+            f"basis {', '.join(self.basis)}",
+            f"its minor in ({', '.join(self.rows)}) is {written(self.minor)}",
+        ]
         for letter, fields in (("g", self.generators), ("e", self.fields)):
-            lines += [f"{letter}_{k + 1} = ({', '.join(map(written, field))})" for k, field in enumerate(fields)]
+            lines += [
+                f"{letter}_{k + 1} = ({', '.join(map(written, field))})" for k, field in enumerate(fields)
+            ]
         return lines + list(self.identities)
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """n coordinates, m constraints, k of them holonomic; all ranks are generic; `places` lists where they drop."""
+    """n coordinates, m constraints, k of them holonomic; all ranks are generic;
+    `places` lists where they drop."""
 
     name: str
     n: int
@@ -67,7 +74,10 @@ class Analysis:
         if self.actuation is None or self.actuation.full:
             return "q' = S nu, nu' = u"
         inputs = ", ".join(q.name for q in self.actuation.mechanism.inputs)
-        return f"the robot as driven by {inputs} alone, {self.actuation.driven} of {self.actuation.dof} quasi-velocities"
+        return (
+            f"the robot as driven by {inputs} alone, {self.actuation.driven} of {self.actuation.dof} "
+            "quasi-velocities"
+        )
 
     @property
     def k(self) -> int:
@@ -84,7 +94,8 @@ class Analysis:
     def text(self) -> str:
         """Return the analysis as text."""
         lines = [
-            f"{self.name}: {self.n} coordinates, {self.m} constraints: {self.k} holonomic, {self.m - self.k} nonholonomic",
+            f"{self.name}: {self.n} coordinates, {self.m} constraints: {self.k} holonomic, {self.m - self.k} "
+            "nonholonomic",
             f"growth ({', '.join(map(str, self.growth))}), dim Delta* = {self.n - self.k}",
             *_indented("certificate", self.certificate.text()),
             *_indented("integrals", self.holonomic.text()),
@@ -127,8 +138,8 @@ class Analysis:
 
 
 def analyse(system: Kinematics | Mechanism | ReducedSystem, progress: Reported = silent) -> Analysis:
-    """Return the exact analysis. Raises ModelError for degenerate systems, for functions that cannot be treated exactly, and for
-    what is not decided within WORK.
+    """Return the exact analysis. Raises ModelError for degenerate systems, for functions that cannot be
+    treated exactly, and for what is not decided within WORK.
     """
     Delta = distribution(system)
     functions = Delta.functions
@@ -183,7 +194,10 @@ def _identity(Delta: Distribution, dependence: Dependence) -> str:
     right = next(k for k, field in enumerate(basis) if field is dependence.right)
     divisor = functions.times(dependence.factor, functions.delta)
     quotients = {k: written(functions.quotient(c, divisor)) for k, c in dependence.coefficients.items()}
-    return f"[g_{left + 1}, e_{right + 1}] = {' + '.join(f'({c})*e_{k + 1}' for k, c in quotients.items()) or '0'}"
+    return (
+        f"[g_{left + 1}, e_{right + 1}] = "
+        f"{' + '.join(f'({c})*e_{k + 1}' for k, c in quotients.items()) or '0'}"
+    )
 
 
 def _indented(title: str, lines: Sequence[str]) -> list[str]:

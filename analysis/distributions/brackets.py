@@ -1,7 +1,8 @@
 """Lie brackets, the filtration they span, and the proof of its dimensions.
 
-Everything is linear algebra over the field of the exact functions of q, by elimination without fractions. A field is kept
-only up to a factor and to the fields before it: by [X, a Y] = a [X, Y] + X(a) Y this changes no span.
+Everything is linear algebra over the field of the exact functions of q, by elimination without fractions. A
+field is kept only up to a factor and to the fields before it: by [X, a Y] = a [X, Y] + X(a) Y this changes no
+span.
 """
 
 import functools
@@ -21,8 +22,8 @@ TERMS = 4000  # most terms of a bracket, in all components; proofs with larger b
 class VectorField:
     """Its name as a bracket, the bracket's length, and n polynomial components.
 
-    vector = product(above) / product(below) * (the bracket named) + a combination of the fields before it; entry `pivot` of
-    all fields after it is 0.
+    vector = product(above) / product(below) * (the bracket named) + a combination of the fields before it;
+    entry `pivot` of all fields after it is 0.
     """
 
     name: str
@@ -39,7 +40,8 @@ class VectorField:
 
 @dataclass(frozen=True)
 class Dependence:
-    """factor * [left, right] = sum of coefficient * basis field, exactly; `left` and `right` as in `basis`."""
+    """factor * [left, right] = sum of coefficient * basis field, exactly;
+    `left` and `right` as in `basis`."""
 
     name: str
     left: VectorField
@@ -50,16 +52,16 @@ class Dependence:
 
 @dataclass
 class Span:
-    """Vectors in echelon form, independent over the field of functions. `point`: pivots that do not vanish there are
-    preferred."""
+    """Vectors in echelon form, independent over the field of functions. `point`: pivots that do not vanish
+    there are preferred."""
 
     functions: Functions
     fields: list[VectorField] = field(default_factory=list)
     point: Point | RealPoint | None = None
 
     def reduce(self, vector: Vector) -> tuple[list[tuple[int, PolyElement, PolyElement]], Vector]:
-        """Return steps (k, up, by) in which vector := up * vector - by * field k, and the remainder: 0 for a vector in the
-        span."""
+        """Return steps (k, up, by) in which vector := up * vector - by * field k, and the remainder: 0 for a
+        vector in the span."""
         f, steps = self.functions, []
         for k, own in enumerate(self.fields):
             entry = vector[own.pivot]
@@ -72,8 +74,8 @@ class Span:
         return steps, vector
 
     def add(self, candidate: VectorField) -> tuple[PolyElement, dict[int, PolyElement]] | None:
-        """Add an independent field; for a dependent one return factor and coefficients: factor * vector = sum coefficient *
-        field."""
+        """Add an independent field; for a dependent one return factor and coefficients: factor * vector = sum
+        coefficient * field."""
         f = self.functions
         steps, rest = self.reduce(candidate.vector)
         if not any(rest):
@@ -85,11 +87,14 @@ class Span:
         content, rest = f.primitive(rest)
         pivot = min((k for k, entry in enumerate(rest) if entry), key=lambda k: self._difficulty(rest[k]))
         above = (*candidate.above, *(up for _, up, _ in steps))
-        self.fields.append(replace(candidate, vector=rest, above=above, below=(*candidate.below, content), pivot=pivot))
+        self.fields.append(
+            replace(candidate, vector=rest, above=above, below=(*candidate.below, content), pivot=pivot)
+        )
         return None
 
     def complement(self) -> list[Vector]:
-        """Return a basis of the annihilator, n minus their number of vectors: one-forms for fields, fields for one-forms."""
+        """Return a basis of the annihilator, n minus their number of vectors: one-forms for fields,
+        fields for one-forms."""
         f = self.functions
         pivots = {own.pivot for own in self.fields}
         annihilator = []
@@ -112,7 +117,8 @@ class Span:
 
 @dataclass(frozen=True)
 class Filtration:
-    """Delta_1, Delta_2, ... with their generic dimensions `growth`; `basis` spans the last one, level by level.
+    """Delta_1, Delta_2, ... with their generic dimensions `growth`; `basis` spans the last one, level by
+    level.
 
     `dependences` are the exact identities of all computed brackets that depend on others.
     """
@@ -123,8 +129,8 @@ class Filtration:
 
 
 def filtration(functions: Functions, generators: Sequence[VectorField], derived: bool = False) -> Filtration:
-    """Return Delta_1 = span of the generators, which are independent, and Delta_(i+1) = Delta_i + [Delta_1, Delta_i], until it is
-    involutive.
+    """Return Delta_1 = span of the generators, which are independent, and Delta_(i+1) = Delta_i + [Delta_1,
+    Delta_i], until it is involutive.
 
     `derived`: the derived flag, Delta_i + [Delta_i, Delta_i], instead. Raises TooLarge.
     """
@@ -162,7 +168,8 @@ def refuse_large(vector: Sequence[PolyElement]) -> None:
 
 
 class Brackets:
-    """All brackets of given fields, level by level, not divided by any function, so that they are valid everywhere.
+    """All brackets of given fields, level by level, not divided by any function, so that they are valid
+    everywhere.
 
     Brackets equal to a constant multiple of another are omitted.
     """
@@ -176,8 +183,8 @@ class Brackets:
         return [vector for k in range(level) for vector in self._level(k)]
 
     def growth_at(self, point: Point | RealPoint, steps: int, enough: int) -> tuple[int, ...]:
-        """Return the dimensions of Delta_1, ..., at most Delta_steps, at a point, up to the dimension `enough`; fewer if too
-        large."""
+        """Return the dimensions of Delta_1, ..., at most Delta_steps, at a point, up to the dimension
+        `enough`; fewer if too large."""
         growth: list[int] = []
         vectors: list[Vector] = []
         for level in range(steps):

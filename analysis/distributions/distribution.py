@@ -1,4 +1,5 @@
-"""The distribution Delta of a system: the span of the columns of S(q), its filtration, and the closure Delta*, paper 2.1."""
+"""The distribution Delta of a system: the span of the columns of S(q), its filtration,
+and the closure Delta*, paper 2.1."""
 
 import functools
 from collections.abc import Iterator, Sequence
@@ -24,7 +25,8 @@ from .brackets import Filtration, Span, VectorField, filtration
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """Delta, exactly: `fields` are the columns of S, `forms` the rows of A (none if only S is given), up to factors.
+    """Delta, exactly: `fields` are the columns of S, `forms` the rows of A (none if only S is given), up to
+    factors.
 
     `given`: whether S is that of the system, not one computed from A.
     """
@@ -40,7 +42,8 @@ class Distribution:
 
     @cached_property
     def filtration(self) -> Filtration:
-        """Delta_1 = Delta, Delta_(i+1) = Delta_i + [Delta, Delta_i]; the last is Delta*. Raises ModelError if too large."""
+        """Delta_1 = Delta, Delta_(i+1) = Delta_i + [Delta, Delta_i];
+        the last is Delta*. Raises ModelError if too large."""
         return self._filtration(derived=False)
 
     @cached_property
@@ -65,13 +68,14 @@ class Distribution:
 
     @cached_property
     def annihilator(self) -> list[Vector]:
-        """k one-forms that vanish on Delta*: the differentials of the integrals, up to combinations with functions."""
+        """k one-forms that vanish on Delta*: the differentials of the integrals,
+        up to combinations with functions."""
         with provable(self.name):
             return Span(self.functions, list(self.filtration.basis)).complement()
 
     def near(self, point: Point | RealPoint) -> "Distribution":
-        """Return the distribution with fields that span Delta near the point: the columns of S, or others if S is invalid and A
-        is not."""
+        """Return the distribution with fields that span Delta near the point: the columns of S, or others if
+        S is invalid and A is not."""
         columns = [column.whole(self.functions) for column in self.fields]
         if point.rank(columns) == len(columns) or not self.forms:
             return self
@@ -92,20 +96,21 @@ def provable(name: str) -> Iterator[None]:
         yield
     except TooMuchWork as error:
         raise ModelError(
-            f"{name}: not decided within {error}; write the system in simpler coordinates, or give numbers for parameters"
+            f"{name}: not decided within {error}; write the system in simpler coordinates, or give numbers "
+            "for parameters"
         ) from None
     except TooLarge:
         raise ModelError(
-            f"{name}: the functions of q grow too large for an exact proof; write the system in simpler coordinates, "
-            "or give numbers for parameters"
+            f"{name}: the functions of q grow too large for an exact proof; write the system in simpler "
+            "coordinates, or give numbers for parameters"
         ) from None
 
 
 def distribution(system: Kinematics | Mechanism | ReducedSystem) -> Distribution:
     """Return the distribution of a system.
 
-    Raises ModelError if constraints are dependent everywhere (it names one), if A S is not exactly zero, if columns of S are
-    dependent, and for functions of q that cannot be treated exactly.
+    Raises ModelError if constraints are dependent everywhere (it names one), if A S is not exactly zero, if
+    columns of S are dependent, and for functions of q that cannot be treated exactly.
     """
     model = kinematics(system)
     with provable(model.name):
@@ -119,14 +124,21 @@ def _distribution(model: Kinematics) -> Distribution:
     symbols = [symbol(c) for c in model.coordinates], [symbol(p) for p in model.parameters]
     functions = Functions(model.name, *symbols, [*(A or ()), *(S or ())])
     refuse_dependent_roots(functions)
-    forms = [_polynomial(functions, list(A.row(k)), f"row {k + 1}") for k in range(A.rows)] if A is not None else []
+    forms = (
+        [_polynomial(functions, list(A.row(k)), f"row {k + 1}") for k in range(A.rows)]
+        if A is not None
+        else []
+    )
     rows = _independent(functions, forms)
     if len(rows) < len(forms):
         name = next(
-            name for name, form in zip(model.constraint_names, forms, strict=True) if form.name not in {r.name for r in rows}
+            name
+            for name, form in zip(model.constraint_names, forms, strict=True)
+            if form.name not in {r.name for r in rows}
         )
         raise ModelError(
-            f"{model.name}: the constraints are not independent: {name!r} follows from the others everywhere; drop it"
+            f"{model.name}: the constraints are not independent: {name!r} follows from the others "
+            "everywhere; drop it"
         )
     fields: Sequence[VectorField]
     if S is None:
@@ -138,22 +150,41 @@ def _distribution(model: Kinematics) -> Distribution:
     for name, form in zip(model.constraint_names, forms, strict=False):
         for column in fields:
             if functions.dot(form.vector, column.vector):
-                raise ModelError(f"{model.name}: A S is not zero: column {column.name} of S does not satisfy constraint {name!r}")
+                raise ModelError(
+                    f"{model.name}: A S is not zero: column {column.name} of S does not satisfy constraint "
+                    f"{name!r}"
+                )
     if len(_independent(functions, fields)) < len(fields):
-        raise ModelError(f"{model.name}: the columns of S depend on each other everywhere; choose other quasi-velocities")
+        raise ModelError(
+            f"{model.name}: the columns of S depend on each other everywhere; choose other quasi-velocities"
+        )
     return Distribution(
-        model.name, model.coordinates, model.parameters, model.S is not None, functions, S, tuple(fields), tuple(forms)
+        model.name,
+        model.coordinates,
+        model.parameters,
+        model.S is not None,
+        functions,
+        S,
+        tuple(fields),
+        tuple(forms),
     )
 
 
-def part(Delta: Distribution, rows: Sequence[int], columns: Sequence[int], expanded: bool = False) -> Distribution:
-    """Return the distribution of these coordinates alone, spanned by these columns of S, which must be independent in these rows
-    and depend on no other coordinate there. `expanded`: sines and cosines of sums are written in those of the coordinates."""
+def part(
+    Delta: Distribution, rows: Sequence[int], columns: Sequence[int], expanded: bool = False
+) -> Distribution:
+    """Return the distribution of these coordinates alone, spanned by these columns of S, which must be
+    independent in these rows and depend on no other coordinate there. `expanded`: sines and cosines of sums
+    are written in those of the coordinates."""
     coordinates = tuple(Delta.coordinates[k] for k in rows)
     S = Delta.S.extract(list(rows), list(columns))
     parameters = tuple(p for p in Delta.parameters if S.has(symbol(p)))
     symbols = [symbol(c) for c in coordinates]
-    waves = [sp.cos(q) for q in symbols if any(wave.has(q) for wave in S.atoms(sp.sin, sp.cos))] if expanded else []
+    waves = (
+        [sp.cos(q) for q in symbols if any(wave.has(q) for wave in S.atoms(sp.sin, sp.cos))]
+        if expanded
+        else []
+    )
     functions = Functions(Delta.name, symbols, [symbol(p) for p in parameters], [*waves, *S])
     fields = tuple(_polynomial(functions, list(S.col(k)), f"s{k + 1}") for k in range(S.cols))
     return Distribution(Delta.name, coordinates, parameters, True, functions, S, fields, ())
@@ -164,7 +195,8 @@ def _exact(matrix: ca.SX | None, quantities: Sequence, where: str) -> sp.Matrix 
 
 
 def _polynomial(functions: Functions, entries: list[sp.Expr], name: str) -> VectorField:
-    """Convert entries that are ratios to polynomials without a common factor, and record the multiplier and the divisor."""
+    """Convert entries that are ratios to polynomials without a common factor,
+    and record the multiplier and the divisor."""
     ratios = [functions.ratio(entry) for entry in entries]
     common = functools.reduce(PolyElement.lcm, [below for _, below in ratios])
     vector: Vector = tuple(functions.normal(above * common.exquo(below)) for above, below in ratios)

@@ -34,8 +34,9 @@ Shared = TypeVar("Shared")
 class Place:
     """The set where `condition` is zero, and how its generic points differ from others.
 
-    `growth`: the dimensions there, as far as computed. `verified`: they are ranks at real points of the set, with many digits;
-    otherwise no real point was found, and they are ranks at points with coordinates modulo a prime.
+    `growth`: the dimensions there, as far as computed. `verified`: they are ranks at real points of the set,
+    with many digits; otherwise no real point was found, and they are ranks at points with coordinates modulo
+    a prime.
     """
 
     condition: sp.Expr
@@ -49,7 +50,11 @@ class Place:
 
     def undecided(self, generic: tuple[int, ...]) -> bool:
         """Whether no difference was found, but the growth was not computed to its end."""
-        return not self.constraints_drop and not self.velocities_fail and self.growth == generic[: len(self.growth)]
+        return (
+            not self.constraints_drop
+            and not self.velocities_fail
+            and self.growth == generic[: len(self.growth)]
+        )
 
     def text(self) -> str:
         """Return one line."""
@@ -69,7 +74,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Places:
-    """All places of codimension one; smaller ones are possible where all minors of an entry of `doubts` vanish."""
+    """All places of codimension one; smaller ones are possible where all minors of an entry of `doubts`
+    vanish."""
 
     places: tuple[Place, ...]
     doubts: tuple[tuple[str, ...], ...]
@@ -83,8 +89,13 @@ class Places:
         """Return lines."""
         lines = [place.text() for place in self.places]
         if lines:
-            lines.append("these are dimensions at generic points of each set; on smaller subsets they may be lower")
-        lines += [f"smaller sets are not excluded where these vanish together: {', '.join(minors)}" for minors in self.doubts]
+            lines.append(
+                "these are dimensions at generic points of each set; on smaller subsets they may be lower"
+            )
+        lines += [
+            f"smaller sets are not excluded where these vanish together: {', '.join(minors)}"
+            for minors in self.doubts
+        ]
         return lines or ["nowhere, proved"]
 
 
@@ -102,11 +113,14 @@ class Judgement:
 def places(Delta: Distribution) -> Places:
     """Return where the rank of A, of S, or a dimension in the filtration drops.
 
-    If the rank drops on a hypersurface, every minor vanishes there, so that its equation is a factor of any minor, such as the
-    product of the pivots. Each factor, by half angles, is then examined at its zeros, with the brackets themselves.
+    If the rank drops on a hypersurface, every minor vanishes there, so that its equation is a factor of any
+    minor, such as the product of the pivots. Each factor, by half angles, is then examined at its zeros, with
+    the brackets themselves.
     """
     functions = Delta.functions
-    candidates = dict.fromkeys(_vanishing_factors(functions, [part for column in Delta.fields for part in column.above]))
+    candidates = dict.fromkeys(
+        _vanishing_factors(functions, [part for column in Delta.fields for part in column.above])
+    )
     near: dict[tuple[Vector, ...], Brackets] = {}
     levels = range(0 if Delta.forms else 1, len(Delta.growth) + 1)
     for level in levels:
@@ -123,7 +137,11 @@ def places(Delta: Distribution) -> Places:
             doubts.append((written(place.condition),))
         else:
             found_places.append(place)
-    decided = [form for form, judgement in judged.items() if not _place(Delta, form, judgement).undecided(Delta.growth)]
+    decided = [
+        form
+        for form, judgement in judged.items()
+        if not _place(Delta, form, judgement).undecided(Delta.growth)
+    ]
     doubts += [_doubt(Delta, level, near, decided) for level in levels]
     return Places(tuple(found_places), tuple(dict.fromkeys(doubt for doubt in doubts if doubt)))
 
@@ -135,7 +153,8 @@ def _place(Delta: Distribution, form: PolyElement, judgement: Judgement) -> Plac
 
 
 def joined(functions: Functions, judged: dict[PolyElement, Shared]) -> dict[PolyElement, Shared]:
-    """Merge pairs of components with the same properties and a shorter common condition, such as angles of 0 and 180 degrees."""
+    """Merge pairs of components with the same properties and a shorter common condition,
+    such as angles of 0 and 180 degrees."""
     joined = dict(judged)
     for a, b in itertools.combinations(judged, 2):
         if a in joined and b in joined and judged[a] == judged[b] and doubled(functions, a) is None:
@@ -150,8 +169,8 @@ def _level(
 ) -> list[VectorField]:
     """Return the echelon form of fields that span Delta_level generically, level 0 being the rows of A.
 
-    With a point, brackets that are independent there are used if possible, and pivots that do not vanish there are preferred.
-    Raises TooLarge, or ModelError for the same reason.
+    With a point, brackets that are independent there are used if possible, and pivots that do not vanish
+    there are preferred. Raises TooLarge, or ModelError for the same reason.
     """
     span = Span(Delta.functions, point=point)
     if level == 0:
@@ -171,7 +190,9 @@ def _level(
     return span.fields
 
 
-def _brackets(Delta: Distribution, near: dict[tuple[Vector, ...], Brackets], point: Point | RealPoint) -> Brackets:
+def _brackets(
+    Delta: Distribution, near: dict[tuple[Vector, ...], Brackets], point: Point | RealPoint
+) -> Brackets:
     """Return the brackets of fields that span Delta near the point. `near` caches them."""
     fields = tuple(field.whole(Delta.functions) for field in Delta.near(point).fields)
     return near.setdefault(fields, Brackets(Delta.functions, fields))
@@ -185,16 +206,18 @@ def words(functions: Functions, form: PolyElement) -> str:
     if isinstance(core, sp.cos | sp.sin):
         twice = sp.expand(2 * core.args[0])
         if doubled(functions, form) is None:
-            return f"{twice} is {'an odd multiple of 180' if isinstance(core, sp.cos) else 'a multiple of 360'} degrees"
-        return f"{core.args[0]} is {'an odd multiple of 90' if isinstance(core, sp.cos) else 'a multiple of 180'} degrees"
+            multiple = "an odd multiple of 180" if isinstance(core, sp.cos) else "a multiple of 360"
+            return f"{twice} is {multiple} degrees"
+        multiple = "an odd multiple of 90" if isinstance(core, sp.cos) else "a multiple of 180"
+        return f"{core.args[0]} is {multiple} degrees"
     return f"{written(turned)} = 0"
 
 
 def _vanishing_factors(
     functions: Functions, above: Sequence[PolyElement], below: Sequence[PolyElement] = ()
 ) -> list[PolyElement]:
-    """Return the components of a ratio of products that may vanish, each once, as forms in half angles with a positive leading
-    term."""
+    """Return the components of a ratio of products that may vanish, each once, as forms in half angles with a
+    positive leading term."""
     powers: dict[PolyElement, int] = {}
     for sign, parts in ((1, above), (-1, below)):
         for part in dict.fromkeys(parts):
@@ -210,7 +233,10 @@ def _minor_factors(functions: Functions, fields: Sequence[VectorField]) -> list[
 
 
 def _judge(
-    Delta: Distribution, form: PolyElement, examined: list[PolyElement], near: dict[tuple[Vector, ...], Brackets]
+    Delta: Distribution,
+    form: PolyElement,
+    examined: list[PolyElement],
+    near: dict[tuple[Vector, ...], Brackets],
 ) -> Judgement | None:
     """Return the differences where the form vanishes and none of `examined` does; None if there are none."""
     functions = Delta.functions
@@ -221,7 +247,9 @@ def _judge(
             followed = _brackets(Delta, near, point)
         except TooLarge:
             continue
-        drop = bool(Delta.forms) and point.rank([form.whole(functions) for form in Delta.forms]) < len(Delta.forms)
+        drop = bool(Delta.forms) and point.rank([form.whole(functions) for form in Delta.forms]) < len(
+            Delta.forms
+        )
         columns = [column.whole(functions) for column in Delta.fields]
         dependent = bool(Delta.forms) and point.rank(columns) < len(columns)
         pole = any(not point(part) for column in Delta.fields for part in column.above)
@@ -236,21 +264,29 @@ def _judge(
     return Judgement(best, bool(drops) and all(drops), bool(fails) and all(fails), verified, at_defaults)
 
 
-def _points_on(Delta: Distribution, form: PolyElement, examined: list[PolyElement]) -> tuple[list[RealPoint | Point], bool]:
-    """Return points where the form vanishes and those of `examined` do not: real ones and True, or others if none is found."""
+def _points_on(
+    Delta: Distribution, form: PolyElement, examined: list[PolyElement]
+) -> tuple[list[RealPoint | Point], bool]:
+    """Return points where the form vanishes and those of `examined` do not: real ones and True,
+    or others if none is found."""
     parameters, points = Delta.parameters, list[RealPoint | Point]()
     with contextlib.suppress(NoPoint):
         for seed in range(REAL_POINTS):
             points.append(real_point(Delta.functions, parameters, form, seed, examined))
     if points:
         return points, True
-    return [point for point in (_point_on(Delta.functions, (form,), seed, examined) for seed in range(SEEDS)) if point], False
+    return [
+        point
+        for point in (_point_on(Delta.functions, (form,), seed, examined) for seed in range(SEEDS))
+        if point
+    ], False
 
 
 def _point_on(
     functions: Functions, vanishing: Sequence[PolyElement], seed: int, avoiding: Sequence[PolyElement] = ()
 ) -> Point | None:
-    """Return a point, rational or modulo a prime, where the former forms vanish and the latter do not; None if none is found."""
+    """Return a point, rational or modulo a prime, where the former forms vanish and the latter do not;
+    None if none is found."""
     if sum(map(len, vanishing)) > TERMS:
         return None
     for domain in (MODULAR,) if functions.roots else (QQ, MODULAR):
@@ -267,9 +303,11 @@ def _point_on(
 def _doubt(
     Delta: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], examined: list[PolyElement]
 ) -> tuple[str, ...]:
-    """Return the minors that were tried; empty if it is proved that the rank of a level drops only at zeros of `examined`.
+    """Return the minors that were tried; empty if it is proved that the rank of a level drops only at zeros
+    of `examined`.
 
-    It is proved if some minors have no other common zero. Their pivots are chosen at points where the minors so far vanish.
+    It is proved if some minors have no other common zero. Their pivots are chosen at points where the minors
+    so far vanish.
     """
     functions = Delta.functions
     minors: dict[PolyElement, list[PolyElement]] = {}  # with their factors
@@ -282,10 +320,16 @@ def _doubt(
         point = _point_on(functions, vanishing, seed, examined) if vanishing else None
         if vanishing and point is None:
             continue
-        rest = next((factors for minor, factors in minors.items() if point is None or not point.on(minor)), None)
+        rest = next(
+            (factors for minor, factors in minors.items() if point is None or not point.on(minor)), None
+        )
         if rest is None:
             try:
-                rest = [form for form in _minor_factors(functions, _level(Delta, level, near, point)) if form not in examined]
+                rest = [
+                    form
+                    for form in _minor_factors(functions, _level(Delta, level, near, point))
+                    if form not in examined
+                ]
             except (TooLarge, ModelError):
                 continue
             minors[product(functions, rest)] = rest

@@ -1,4 +1,5 @@
-"""Evaluation of the model's expressions in extended precision, as the exact value with which rounded ones are compared."""
+"""Evaluation of the model's expressions in extended precision,
+as the exact value with which rounded ones are compared."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -61,22 +62,38 @@ FUNCTIONS: dict[int, Callable] = {
 }
 
 
-def evaluate(expression: ca.SX, symbols: Sequence[ca.SX], values: Iterable[float | mpmath.mpf]) -> list[mpmath.mpf]:
-    """Return the entries of `expression`, column by column, with DIGITS digits; `values` of `symbols` are taken as exact.
+def evaluate(
+    expression: ca.SX, symbols: Sequence[ca.SX], values: Iterable[float | mpmath.mpf]
+) -> list[mpmath.mpf]:
+    """Return the entries of `expression`, column by column, with DIGITS digits; `values` of `symbols` are
+    taken as exact.
 
     Raises KeyError for an operation that is not in FUNCTIONS.
     """
     with mpmath.workdps(DIGITS):
         numbers = [value if isinstance(value, mpmath.mpf) else mpmath.mpf(float(value)) for value in values]
-        return fold(expression, symbols, numbers.__getitem__, mpmath.mpf, lambda code, arguments: FUNCTIONS[code](*arguments))
+        return fold(
+            expression,
+            symbols,
+            numbers.__getitem__,
+            mpmath.mpf,
+            lambda code, arguments: FUNCTIONS[code](*arguments),
+        )
 
 
-def due_to_rounding(off: float, expression: ca.SX, groups: Sequence[ca.SX], inputs: Sequence[np.ndarray], scalar: str) -> bool:
-    """Return whether a difference `off` from the model is explained by the condition of the expression at these inputs, by group.
+def due_to_rounding(
+    off: float, expression: ca.SX, groups: Sequence[ca.SX], inputs: Sequence[np.ndarray], scalar: str
+) -> bool:
+    """Return whether a difference `off` from the model is explained by the condition of the expression at
+    these inputs, by group.
 
-    It is if the model itself, in extended precision, differs as much where its inputs are rounded to the scalar, or in double.
+    It is if the model itself, in extended precision, differs as much where its inputs are rounded to the
+    scalar, or in double.
     """
-    symbols, values = [symbol for group in groups for symbol in ca.vertsplit(group)], np.concatenate([*map(np.ravel, inputs)])
+    symbols, values = (
+        [symbol for group in groups for symbol in ca.vertsplit(group)],
+        np.concatenate([*map(np.ravel, inputs)]),
+    )
 
     def exact(at: np.ndarray) -> np.ndarray:
         return np.array(evaluate(expression, symbols, at), float)
@@ -85,5 +102,7 @@ def due_to_rounding(off: float, expression: ca.SX, groups: Sequence[ca.SX], inpu
     for seed in range(TRIES):
         rounded = values * (1 + ROUNDING[scalar] * np.random.default_rng(seed).choice((-1, 1), len(values)))
         response = max(response, np.abs(exact(rounded) - expected).max(initial=0.0))
-    in_double = ca.Function("in_double", list(groups), [ca.densify(expression)])(*inputs).full().ravel(order="F")
+    in_double = (
+        ca.Function("in_double", list(groups), [ca.densify(expression)])(*inputs).full().ravel(order="F")
+    )
     return bool(off <= RESPONSE * response + 2 * np.abs(in_double - expected).max(initial=0.0))

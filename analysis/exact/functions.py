@@ -1,9 +1,9 @@
 """The exact functions of q: polynomials in coordinates, parameters, sines, cosines, exponentials and roots.
 
-They are kept modulo s^2 + c^2 = 1 and root^2 = radicand in a normal form in which only zero is zero. For that, arguments are
-written through angles (and exponents) independent over the rationals, whose sines and exponentials are then algebraically
-independent (Ax's theorem), and no root lies in the field of the generators before it (proved by a point at which its
-radicand is no square).
+They are kept modulo s^2 + c^2 = 1 and root^2 = radicand in a normal form in which only zero is zero. For
+that, arguments are written through angles (and exponents) independent over the rationals, whose sines and
+exponentials are then algebraically independent (Ax's theorem), and no root lies in the field of the
+generators before it (proved by a point at which its radicand is no square).
 """
 
 import functools
@@ -29,7 +29,8 @@ LARGEST_POWER = 32  # largest exponent of a function in an expression
 COMMON = 100  # terms that the search for a common factor, or for all, takes for each term
 LARGEST_PRODUCT = 100_000  # most terms of a product before they are collected; more take too long
 
-WORK = 20_000_000  # most terms that the operations on the functions of one system may take in all; see Functions.spend
+# Most terms that the operations on the functions of one system may take in all; see Functions.spend
+WORK = 20_000_000
 
 Vector = tuple[PolyElement, ...]  # a vector field or a one-form, n entries
 Combination = tuple[sp.Expr, list[tuple[int, int]]]  # a constant, and (place in a basis, multiple)
@@ -64,12 +65,16 @@ class Exponent:
 class Functions:
     """The ring of the entries of `expressions` (SymPy), with its derivatives by the coordinates.
 
-    Raises ModelError for functions other than rational ones, sin, cos, exp of rational arguments, sqrt and Abs, which
-    cannot be treated exactly.
+    Raises ModelError for functions other than rational ones, sin, cos, exp of rational arguments, sqrt and
+    Abs, which cannot be treated exactly.
     """
 
     def __init__(
-        self, name: str, coordinates: Sequence[sp.Symbol], parameters: Sequence[sp.Symbol], expressions: Iterable[sp.Expr]
+        self,
+        name: str,
+        coordinates: Sequence[sp.Symbol],
+        parameters: Sequence[sp.Symbol],
+        expressions: Iterable[sp.Expr],
     ):
         self.name = name
         self.work, self.most_work = 0, WORK  # see spend
@@ -99,13 +104,16 @@ class Functions:
         for expression in expressions:
             self.ratio(expression)
 
-    # -- conversion to and from the ring --------------------------------------------------------------------------------
+    # -- conversion to and from the ring ---------------------------------------------------------------------
 
     def ratio(self, expression: sp.Expr) -> Ratio:
-        """Return an expression as numerator and denominator. Raises ModelError for a function that is not in the ring."""
+        """Return an expression as numerator and denominator. Raises ModelError for a function that is not in
+        the ring."""
         if expression not in self._known:
             self._known[expression] = self._convert(expression)
-        return tuple(part.set_ring(self.ring) if part.ring != self.ring else part for part in self._known[expression])
+        return tuple(
+            part.set_ring(self.ring) if part.ring != self.ring else part for part in self._known[expression]
+        )
 
     def expression(self, polynomial: PolyElement) -> sp.Expr:
         """Return a polynomial as a factored SymPy expression."""
@@ -115,13 +123,16 @@ class Functions:
         return sp.Mul(sp.Integer(content), *[self._sum(factor) ** power for factor, power in factors])
 
     def quotient(self, numerator: PolyElement, denominator: PolyElement) -> sp.Expr:
-        """Return a ratio as a factored SymPy expression, squares of sines or of cosines eliminated, whichever is shorter."""
+        """Return a ratio as a factored SymPy expression, squares of sines or of cosines eliminated,
+        whichever is shorter."""
         above, below = self.lowest(numerator, denominator)
         ratios = [in_lowest_terms(a, b) for a in self.forms(above) for b in self.forms(below)]
         above, below = min(ratios, key=lambda ratio: len(ratio[0]) + len(ratio[1]))
         return self.expression(above) / self.expression(below)
 
-    def product(self, above: Sequence[PolyElement], below: Sequence[PolyElement]) -> tuple[sp.Rational, dict[PolyElement, int]]:
+    def product(
+        self, above: Sequence[PolyElement], below: Sequence[PolyElement]
+    ) -> tuple[sp.Rational, dict[PolyElement, int]]:
         """Return a ratio of products as a number and irreducible factors with their powers."""
         number, powers = sp.Integer(1), dict[PolyElement, int]()
         for sign, parts in ((1, above), (-1, below)):
@@ -133,17 +144,22 @@ class Functions:
         return number, {factor: power for factor, power in powers.items() if power}
 
     def factors(self, polynomial: PolyElement) -> tuple[int, Sequence[tuple[PolyElement, int]]]:
-        """Return content and irreducible factors with their powers, squares of sines or of cosines eliminated, whichever gives
-        fewer."""
+        """Return content and irreducible factors with their powers, squares of sines or of cosines
+        eliminated, whichever gives fewer."""
         self.spend(COMMON * len(polynomial))
         lists = [factored(form) for form in self.forms(polynomial)]
-        content, factors = min(lists, key=lambda pair: (len(pair[1]), sum(len(factor) for factor, _ in pair[1])))
+        content, factors = min(
+            lists, key=lambda pair: (len(pair[1]), sum(len(factor) for factor, _ in pair[1]))
+        )
         return int(content), factors
 
     def _sum(self, polynomial: PolyElement) -> sp.Expr:
         return sp.Add(
             *[
-                sp.Mul(sp.Integer(int(c)), *[self.expressions[k] ** power for k, power in enumerate(powers) if power])
+                sp.Mul(
+                    sp.Integer(int(c)),
+                    *[self.expressions[k] ** power for k, power in enumerate(powers) if power],
+                )
                 for powers, c in polynomial.terms()
             ]
         )
@@ -182,7 +198,8 @@ class Functions:
         return ratio[0].set_ring(self.ring), ratio[1].set_ring(self.ring)
 
     def _add(self, a: Ratio, b: Ratio) -> Ratio:
-        left, right = in_lowest_terms(a[1], b[1])  # over the least common denominator; products in normal form hide their factors
+        # Over the least common denominator; products in normal form hide their factors
+        left, right = in_lowest_terms(a[1], b[1])
         return self._cancel(self.normal(a[0] * right + b[0] * left), self.normal(a[1] * right))
 
     def _times(self, a: Ratio, b: Ratio) -> Ratio:
@@ -199,7 +216,9 @@ class Functions:
         self.ring = ring([f"g{k}" for k in range(place + 1)], ZZ)[0]
         self.roots = {k: radicand.set_ring(self.ring) for k, radicand in self.roots.items()}
         self.angles = [replace(angle, argument=self._lift(angle.argument)) for angle in self.angles]
-        self.exponents = [replace(exponent, argument=self._lift(exponent.argument)) for exponent in self.exponents]
+        self.exponents = [
+            replace(exponent, argument=self._lift(exponent.argument)) for exponent in self.exponents
+        ]
         self._forget()
         return place
 
@@ -208,9 +227,11 @@ class Functions:
         for name in ("relations", "positive_places"):
             self.__dict__.pop(name, None)
 
-    # -- angles and exponents ---------------------------------------------------------------------------------------
+    # -- angles and exponents --------------------------------------------------------------------------------
 
-    def _basis(self, arguments: list[sp.Expr]) -> tuple[list[tuple[sp.Expr, Ratio]], dict[sp.Expr, Combination]]:
+    def _basis(
+        self, arguments: list[sp.Expr]
+    ) -> tuple[list[tuple[sp.Expr, Ratio]], dict[sp.Expr, Combination]]:
         """Return arguments independent over the rationals, and every argument as a combination of these."""
         offsets, rows = {}, []
         for argument in arguments:
@@ -221,7 +242,9 @@ class Functions:
         basis: list[int] = []
         for k in order:
             chosen = DomainMatrix(
-                [[QQ(tops[j].get(m, 0)) for m in monomials] for j in (*basis, k)], (len(basis) + 1, len(monomials)), QQ
+                [[QQ(tops[j].get(m, 0)) for m in monomials] for j in (*basis, k)],
+                (len(basis) + 1, len(monomials)),
+                QQ,
             )
             if monomials and chosen.rank() > len(basis):
                 basis.append(k)
@@ -232,7 +255,9 @@ class Functions:
             for k in range(len(rows)):
                 multiples[k][j] *= finest
             top, bottom = rows[place]
-            elements.append((sp.expand(arguments[place] - offsets[arguments[place]]) / finest, (top, bottom * finest)))
+            elements.append(
+                (sp.expand(arguments[place] - offsets[arguments[place]]) / finest, (top, bottom * finest))
+            )
         combinations = [[(j, int(m)) for j, m in enumerate(multiples[k]) if m] for k in range(len(rows))]
         return elements, {a: (offsets[a], parts) for a, parts in zip(arguments, combinations, strict=True)}
 
@@ -242,8 +267,12 @@ class Functions:
             offset, rest = self._without_offset(argument)
             rows = [angle.argument for angle in self.angles] + [self._rational(rest)]
             tops, monomials = self._over_one_denominator(rows)
-            matrix = DomainMatrix([[QQ(top.get(m, 0)) for m in monomials] for top in tops], (len(tops), len(monomials)), QQ)
-            multiples = _solve(tops[:-1], tops[-1], monomials) if matrix.rank() == len(self.angles) else [QQ(1, 2)]
+            matrix = DomainMatrix(
+                [[QQ(top.get(m, 0)) for m in monomials] for top in tops], (len(tops), len(monomials)), QQ
+            )
+            multiples = (
+                _solve(tops[:-1], tops[-1], monomials) if matrix.rank() == len(self.angles) else [QQ(1, 2)]
+            )
             if any(multiple.denominator != 1 for multiple in multiples):
                 return None
             self._in_angles[argument] = (offset, [(k, int(m)) for k, m in enumerate(multiples) if m])
@@ -263,7 +292,9 @@ class Functions:
 
     def _rational(self, argument: sp.Expr) -> Ratio:
         if not argument.is_rational_function(*self.expressions):
-            raise ModelError(f"{self.name}: the argument {argument} of sin, cos or exp is not rational in the coordinates")
+            raise ModelError(
+                f"{self.name}: the argument {argument} of sin, cos or exp is not rational in the coordinates"
+            )
         top, bottom = self.ratio(argument)
         return (top, bottom) if bottom.LC > 0 else (-top, -bottom)
 
@@ -275,30 +306,40 @@ class Functions:
                 c, s = (self.ring.gens[k] for k in (self.angles[angle].cosine, self.angles[angle].sine))
                 s = s if multiple > 0 else -s
                 cosine, sine = self._lift(cosine), self._lift(sine)
-                left = self._add(self._times(cosine, (c, self.ring.one)), self._times(sine, (-s, self.ring.one)))
-                right = self._add(self._times(cosine, (s, self.ring.one)), self._times(sine, (c, self.ring.one)))
+                left = self._add(
+                    self._times(cosine, (c, self.ring.one)), self._times(sine, (-s, self.ring.one))
+                )
+                right = self._add(
+                    self._times(cosine, (s, self.ring.one)), self._times(sine, (c, self.ring.one))
+                )
                 cosine, sine = left, right
         return cosine, sine
 
     def _exponential(self, offset: sp.Expr, parts: list[tuple[int, int]]) -> Ratio:
         if offset:
             raise ModelError(f"{self.name}: exp({offset}) cannot be treated exactly; give it as a parameter")
-        up = prod((self.ring.gens[self.exponents[a].place] ** m for a, m in parts if m > 0), start=self.ring.one)
-        down = prod((self.ring.gens[self.exponents[a].place] ** -m for a, m in parts if m < 0), start=self.ring.one)
+        up = prod(
+            (self.ring.gens[self.exponents[a].place] ** m for a, m in parts if m > 0), start=self.ring.one
+        )
+        down = prod(
+            (self.ring.gens[self.exponents[a].place] ** -m for a, m in parts if m < 0), start=self.ring.one
+        )
         return up, down
 
-    # -- roots ------------------------------------------------------------------------------------------------------
+    # -- roots -----------------------------------------------------------------------------------------------
 
     def _root(self, base: sp.Expr) -> Ratio:
-        """Return sqrt(base): squares are extracted, and each other factor has its own generator, so that roots are
-        independent."""
+        """Return sqrt(base): squares are extracted, and each other factor has its own generator, so that
+        roots are independent."""
         top, bottom = self._lift(self.ratio(base))
         if not top:
             return self.ring.zero, self.ring.one
         square = self.normal(top * bottom)
         if self.sign(square) < 0:
             raise ModelError(f"{self.name}: the root of {base}, which is negative")
-        outside, inside = min((self._squares_out(form) for form in self.forms(square)), key=lambda pair: len(pair[1]))
+        outside, inside = min(
+            (self._squares_out(form) for form in self.forms(square)), key=lambda pair: len(pair[1])
+        )
         value = outside
         for factor in inside:
             place = self._root_generator(factor, sp.sqrt(self.expression(factor)))
@@ -308,7 +349,8 @@ class Functions:
         return self._cancel(self.normal(value), bottom.set_ring(self.ring))
 
     def forms(self, polynomial: PolyElement) -> list[PolyElement]:
-        """The polynomial itself, and with squares of cosines eliminated instead of those of sines, angle by angle."""
+        """The polynomial itself, and with squares of cosines eliminated instead of those of sines,
+        angle by angle."""
         forms = [polynomial]
         for angle in self.angles:
             square = 1 - self.ring.gens[angle.sine] ** 2
@@ -320,7 +362,10 @@ class Functions:
         """Return the square root of the greatest square factor, and the other factors."""
         content, factors = factored(polynomial)
         outside, inside = self.ring.one, []
-        for factor, power in (*((self.ring(p), power) for p, power in factorint(abs(int(content))).items()), *factors):
+        for factor, power in (
+            *((self.ring(p), power) for p, power in factorint(abs(int(content))).items()),
+            *factors,
+        ):
             outside *= factor ** (power // 2)
             inside += [factor] * (power % 2)
         if content < 0:
@@ -341,7 +386,7 @@ class Functions:
         if not expression.is_positive and expression not in self.positive:
             self.positive.append(expression)
 
-    # -- arithmetic -------------------------------------------------------------------------------------------------
+    # -- arithmetic ------------------------------------------------------------------------------------------
 
     @property
     def n(self) -> int:
@@ -356,7 +401,8 @@ class Functions:
         return [*reversed(self.roots.items()), *circles]
 
     def spend(self, terms: int) -> None:
-        """Count the terms that an operation takes: what is tried has the same bound on every machine. Raises TooMuchWork."""
+        """Count the terms that an operation takes: what is tried has the same bound on every machine. Raises
+        TooMuchWork."""
         self.work += terms
         self.progress(self.work, self.most_work, "terms at most for the constraints")
         if self.work > self.most_work:
@@ -364,7 +410,8 @@ class Functions:
 
     @contextmanager
     def within(self, terms: int) -> Iterator[None]:
-        """Let operations within the block take so many more terms at most; those taken do not count after it."""
+        """Let operations within the block take so many more terms at most;
+        those taken do not count after it."""
         before, self.most_work = (self.work, self.most_work), self.work + terms
         try:
             yield
@@ -386,7 +433,8 @@ class Functions:
         return self.normal(a * b)
 
     def lowest(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
-        """Return the ratio without common factors, no sine or root in its denominator, which has a positive leading term."""
+        """Return the ratio without common factors, no sine or root in its denominator,
+        which has a positive leading term."""
         for place, _ in self.relations:
             if any(powers[place] for powers in denominator):
                 other = conjugate(denominator, place)
@@ -396,7 +444,8 @@ class Functions:
         return (-numerator, -denominator) if denominator.LC < 0 else (numerator, denominator)
 
     def primitive(self, vector: Vector) -> tuple[PolyElement, Vector]:
-        """Return the greatest common factor of the entries as far as found, and the vector without it; the vector is not zero."""
+        """Return the greatest common factor of the entries as far as found, and the vector without it;
+        the vector is not zero."""
         content = self.ring.zero
         self.spend(COMMON * sum(map(len, vector)))
         for entry in sorted(filter(None, vector), key=len):
@@ -421,41 +470,55 @@ class Functions:
         return self.sign(polynomial) != 0
 
     def sign(self, polynomial: PolyElement) -> int:
-        """Return 1 or -1 for a polynomial proved never to be zero: its terms have one sign and do not vanish together. Else 0.
+        """Return 1 or -1 for a polynomial proved never to be zero: its terms have one sign and do not vanish
+        together. Else 0.
 
-        The signs of parameters and squares decide it; squares of cosines and sines are balanced first, as 1 + 3 s^2 to
-        c^2 + 4 s^2.
+        The signs of parameters and squares decide it; squares of cosines and sines are balanced first, as 1 +
+        3 s^2 to c^2 + 4 s^2.
         """
         if len(polynomial) > 1 and any(powers[place] for powers in polynomial for place in self.roots):
             return 0
         polynomial = functools.reduce(self._balanced, self.angles, polynomial)
         positive = self.positive_places
-        left = [{k: power for k, power in enumerate(powers) if power and k not in positive} for powers in polynomial]
+        left = [
+            {k: power for k, power in enumerate(powers) if power and k not in positive}
+            for powers in polynomial
+        ]
         signs = {1 if coefficient > 0 else -1 for coefficient in polynomial.values()}
         if len(signs) != 1 or any(power % 2 for term in left for power in term.values()):
             return 0
         used = [a for a in self.angles if any(k in term for term in left for k in (a.cosine, a.sine))]
         choices = itertools.product(*[(a.cosine, a.sine) for a in used])
-        return signs.pop() if all(any(term.keys() <= set(nonzero) for term in left) for nonzero in choices) else 0
+        return (
+            signs.pop()
+            if all(any(term.keys() <= set(nonzero) for term in left) for nonzero in choices)
+            else 0
+        )
 
     @cached_property
     def positive_places(self) -> frozenset[int]:
-        """Generators that are positive: parameters declared so, exponentials, roots of functions that are never zero."""
+        """Generators that are positive: parameters declared so, exponentials,
+        roots of functions that are never zero."""
         positive = {k for k, expression in enumerate(self.expressions) if expression.is_positive}
         self.__dict__["positive_places"] = frozenset(positive)
-        return frozenset(positive | {place for place, radicand in self.roots.items() if self.sign(radicand) > 0})
+        return frozenset(
+            positive | {place for place, radicand in self.roots.items() if self.sign(radicand) > 0}
+        )
 
     def _balanced(self, polynomial: PolyElement, angle: Angle) -> PolyElement:
-        """Multiply terms of lower degree in this angle's cosine and sine by c^2 + s^2 if that makes all degrees equal."""
+        """Multiply terms of lower degree in this angle's cosine and sine by c^2 + s^2 if that makes all
+        degrees equal."""
         degrees = {powers: powers[angle.cosine] + powers[angle.sine] for powers in polynomial}
         most = max(degrees.values(), default=0)
         if most % 2 or any(degree % 2 for degree in degrees.values()):
             return polynomial
         circle = self.ring.gens[angle.cosine] ** 2 + self.ring.gens[angle.sine] ** 2
-        parts = [self.ring.from_dict({p: c}) * circle ** ((most - degrees[p]) // 2) for p, c in polynomial.items()]
+        parts = [
+            self.ring.from_dict({p: c}) * circle ** ((most - degrees[p]) // 2) for p, c in polynomial.items()
+        ]
         return sum(parts, self.ring.zero)
 
-    # -- derivatives ------------------------------------------------------------------------------------------------
+    # -- derivatives -----------------------------------------------------------------------------------------
 
     @cached_property
     def _rates(self) -> list[list[Ratio]]:
@@ -468,7 +531,10 @@ class Functions:
         for k, variable in enumerate(gens[self.constants : self.constants + self.n]):
             for angle in self.angles:
                 up, down = _derivative(angle.argument, variable)
-                rates[angle.cosine][k], rates[angle.sine][k] = (-up * gens[angle.sine], down), (up * gens[angle.cosine], down)
+                rates[angle.cosine][k], rates[angle.sine][k] = (
+                    (-up * gens[angle.sine], down),
+                    (up * gens[angle.cosine], down),
+                )
             for exponent in self.exponents:
                 up, down = _derivative(exponent.argument, variable)
                 rates[exponent.place][k] = up * gens[exponent.place], down
@@ -476,13 +542,16 @@ class Functions:
             for k in range(self.n):
                 total = zero
                 for g in generators_of(radicand):
-                    total = self._add(total, self._times((radicand.diff(gens[g]), self.ring.one), rates[g][k]))
+                    total = self._add(
+                        total, self._times((radicand.diff(gens[g]), self.ring.one), rates[g][k])
+                    )
                 rates[place][k] = self._times(total, (gens[place], 2 * radicand))
         return rates
 
     @cached_property
     def delta(self) -> PolyElement:
-        """The common denominator of the generators' derivatives, 1 unless there are roots or fractions as arguments."""
+        """The common denominator of the generators' derivatives,
+        1 unless there are roots or fractions as arguments."""
         common = self.ring.one
         for row in self._rates:
             for _, bottom in row:
@@ -495,8 +564,13 @@ class Functions:
 
     def gradient(self, polynomial: PolyElement) -> Vector:
         """Return delta d(polynomial)/dq."""
-        parts = [(polynomial.diff(self.ring.gens[g]), self._scaled_rates[g]) for g in generators_of(polynomial)]
-        return tuple(self.normal(sum((part * rate[k] for part, rate in parts if rate[k]), self.ring.zero)) for k in range(self.n))
+        parts = [
+            (polynomial.diff(self.ring.gens[g]), self._scaled_rates[g]) for g in generators_of(polynomial)
+        ]
+        return tuple(
+            self.normal(sum((part * rate[k] for part, rate in parts if rate[k]), self.ring.zero))
+            for k in range(self.n)
+        )
 
     def rates_along(self, field: Vector) -> list[PolyElement]:
         """Return delta times the rate of each generator along a vector field."""
@@ -537,7 +611,9 @@ def _derivative(ratio: Ratio, variable: PolyElement) -> Ratio:
 
 def _arguments(expressions: Iterable[sp.Expr], functions: tuple) -> list[sp.Expr]:
     """Return the arguments of these functions, each once, in a fixed order."""
-    return sorted({atom.args[0] for e in expressions for atom in e.atoms(*functions)}, key=sp.default_sort_key)
+    return sorted(
+        {atom.args[0] for e in expressions for atom in e.atoms(*functions)}, key=sp.default_sort_key
+    )
 
 
 def _solve(basis: list[dict], row: dict, monomials: list) -> list:

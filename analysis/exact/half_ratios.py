@@ -1,8 +1,8 @@
 """Ratios of forms in half angles: functions of q in lowest terms, with denominators as products.
 
-cos a = (C^2 - S^2)/(C^2 + S^2) and sin a = 2 C S/(C^2 + S^2) with C = cos(a/2), S = sin(a/2) are ratios of forms of one degree.
-Forms factor uniquely, so that a ratio in lowest terms has no factor more than its zeros and poles require; one of polynomials in
-cos a and sin a may have (see half_angles).
+cos a = (C^2 - S^2)/(C^2 + S^2) and sin a = 2 C S/(C^2 + S^2) with C = cos(a/2), S = sin(a/2) are ratios of
+forms of one degree. Forms factor uniquely, so that a ratio in lowest terms has no factor more than its zeros
+and poles require; one of polynomials in cos a and sin a may have (see half_angles).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,7 +30,9 @@ class HalfRatio:
     @property
     def product(self) -> PolyElement:
         """The denominator."""
-        return prod((factor**power for factor, power in self.below.items()), start=self.above.ring(self.number))
+        return prod(
+            (factor**power for factor, power in self.below.items()), start=self.above.ring(self.number)
+        )
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,8 @@ class Rates:
 
 
 class HalfRatios:
-    """Arithmetic of ratios of forms in half angles, in the ring of `functions`. Raises ModelError if these have square roots, and
-    TooLarge where a product, or a form that becomes a denominator, has too many terms.
+    """Arithmetic of ratios of forms in half angles, in the ring of `functions`. Raises ModelError if these
+    have square roots, and TooLarge where a product, or a form that becomes a denominator, has too many terms.
     """
 
     def __init__(self, functions: Functions):
@@ -51,7 +53,9 @@ class HalfRatios:
             raise ModelError(f"{functions.name}: square roots of functions of q are not treated here")
         self.functions = functions
         gens = functions.ring.gens
-        self._one = {angle.sine: gens[angle.cosine] ** 2 + gens[angle.sine] ** 2 for angle in functions.angles}
+        self._one = {
+            angle.sine: gens[angle.cosine] ** 2 + gens[angle.sine] ** 2 for angle in functions.angles
+        }
 
     def ratio(self, ratio: Ratio) -> HalfRatio:
         """Return a ratio of polynomials in cosines and sines as one of forms."""
@@ -82,7 +86,10 @@ class HalfRatios:
                     rate = self.ratio((turning, functions.delta))
                     found[place] = self.lowest(shape * rate.above, rate.below, 2 * rate.number)
         common = self._common(found.values())
-        return Rates({place: each.above * (common.product.exquo(each.product)) for place, each in found.items()}, common)
+        return Rates(
+            {place: each.above * (common.product.exquo(each.product)) for place, each in found.items()},
+            common,
+        )
 
     def rate(self, rates: Rates, ratio: HalfRatio) -> HalfRatio:
         """Return the rate of a ratio along a vector field: the quotient rule, factor by factor."""
@@ -104,7 +111,9 @@ class HalfRatios:
         if len(b.above) > LARGEST:
             raise TooLarge
         factors = dict(components(b.above))
-        number = b.above.exquo(prod((f**power for f, power in factors.items()), start=self.functions.ring.one))
+        number = b.above.exquo(
+            prod((f**power for f, power in factors.items()), start=self.functions.ring.one)
+        )
         return self.lowest(self._times(a.above, b.product), _sum(a.below, factors), a.number * int(number.LC))
 
     def minus(self, a: HalfRatio, b: HalfRatio) -> HalfRatio:
@@ -155,7 +164,8 @@ class HalfRatios:
         return a * b
 
     def _doubled(self, form: PolyElement, cosine: int, sine: int) -> PolyElement:
-        """Return a form of even degree in C and S as a polynomial in cosine and sine, times 2 to the power of half the degree."""
+        """Return a form of even degree in C and S as a polynomial in cosine and sine,
+        times 2 to the power of half the degree."""
         ring = self.functions.ring
         c, s = ring.gens[cosine], ring.gens[sine]
         parts = [
@@ -167,7 +177,8 @@ class HalfRatios:
 
 
 def exact_quotient(above: PolyElement, factor: PolyElement) -> PolyElement | None:
-    """Return the quotient of two polynomials with integer coefficients; None if there is a remainder, which is found early.
+    """Return the quotient of two polynomials with integer coefficients; None if there is a remainder, which
+    is found early.
 
     SymPy looks for the largest term at every step.
     """

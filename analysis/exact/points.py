@@ -27,9 +27,11 @@ class NoPoint(Exception):
 
 @dataclass(frozen=True)
 class Point:
-    """A value of every generator in a field: a homomorphism from the functions, so ranks here are never above the generic.
+    """A value of every generator in a field: a homomorphism from the functions, so ranks here are never above
+    the generic.
 
-    `halves` has the cosine and sine of half of each angle, up to a common factor, in place of those of the angle.
+    `halves` has the cosine and sine of half of each angle, up to a common factor, in place of those of the
+    angle.
     """
 
     domain: Domain
@@ -58,15 +60,20 @@ class Point:
 
     def matrix(self, vectors: Sequence[Vector]) -> DomainMatrix:
         """Return the vectors as rows."""
-        return DomainMatrix([[self(entry) for entry in v] for v in vectors], (len(vectors), len(vectors[0])), self.domain)
+        return DomainMatrix(
+            [[self(entry) for entry in v] for v in vectors], (len(vectors), len(vectors[0])), self.domain
+        )
 
     def rank(self, vectors: Sequence[Vector]) -> int:
         """Return the rank of the vectors here."""
         return int(self.matrix(vectors).rank()) if vectors else 0
 
 
-def random_point(functions: Functions, seed: int, vanishing: Sequence[PolyElement] = (), domain: Domain = MODULAR) -> Point:
-    """Return a random point, the same for the same seed, where the forms in half angles `vanishing` (`half_angles`) are zero.
+def random_point(
+    functions: Functions, seed: int, vanishing: Sequence[PolyElement] = (), domain: Domain = MODULAR
+) -> Point:
+    """Return a random point, the same for the same seed, where the forms in half angles `vanishing`
+    (`half_angles`) are zero.
 
     In QQ the sines and cosines are rational points of the circle. Raises NoPoint if none is found.
     """
@@ -81,8 +88,8 @@ def random_point(functions: Functions, seed: int, vanishing: Sequence[PolyElemen
 def refuse_dependent_roots(functions: Functions) -> None:
     """Prove that no root lies in the field of the other generators before it and of roots of numbers.
 
-    For each root, by a point where its radicand is not a square although the others are; roots of -1 and of different primes are
-    independent. Raises ModelError if no such point is found.
+    For each root, by a point where its radicand is not a square although the others are; roots of -1 and of
+    different primes are independent. Raises ModelError if no such point is found.
     """
     for place, radicand in functions.roots.items():
         draw = random.Random(place)
@@ -93,18 +100,23 @@ def refuse_dependent_roots(functions: Functions) -> None:
             proved = any(point is not None and _root(point(radicand), MODULAR) is None for point in tries)
         if not proved:
             raise ModelError(
-                f"{functions.name}: {functions.expressions[place]} cannot be treated beside the other functions, from which it "
-                "seems to follow; write it without this root"
+                f"{functions.name}: {functions.expressions[place]} cannot be treated beside the other "
+                "functions, from which it seems to follow; write it without this root"
             )
 
 
 def _try(
-    functions: Functions, domain: Domain, draw: random.Random, vanishing: Sequence[PolyElement] = (), before: int | None = None
+    functions: Functions,
+    domain: Domain,
+    draw: random.Random,
+    vanishing: Sequence[PolyElement] = (),
+    before: int | None = None,
 ) -> Point | None:
     """Try one point; the value is 0 for roots from the place `before` on."""
 
     def number():
-        return QQ(draw.randint(2, 100), 101) if domain is QQ else domain(draw.randrange(2, PRIME))  # generic angles
+        # Generic angles
+        return QQ(draw.randint(2, 100), 101) if domain is QQ else domain(draw.randrange(2, PRIME))
 
     halves = [number() for _ in functions.expressions]
     for angle in functions.angles:
@@ -131,9 +143,11 @@ def _try(
     return Point(domain, tuple(values), tuple(halves))
 
 
-def _move_to(zero: PolyElement, functions: Functions, halves: list, domain: Domain, draw: random.Random) -> bool:
-    """Change one value, or the tangent of a half angle, so that the form `zero` vanishes; return False if this is not
-    possible."""
+def _move_to(
+    zero: PolyElement, functions: Functions, halves: list, domain: Domain, draw: random.Random
+) -> bool:
+    """Change one value, or the tangent of a half angle, so that the form `zero` vanishes; return False if
+    this is not possible."""
     places = generators_of(zero)
     on_angles = {k: angle for angle in functions.angles for k in (angle.cosine, angle.sine)}
     varying = [place for place in places if place >= functions.constants] or list(places)
@@ -144,7 +158,9 @@ def _move_to(zero: PolyElement, functions: Functions, halves: list, domain: Doma
     values: list[tuple[tuple[int, Any], ...]]  # places with what is put there
     if angle is None:
         inserted[place] = unknown
-        values = [((place, root),) for root in _zeros(_evaluated(zero, inserted, unknown.ring.zero, domain), domain)]
+        values = [
+            ((place, root),) for root in _zeros(_evaluated(zero, inserted, unknown.ring.zero, domain), domain)
+        ]
     else:
         inserted[angle.cosine], inserted[angle.sine] = unknown.ring.one, unknown
         polynomial = _evaluated(zero, inserted, unknown.ring.zero, domain)

@@ -1,4 +1,5 @@
-"""Readable formulas: factors kept, sums collected by sines and cosines or combined into one, no unnecessary minus signs."""
+"""Readable formulas: factors kept, sums collected by sines and cosines or combined into one,
+no unnecessary minus signs."""
 
 import sympy as sp
 from sympy.simplify.fu import TR10i
@@ -40,14 +41,21 @@ def _added(base: sp.Add) -> sp.Expr:
         rest = sp.Mul(*[part for part in sp.Mul.make_args(term) if not isinstance(part, sp.sin | sp.cos)])
         alike.setdefault(abs(rest.as_coeff_Mul()[0]) * rest.as_coeff_Mul()[1], []).append(term)
     sums = [sp.Add(*terms) for terms in alike.values()]
-    return sp.Add(*[min((each, TR10i(each)), key=sp.count_ops) if len(each.args) <= LONGEST else each for each in sums])
+    return sp.Add(
+        *[min((each, TR10i(each)), key=sp.count_ops) if len(each.args) <= LONGEST else each for each in sums]
+    )
 
 
 def _collected(base: sp.Expr) -> sp.Expr:
     """Collect by the sine and cosine of the angle in which most terms are linear, if any."""
     if not base.is_Add:
         return base
-    angles = {wave.args[0] for term in base.args for wave in sp.Mul.make_args(term) if isinstance(wave, sp.sin | sp.cos)}
+    angles = {
+        wave.args[0]
+        for term in base.args
+        for wave in sp.Mul.make_args(term)
+        if isinstance(wave, sp.sin | sp.cos)
+    }
     ways = [_by_angle(base, angle) for angle in sorted(angles, key=sp.default_sort_key)]
     return sp.Add(*min(ways, key=len)) if ways else base
 
@@ -66,7 +74,11 @@ def _by_angle(base: sp.Add, angle: sp.Expr) -> list[sp.Expr]:
         if coefficients:
             total = sp.Add(*coefficients)
             total = sp.factor_terms(total) if len(coefficients) > 1 else total
-            rest.append(-(_turned(total) * wave) if total.is_Add and 2 * _minuses(total) > len(total.args) else total * wave)
+            rest.append(
+                -(_turned(total) * wave)
+                if total.is_Add and 2 * _minuses(total) > len(total.args)
+                else total * wave
+            )
     return rest
 
 

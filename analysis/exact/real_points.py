@@ -1,7 +1,7 @@
 """Real points where a function vanishes, with many digits, and ranks there.
 
-A point is found where the function changes sign along a line. What changes sign nowhere vanishes at most on smaller sets than
-hypersurfaces.
+A point is found where the function changes sign along a line. What changes sign nowhere vanishes at most on
+smaller sets than hypersurfaces.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,7 +26,8 @@ LARGER = 5.0  # the others are larger by up to this power of ten
 
 @dataclass(frozen=True)
 class RealPoint:
-    """Values of all generators to DIGITS digits; `halves` has those of half angles instead, `q` those of the coordinates.
+    """Values of all generators to DIGITS digits; `halves` has those of half angles instead, `q` those of the
+    coordinates.
 
     `at_defaults`: the parameters are at their defaults.
     """
@@ -52,7 +53,8 @@ class RealPoint:
 
 
 def rank(rows: list[list[mpmath.mpf]], negligible: float | mpmath.mpf = NEGLIGIBLE) -> int:
-    """Return the number of pivots that are not negligible, with rows scaled to one: elimination with complete pivoting."""
+    """Return the number of pivots that are not negligible, with rows scaled to one:
+    elimination with complete pivoting."""
     pivots = 0
     while rows:
         size, i, j = max((abs(entry), i, j) for i, row in enumerate(rows) for j, entry in enumerate(row))
@@ -65,12 +67,17 @@ def rank(rows: list[list[mpmath.mpf]], negligible: float | mpmath.mpf = NEGLIGIB
 
 
 def real_point(
-    functions: Functions, parameters: Sequence[Quantity], form: PolyElement, seed: int, avoiding: Iterable[PolyElement] = ()
+    functions: Functions,
+    parameters: Sequence[Quantity],
+    form: PolyElement,
+    seed: int,
+    avoiding: Iterable[PolyElement] = (),
 ) -> RealPoint:
-    """Return a random real point where a form in half angles is zero and those to be avoided are not, the same for the same seed.
+    """Return a random real point where a form in half angles is zero and those to be avoided are not, the
+    same for the same seed.
 
-    The parameters are at their defaults if possible; otherwise they are varied too, with their declared signs.
-    Raises NoPoint if none is found.
+    The parameters are at their defaults if possible; otherwise they are varied too, with their declared
+    signs. Raises NoPoint if none is found.
     """
     draw, avoiding = np.random.default_rng(seed), list(avoiding)
     possible = all(SIGNS[p.sign][0](p.default) for p in parameters)
@@ -83,7 +90,9 @@ def real_point(
     raise NoPoint
 
 
-def _random(functions: Functions, parameters: Sequence[Quantity], draw: np.random.Generator, at_defaults: bool) -> list[float]:
+def _random(
+    functions: Functions, parameters: Sequence[Quantity], draw: np.random.Generator, at_defaults: bool
+) -> list[float]:
     """Return values of parameters and coordinates."""
     fixed = []
     for p in parameters:
@@ -93,14 +102,20 @@ def _random(functions: Functions, parameters: Sequence[Quantity], draw: np.rando
     return [float(value) for value in (*fixed, *draw.uniform(-size, size, functions.n))]
 
 
-def _on_line(functions: Functions, form: PolyElement, a: list[float], b: list[float], at_defaults: bool) -> RealPoint | None:
+def _on_line(
+    functions: Functions, form: PolyElement, a: list[float], b: list[float], at_defaults: bool
+) -> RealPoint | None:
     """Return the first zero with a change of sign between a and b."""
 
     def along(part):
         return [(1 - part) * x + part * y for x, y in zip(a, b, strict=True)]
 
     def value(part):
-        return sum(_terms(form, _generators(functions, along(part), np if isinstance(part, np.ndarray) else mpmath)[1]))
+        return sum(
+            _terms(
+                form, _generators(functions, along(part), np if isinstance(part, np.ndarray) else mpmath)[1]
+            )
+        )
 
     parts = np.linspace(0.0, 1.0, SAMPLES)
     with np.errstate(all="ignore"):
@@ -111,7 +126,9 @@ def _on_line(functions: Functions, form: PolyElement, a: list[float], b: list[fl
     with mpmath.workdps(DIGITS + 10):
         ends = [mpmath.mpf(float(parts[changes[0] + k])) for k in (0, 1)]
         try:
-            zero = mpmath.findroot(value, ends, solver="anderson", tol=mpmath.mpf(10) ** (-2 * DIGITS), maxsteps=100)
+            zero = mpmath.findroot(
+                value, ends, solver="anderson", tol=mpmath.mpf(10) ** (-2 * DIGITS), maxsteps=100
+            )
         except (ValueError, ZeroDivisionError):  # a pole
             return None
         q = along(zero)[-functions.n :]
@@ -129,7 +146,10 @@ def _generators(functions: Functions, symbols: list, numbers: ModuleType) -> tup
     for angle in functions.angles:
         top, bottom = (sum(_terms(part, values)) for part in angle.argument)
         values[angle.cosine], values[angle.sine] = numbers.cos(top / bottom), numbers.sin(top / bottom)
-        halves[angle.cosine], halves[angle.sine] = numbers.cos(top / bottom / 2), numbers.sin(top / bottom / 2)
+        halves[angle.cosine], halves[angle.sine] = (
+            numbers.cos(top / bottom / 2),
+            numbers.sin(top / bottom / 2),
+        )
     for exponent in functions.exponents:
         top, bottom = (sum(_terms(part, values)) for part in exponent.argument)
         values[exponent.place] = halves[exponent.place] = numbers.exp(top / bottom)
@@ -150,7 +170,8 @@ def _terms(polynomial: PolyElement, values: Sequence) -> list:
 
 
 def _value(polynomial: PolyElement, values: Sequence) -> mpmath.mpf:
-    """Return the value, or 0 if it does not exceed the rounding of its terms and of generators of size one."""
+    """Return the value, or 0 if it does not exceed the rounding of its terms and of generators of size
+    one."""
     with mpmath.workdps(DIGITS):
         total = mpmath.fsum(_terms(polynomial, values))
         size = mpmath.fsum(map(abs, _terms(polynomial, [max(1, abs(value)) for value in values])))

@@ -42,7 +42,11 @@ FUNCTIONS: Mapping[int, Callable[..., sp.Expr]] = {
 
 def symbol(quantity: Quantity) -> sp.Symbol:
     """Return the SymPy symbol of a coordinate or parameter: real, and positive if declared so."""
-    return sp.Symbol(quantity.name, positive=True) if quantity.sign == "positive" else sp.Symbol(quantity.name, real=True)
+    return (
+        sp.Symbol(quantity.name, positive=True)
+        if quantity.sign == "positive"
+        else sp.Symbol(quantity.name, real=True)
+    )
 
 
 def as_matrix(entries: Sequence[sp.Expr], shape: tuple[int, int]) -> sp.Matrix:
@@ -53,8 +57,9 @@ def as_matrix(entries: Sequence[sp.Expr], shape: tuple[int, int]) -> sp.Matrix:
 def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> list[sp.Expr]:
     """Return the entries of `expression`, column-major, in the symbols of `quantities`.
 
-    A number is replaced by the simplest fraction, multiple of pi or root of a fraction equal to it up to rounding. Raises
-    ModelError for other numbers, a division by zero, and a function that cannot be treated exactly.
+    A number is replaced by the simplest fraction, multiple of pi or root of a fraction equal to it up to
+    rounding. Raises ModelError for other numbers, a division by zero, and a function that cannot be treated
+    exactly.
     """
 
     def constant(value: float) -> sp.Expr:
@@ -63,8 +68,8 @@ def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> l
         number = recognized(value)
         if number is None:
             raise ModelError(
-                f"{where}: {value!r} is no simple fraction, multiple of pi or root, so nothing exact follows from it; "
-                "give it as a parameter"
+                f"{where}: {value!r} is no simple fraction, multiple of pi or root, so nothing exact follows "
+                "from it; give it as a parameter"
             )
         return number
 
@@ -75,14 +80,18 @@ def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> l
         return FUNCTIONS[code](*arguments)
 
     leaves = [symbol(q) for q in quantities]
-    entries = [sp.S(e) for e in fold(expression, [q.symbol for q in quantities], lambda k: leaves[k], constant, apply)]
+    entries = [
+        sp.S(e)
+        for e in fold(expression, [q.symbol for q in quantities], lambda k: leaves[k], constant, apply)
+    ]
     if any(entry.has(sp.zoo, sp.nan, sp.oo, sp.I) for entry in entries):
         raise ModelError(f"{where}: a division by zero, or the root of a negative number")
     return entries
 
 
 def recognized(value: float) -> sp.Expr | None:
-    """Return the exact value of a float: a fraction, a multiple of pi, or a root of a fraction; None for other numbers."""
+    """Return the exact value of a float: a fraction, a multiple of pi, or a root of a fraction;
+    None for other numbers."""
     for unit in (1.0, math.pi):
         fraction = _fraction(value / unit, SIMPLE if unit == 1.0 else RADICAND)
         if fraction is not None:
@@ -91,7 +100,11 @@ def recognized(value: float) -> sp.Expr | None:
         written = Fraction(repr(value))
         return sp.Rational(written.numerator, written.denominator)
     square = _fraction(value * value, RADICAND)
-    return None if square is None else sp.sqrt(sp.Rational(square.numerator, square.denominator)) * (1 if value > 0 else -1)
+    return (
+        None
+        if square is None
+        else sp.sqrt(sp.Rational(square.numerator, square.denominator)) * (1 if value > 0 else -1)
+    )
 
 
 def _fraction(value: float, denominator: int) -> Fraction | None:
@@ -103,7 +116,9 @@ class _Writer(StrPrinter):
     """SymPy's printer with positive terms first, and r*(a - b) instead of -r*(b - a)."""
 
     def _print_Add(self, expr: sp.Add, order: str | None = None) -> str:  # SymPy's name
-        terms = sorted(self._as_ordered_terms(expr, order=order), key=lambda term: term.could_extract_minus_sign())
+        terms = sorted(
+            self._as_ordered_terms(expr, order=order), key=lambda term: term.could_extract_minus_sign()
+        )
         first, *rest = [self._print(term) for term in terms]
         return first + "".join(f" - {text[1:]}" if text.startswith("-") else f" + {text}" for text in rest)
 

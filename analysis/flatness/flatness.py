@@ -1,4 +1,5 @@
-"""Whether q' = S(q) nu is flat, with all coordinates and without the angles on which nothing depends, and flat outputs of it."""
+"""Whether q' = S(q) nu is flat, with all coordinates and without the angles on which nothing depends,
+and flat outputs of it."""
 
 import functools
 import itertools
@@ -41,8 +42,8 @@ class FlatOutput:
 
 @dataclass(frozen=True)
 class Found:
-    """Flat outputs, as many as quasi-velocities, `singular` where they do not determine the state. With two of them that are no
-    inputs of their own, z_1, ..., z_N are a chained form: z_k' = z_(k-1) z_1', k > 2.
+    """Flat outputs, as many as quasi-velocities, `singular` where they do not determine the state. With two
+    of them that are no inputs of their own, z_1, ..., z_N are a chained form: z_k' = z_(k-1) z_1', k > 2.
     """
 
     outputs: tuple[FlatOutput, ...]
@@ -58,7 +59,8 @@ class Found:
 
 @dataclass(frozen=True)
 class Flatness:
-    """The verdict about a system `without` some coordinates, and flat outputs `found`; else `missing` says why there are none."""
+    """The verdict about a system `without` some coordinates, and flat outputs `found`;
+    else `missing` says why there are none."""
 
     without: tuple[str, ...]
     check: Check
@@ -74,8 +76,17 @@ class Flatness:
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         check = self.check
-        verdict = {"verdict": check.verdict, "on": check.where, "reason": check.reason, "reference": check.reference}
-        return {"without": list(self.without), **verdict, **({"not_found": self.missing} if self.missing else {})}
+        verdict = {
+            "verdict": check.verdict,
+            "on": check.where,
+            "reason": check.reason,
+            "reference": check.reference,
+        }
+        return {
+            "without": list(self.without),
+            **verdict,
+            **({"not_found": self.missing} if self.missing else {}),
+        }
 
     def outputs_as_json(self) -> dict[str, Any] | None:
         """Return plain data; None without flat outputs."""
@@ -92,15 +103,16 @@ class Flatness:
 
 
 def flatness(Delta: Distribution, velocities: Sequence[str] = ()) -> tuple[Flatness, ...]:
-    """Return the verdicts of a system with all its coordinates and, if there are any, without its cyclic angles, unless it can
-    move in all directions; `velocities` are the names of the quasi-velocities.
+    """Return the verdicts of a system with all its coordinates and, if there are any, without its cyclic
+    angles, unless it can move in all directions; `velocities` are the names of the quasi-velocities.
 
     A verdict or outputs that are not found within WORK are not decided.
     """
     names = tuple(velocities) or tuple(f"nu_{k + 1}" for k in range(len(Delta.fields)))
     with Delta.functions.within(WORK):
         verdicts = [_judged(Delta, names, ())]
-    moves = Delta.functions.n - Delta.holonomic > len(Delta.fields)  # in fewer directions than it has dimensions
+    # In fewer directions than it has dimensions
+    moves = Delta.functions.n - Delta.holonomic > len(Delta.fields)
     if moves and (angles := cyclic_angles(Delta)):
         rows = [k for k in range(Delta.functions.n) if k not in angles]
         rest = part(Delta, rows, range(len(Delta.fields)))
@@ -110,11 +122,13 @@ def flatness(Delta: Distribution, velocities: Sequence[str] = ()) -> tuple[Flatn
 
 
 def cyclic_angles(Delta: Distribution) -> tuple[int, ...]:
-    """Return the places of angles on which S does not depend, without which its rank stays: those of wheels, but not those of
-    joints, whose rates are inputs of their own."""
+    """Return the places of angles on which S does not depend, without which its rank stays: those of wheels,
+    but not those of joints, whose rates are inputs of their own."""
     rows = list(range(Delta.functions.n))
     for k in _cyclic(Delta):
-        if Delta.coordinates[k].unit == "rad" and _rank(Delta, [j for j in rows if j != k]) == len(Delta.fields):
+        if Delta.coordinates[k].unit == "rad" and _rank(Delta, [j for j in rows if j != k]) == len(
+            Delta.fields
+        ):
             rows.remove(k)
     return tuple(k for k in range(Delta.functions.n) if k not in rows)
 
@@ -147,17 +161,24 @@ def _judged(Delta: Distribution, names: Sequence[str], without: tuple[str, ...])
         return Flatness(without, check, missing=f"not found: {error}")
     if found is None:
         searched = f"with functions of degree {DEGREE} in coordinates, sines and cosines"
-        more = "" if len(Delta.fields) == 2 else ", for two inputs beside those of coordinates on which nothing depends"
+        more = (
+            ""
+            if len(Delta.fields) == 2
+            else ", for two inputs beside those of coordinates on which nothing depends"
+        )
         return Flatness(without, check, missing=f"none found {searched}{more}")
     if check.verdict is None:
         reason = f"{len(found.outputs)} flat outputs were found"
-        check = replace(check, verdict=True, reason=reason, reference="their chained form is verified exactly")
+        check = replace(
+            check, verdict=True, reason=reason, reference="their chained form is verified exactly"
+        )
     return Flatness(without, check, found)
 
 
 def _found(Delta: Distribution, names: Sequence[str]) -> Found | None:
-    """Return flat outputs. As many quasi-velocities as dimensions: coordinates. A coordinate on which nothing depends, and whose
-    rate is an input of its own, is one, the others are those of the rest. Else pairs of functions are tried. Raises TooLarge.
+    """Return flat outputs. As many quasi-velocities as dimensions: coordinates. A coordinate on which nothing
+    depends, and whose rate is an input of its own, is one, the others are those of the rest. Else pairs of
+    functions are tried. Raises TooLarge.
     """
     functions, inputs = Delta.functions, len(Delta.fields)
     everything = list(range(functions.n))
@@ -170,7 +191,11 @@ def _found(Delta: Distribution, names: Sequence[str]) -> Found | None:
     for k in _cyclic(Delta) if inputs > 2 else ():
         rows = [j for j in everything if j != k]
         if _rank(Delta, rows) < inputs:
-            columns = next(c for c in itertools.combinations(range(inputs), inputs - 1) if _rank(Delta, rows, c) == inputs - 1)
+            columns = next(
+                c
+                for c in itertools.combinations(range(inputs), inputs - 1)
+                if _rank(Delta, rows, c) == inputs - 1
+            )
             rest = part(Delta, rows, columns)
             with rest.functions.within(WORK):
                 found = _found(rest, [names[c] for c in columns])
@@ -180,14 +205,15 @@ def _found(Delta: Distribution, names: Sequence[str]) -> Found | None:
         return None
     if all(angle.expression.is_Symbol for angle in functions.angles):
         return _best_pair(Delta, names)
-    alike = part(Delta, everything, range(inputs), expanded=True)  # points have sines and cosines of single angles
+    # Points have sines and cosines of single angles
+    alike = part(Delta, everything, range(inputs), expanded=True)
     with alike.functions.within(WORK):
         return _best_pair(alike, names)
 
 
 def _best_pair(Delta: Distribution, names: Sequence[str]) -> Found | None:
-    """Return the first pair of flat outputs that is singular only where both are at rest for a velocity zero, or else that with
-    the fewest conditions. Raises TooLarge if none is found before."""
+    """Return the first pair of flat outputs that is singular only where both are at rest for a velocity zero,
+    or else that with the fewest conditions. Raises TooLarge if none is found before."""
     best: Found | None = None
     try:
         for first, last in pairs(Delta):
@@ -207,17 +233,24 @@ def _of_pair(Delta: Distribution, names: Sequence[str], pair: FlatPair) -> Found
     functions = Delta.functions
     conditions = [f"{written(_at_rest(Delta, names, pair.speed))} = 0", *_in_words(functions, pair.resting)]
     if pair.direction:
-        conditions.append(" and ".join(f"{written(expression(functions, each))} = 0" for each in pair.direction))
+        conditions.append(
+            " and ".join(f"{written(expression(functions, each))} = 0" for each in pair.direction)
+        )
     if pair.singular is None:
         conditions.append(UNKNOWN)
     else:
-        conditions += [each if pair.exact else f"{each}, perhaps" for each in _in_words(functions, pair.singular)]
-    outputs = tuple(FlatOutput(_readable(functions, each), _unit(Delta, each)) for each in (pair.first, pair.last))
+        conditions += [
+            each if pair.exact else f"{each}, perhaps" for each in _in_words(functions, pair.singular)
+        ]
+    outputs = tuple(
+        FlatOutput(_readable(functions, each), _unit(Delta, each)) for each in (pair.first, pair.last)
+    )
     return Found(outputs, tuple(conditions), tuple(_readable(functions, each) for each in pair.chained))
 
 
 def _at_rest(Delta: Distribution, names: Sequence[str], speed: Sequence[Ratio]) -> sp.Expr:
-    """Return s' nu, without factors in q, from s along the fields, which are multiples of the columns of S."""
+    """Return s' nu, without factors in q, from s along the fields,
+    which are multiples of the columns of S."""
     functions = Delta.functions
     entries = []
     for (up, down), column in zip(speed, Delta.fields, strict=True):
@@ -225,7 +258,9 @@ def _at_rest(Delta: Distribution, names: Sequence[str], speed: Sequence[Ratio]) 
         below = functools.reduce(functions.times, column.below, up)
         entries.append(functions.quotient(below, above))
     rates = [sp.Symbol(name) for name in names]
-    total = sp.factor(sp.together(sp.Add(*[entry * rate for entry, rate in zip(entries, rates, strict=True)])))
+    total = sp.factor(
+        sp.together(sp.Add(*[entry * rate for entry, rate in zip(entries, rates, strict=True)]))
+    )
     return unsigned(sp.Mul(*[each for each in sp.Mul.make_args(total) if each.has(*rates)]))
 
 
@@ -235,7 +270,11 @@ def _in_words(functions: Functions, forms: Iterable[PolyElement]) -> list[str]:
 
 
 def _readable(functions: Functions, ratio: Ratio) -> sp.Expr:
-    return readable(sp.expand(functions.quotient(*ratio))) if ratio[1].is_ground else readable(functions.quotient(*ratio))
+    return (
+        readable(sp.expand(functions.quotient(*ratio)))
+        if ratio[1].is_ground
+        else readable(functions.quotient(*ratio))
+    )
 
 
 def _unit(Delta: Distribution, ratio: Ratio) -> str:

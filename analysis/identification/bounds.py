@@ -36,7 +36,8 @@ class Triangle:
 
 
 def triangles(mechanism: Mechanism) -> tuple[Triangle, ...]:
-    """Return what limits the inertias of the robot's bodies, as far as its file says which belong together."""
+    """Return what limits the inertias of the robot's bodies,
+    as far as its file says which belong together."""
     found = []
     for body in mechanism.inertias:
         for k, inertia in enumerate(body):
@@ -46,12 +47,15 @@ def triangles(mechanism: Mechanism) -> tuple[Triangle, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def bounded_least_squares(A: np.ndarray, b: np.ndarray, G: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the s of least |A s - b| with G s >= h, and which rows of G hold it back: those with a positive multiplier. A has
-    full rank, rows of G have length 1, or 0 where they say nothing; one that is missed by less than ROUNDING counts as met.
+def bounded_least_squares(
+    A: np.ndarray, b: np.ndarray, G: np.ndarray, h: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the s of least |A s - b| with G s >= h, and which rows of G hold it back: those with a positive
+    multiplier. A has full rank, rows of G have length 1, or 0 where they say nothing; one that is missed by
+    less than ROUNDING counts as met.
 
-    A problem of the least distance, whose dual is one of nonnegative least squares (Lawson and Hanson, Solving Least Squares
-    Problems, 1974, chapter 23). Raises BadInput if no s meets all rows.
+    A problem of the least distance, whose dual is one of nonnegative least squares (Lawson and Hanson,
+    Solving Least Squares Problems, 1974, chapter 23). Raises BadInput if no s meets all rows.
     """
     s = np.linalg.lstsq(A, b, rcond=None)[0]
     if (G @ s >= h - ROUNDING).all():
@@ -64,6 +68,8 @@ def bounded_least_squares(A: np.ndarray, b: np.ndarray, G: np.ndarray, h: np.nda
     unit = least.max()
     dual, distance = nnls(np.vstack([K.T, least / unit]), np.append(np.zeros(len(s)), 1.0))
     if distance < ROUNDING:
-        raise BadInput("the inertias that are given leave none for the others of their bodies; give others with --set")
+        raise BadInput(
+            "the inertias that are given leave none for the others of their bodies; give others with --set"
+        )
     z = unit * (K.T @ dual) / (1.0 - least / unit @ dual)
     return solve_triangular(R, z + Q.T @ b), dual > 0

@@ -8,11 +8,17 @@ from .result import Identification
 
 
 def draw(result: Identification) -> Figure:
-    """Return a panel for each output with its errors, predicted minus measured; those of windows that were left out differ."""
-    figure, axes = panels(*[f"error of {name}: {rms:.3g} {unit} RMS" for (name, unit), rms in _sizes(result)], most=3)
+    """Return a panel for each output with its errors, predicted minus measured;
+    those of windows that were left out differ."""
+    figure, axes = panels(
+        *[f"error of {name}: {rms:.3g} {unit} RMS" for (name, unit), rms in _sizes(result)], most=3
+    )
     for k, (panel, (_, unit)) in enumerate(zip(axes, result.outputs, strict=True)):
         for used, label, colour in ((True, "fitted", COLOURS[0]), (False, "left out of the fit", COLOURS[1])):
-            t, errors = result.t[result.used == used].ravel(), result.errors[result.used == used, :, k].ravel()
+            t, errors = (
+                result.t[result.used == used].ravel(),
+                result.errors[result.used == used, :, k].ravel(),
+            )
             if len(t):
                 panel.plot(t, errors, ".", markersize=3, color=colour, label=label)
         panel.axhline(0.0, color="black", linewidth=0.8)

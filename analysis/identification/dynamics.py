@@ -21,16 +21,19 @@ GYRO = "gyro"
 
 
 def pose_names(system: ReducedSystem) -> tuple[str, str, str]:
-    """Return the coordinates by which the vehicle's x, y and heading are displaced. Raises BadInput if there are none."""
+    """Return the coordinates by which the vehicle's x, y and heading are displaced. Raises BadInput if there
+    are none."""
     pose = body_pose(system)
     if pose is None:
-        raise BadInput(f"{system.mechanism.name} is no vehicle with a pose of three coordinates, or of several")
+        raise BadInput(
+            f"{system.mechanism.name} is no vehicle with a pose of three coordinates, or of several"
+        )
     return pose[0].name, pose[1].name, pose[2].name
 
 
 def described(system: ReducedSystem) -> tuple[Quantity, ...]:
-    """Return all parameters that can be set or fitted: those of the robot, of its motors, of the gyro. The robot's replace others
-    of the same name.
+    """Return all parameters that can be set or fitted: those of the robot, of its motors, of the gyro. The
+    robot's replace others of the same name.
     """
     own, bias = {p.name for p in system.mechanism.parameters}, bias_of_gyro()
     return (*system.mechanism.parameters, *motor_quantities(system), *([] if bias.name in own else [bias]))
@@ -38,14 +41,16 @@ def described(system: ReducedSystem) -> tuple[Quantity, ...]:
 
 def bias_of_gyro() -> Quantity:
     """Return the parameter by which a gyro is off."""
-    return Quantity(f"bias_{GYRO}", "rad/s", "what the gyro reports at rest", symbol=ca.SX.sym(f"bias_{GYRO}"))
+    return Quantity(
+        f"bias_{GYRO}", "rad/s", "what the gyro reports at rest", symbol=ca.SX.sym(f"bias_{GYRO}")
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """A robot with its motors and sensors. `kind` of KINDS: that of the logged inputs; `quantities`: all parameters, the robot's
-    first; `inputs`: what is logged of each input; `torque` (r x 1): the robot's inputs that follow; `outputs`: measured
-    ones, `measured` (ny x 1) as expressions.
+    """A robot with its motors and sensors. `kind` of KINDS: that of the logged inputs; `quantities`: all
+    parameters, the robot's first; `inputs`: what is logged of each input; `torque` (r x 1): the robot's
+    inputs that follow; `outputs`: measured ones, `measured` (ny x 1) as expressions.
     """
 
     system: ReducedSystem
@@ -58,14 +63,18 @@ class Dynamics:
 
     @classmethod
     def of(
-        cls, system: ReducedSystem, kind: str = "torque", outputs: Sequence[str] | None = None, own: Collection[str] = ()
+        cls,
+        system: ReducedSystem,
+        kind: str = "torque",
+        outputs: Sequence[str] | None = None,
+        own: Collection[str] = (),
     ) -> "Dynamics":
-        """Return the dynamics with inputs of a kind of KINDS. `outputs`: names of quasi-velocities, coordinates or "gyro", the
-        rate of the vehicle's heading; None: the quasi-velocities. `own`: parameters of single motors that are used, NAME_INPUT;
-        the others are those of all motors.
+        """Return the dynamics with inputs of a kind of KINDS. `outputs`: names of quasi-velocities,
+        coordinates or "gyro", the rate of the vehicle's heading; None: the quasi-velocities. `own`:
+        parameters of single motors that are used, NAME_INPUT; the others are those of all motors.
 
-        Raises BadInput if the outputs do not determine the quasi-velocities, or a parameter of the robot has the name of one of
-        the motors or the gyro that are used.
+        Raises BadInput if the outputs do not determine the quasi-velocities, or a parameter of the robot has
+        the name of one of the motors or the gyro that are used.
         """
         mechanism = system.mechanism
         check_names(system, kind)
@@ -75,7 +84,10 @@ class Dynamics:
         expressions = {q.name: (q, q.symbol) for q in system.state}
         if GYRO in (outputs or ()):
             if named_so:
-                raise BadInput(f"{mechanism.name}: {bias.name} is also the name of the gyro's parameter; rename the robot's")
+                raise BadInput(
+                    f"{mechanism.name}: {bias.name} is also the name of the gyro's parameter; rename the "
+                    "robot's"
+                )
             gyro = Quantity(GYRO, "rad/s", "rate of the heading", symbol=ca.SX.sym(GYRO))
             expressions[GYRO] = (gyro, system.qdot[_place(system, pose_names(system)[2])] + bias.symbol)
         names = [q.name for q in system.quasi_velocities] if outputs is None else outputs
@@ -113,15 +125,18 @@ class Dynamics:
         return ca.vertcat(*[q.symbol for q in self.system.state])
 
     def values(self, given: Mapping[str, float]) -> np.ndarray:
-        """Return the value of every parameter: the given one, for a single motor that of all motors, or its default."""
+        """Return the value of every parameter: the given one, for a single motor that of all motors,
+        or its default."""
         known = {q.name: given.get(q.name, q.default) for q in self.quantities}
         motors = [name for name in known if name not in self.robot]
         shared = {f"{name}_{each.name}": name for each in self.system.mechanism.inputs for name in motors}
-        return np.array([given.get(name, known.get(shared.get(name, ""), value)) for name, value in known.items()])
+        return np.array(
+            [given.get(name, known.get(shared.get(name, ""), value)) for name, value in known.items()]
+        )
 
     def check(self, fitted: Sequence[str], given: Mapping[str, float]) -> None:
-        """Raise BadInput if a motor's parameter that is needed is neither fitted nor given, one exceeds its largest value, or
-        inertias are those of no body.
+        """Raise BadInput if a motor's parameter that is needed is neither fitted nor given, one exceeds its
+        largest value, or inertias are those of no body.
         """
         values = dict(zip((q.name for q in self.quantities), self.values(given).tolist(), strict=True))
         for each in self.triangles:
@@ -139,13 +154,18 @@ class Dynamics:
             single = {f"{name}_{each.name}" for each in self.system.mechanism.inputs}
             known = {*fitted, *given}
             if name not in known and not single <= known:
-                raise BadInput(f"the log has the {self.kind} of each input: give --set {name}=VALUE, or fit it, --fit {name}")
+                raise BadInput(
+                    f"the log has the {self.kind} of each input: give --set {name}=VALUE, or fit it, --fit "
+                    f"{name}"
+                )
 
     @property
     def upper(self) -> dict[str, float]:
         """The largest values of parameters: efficiencies do not exceed 1."""
         starts = ("efficiency", "back_efficiency")
-        return {q.name: 1.0 for q in self.quantities if q.name.startswith(starts) and q.name not in self.robot}
+        return {
+            q.name: 1.0 for q in self.quantities if q.name.startswith(starts) and q.name not in self.robot
+        }
 
     @property
     def triangles(self) -> tuple[Triangle, ...]:
@@ -154,7 +174,8 @@ class Dynamics:
 
     @cached_property
     def rates(self) -> ca.SX:
-        """Derivatives by time of the outputs that are coordinates, and the other outputs themselves, ny x 1, in the state."""
+        """Derivatives by time of the outputs that are coordinates, and the other outputs themselves,
+        ny x 1, in the state."""
         n = len(self.system.mechanism.coordinates)
         places = {q.name: k for k, q in enumerate(self.system.state)}
         rows = (
@@ -165,15 +186,18 @@ class Dynamics:
 
     @cached_property
     def direct(self) -> list[int]:
-        """The outputs that are or become by differentiation linear in the quasi-velocities without any parameter."""
+        """The outputs that are or become by differentiation linear in the quasi-velocities without any
+        parameter."""
         jacobian = ca.jacobian(self.rates, self.system.nu)
         return [
-            k for k in range(len(self.outputs)) if not ca.depends_on(jacobian[k, :], self.parameters) and jacobian[k, :].nnz()
+            k
+            for k in range(len(self.outputs))
+            if not ca.depends_on(jacobian[k, :], self.parameters) and jacobian[k, :].nnz()
         ]
 
     def velocities_in(self, state: Collection[str]) -> list[str]:
-        """Return the column that each quasi-velocity comes from, of a log with these columns of the state: its own, or the angle
-        whose rate it is.
+        """Return the column that each quasi-velocity comes from, of a log with these columns of the state:
+        its own, or the angle whose rate it is.
         """
         coordinates = self.system.mechanism.coordinates
         angles = ([coordinates[k].name for k in places] for places in self.system.coordinates_by_velocity)
@@ -182,7 +206,8 @@ class Dynamics:
 
     @cached_property
     def start_places(self) -> list[int]:
-        """The entries of the state that the start of a window leaves unknown: measured coordinates and quasi-velocities."""
+        """The entries of the state that the start of a window leaves unknown:
+        measured coordinates and quasi-velocities."""
         n = len(self.system.mechanism.coordinates)
         names = {q.name for q in self.outputs}
         return [k for k, q in enumerate(self.system.state) if k >= n or q.name in names]
@@ -196,19 +221,23 @@ class Dynamics:
 
     def _check_outputs(self) -> None:
         if generic_rank(ca.jacobian(self.rates, self.system.nu)[self.direct, :]) < self.system.dof:
-            names, velocities = (", ".join(q.name for q in each) for each in (self.outputs, self.system.quasi_velocities))
+            names, velocities = (
+                ", ".join(q.name for q in each) for each in (self.outputs, self.system.quasi_velocities)
+            )
             raise BadInput(
-                f"outputs {names} do not determine the quasi-velocities {velocities} of {self.system.mechanism.name} whatever "
-                "its parameters; log these, or the angles of wheels and joints whose rates they are"
+                f"outputs {names} do not determine the quasi-velocities {velocities} of "
+                f"{self.system.mechanism.name} whatever its parameters; log these, or the angles of wheels "
+                "and joints whose rates they are"
             )
 
 
 def combinations(dynamics: Dynamics, names: Sequence[str], values: Sequence[float]) -> list[Combination]:
-    """Return a basis of what the equations of motion S'MS nudot + bias - S'E tau (10), and the rates of the measured coordinates,
-    determine of the named parameters near `values` (all parameters).
+    """Return a basis of what the equations of motion S'MS nudot + bias - S'E tau (10), and the rates of the
+    measured coordinates, determine of the named parameters near `values` (all parameters).
 
-    As `determined`, at random states and inputs with the nudot that follows: an equation that holds for other parameters after
-    multiplication by a factor tells nothing, so that of torque constant and masses only the ratios are seen.
+    As `determined`, at random states and inputs with the nudot that follows: an equation that holds for other
+    parameters after multiplication by a factor tells nothing, so that of torque constant and masses only the
+    ratios are seen.
     """
     system, nudot = dynamics.system, ca.SX.sym("nudot", dynamics.system.dof)
     forces = system.input_map @ dynamics.torque - system.bias
@@ -228,8 +257,8 @@ def combinations(dynamics: Dynamics, names: Sequence[str], values: Sequence[floa
 
 
 def usual_outputs(system: ReducedSystem, columns: Collection[str]) -> list[str] | None:
-    """Return the quasi-velocities that a log with these columns has, and if it has not all of them, also the coordinates whose
-    rates are quasi-velocities or fixed functions of them; None if there are none.
+    """Return the quasi-velocities that a log with these columns has, and if it has not all of them, also the
+    coordinates whose rates are quasi-velocities or fixed functions of them; None if there are none.
     """
     names = [q.name for q in system.quasi_velocities if q.name in columns]
     if len(names) < system.dof:

@@ -1,4 +1,5 @@
-"""Manoeuvres that show parameters: figures of eight of different size and speed, rated by the standard deviations to expect."""
+"""Manoeuvres that show parameters: figures of eight of different size and speed,
+rated by the standard deviations to expect."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,7 +27,8 @@ PERIOD = 0.01  # s, where the SPEC is continuous
 
 @dataclass(frozen=True, eq=False)
 class Manoeuvre:
-    """A run that shows parameters: its SPEC as a table, standard deviations to be expected of them, largest friction use."""
+    """A run that shows parameters: its SPEC as a table, standard deviations to be expected of them,
+    largest friction use."""
 
     table: Mapping[str, Any]
     deviations: Mapping[str, float]
@@ -35,13 +37,14 @@ class Manoeuvre:
 
     @property
     def volume(self) -> float:
-        """The logarithm of the volume of the confidence region (D-optimal: the smallest), up to a constant."""
+        """The logarithm of the volume of the confidence region (D-optimal: the smallest),
+        up to a constant."""
         return float(np.sum(np.log(list(self.deviations.values()))))
 
 
 def parameters_of_motion(dynamics: Dynamics, values: Sequence[float]) -> list[str]:
-    """Return the parameters that the dynamics determine, of those that the kinematics do not depend on; of several that are seen
-    only together the first.
+    """Return the parameters that the dynamics determine, of those that the kinematics do not depend on; of
+    several that are seen only together the first.
     """
     system = dynamics.system
     names = [p.name for p in system.mechanism.parameters if not ca.depends_on(system.S, p.symbol)]
@@ -57,11 +60,13 @@ def excite(
     noise: float,
     progress: Reported = silent,
 ) -> Manoeuvre:
-    """Return the manoeuvre that shows the named parameters best; None: `parameters_of_motion`. `table` is the SPEC of a vehicle.
+    """Return the manoeuvre that shows the named parameters best; None: `parameters_of_motion`. `table` is the
+    SPEC of a vehicle.
 
-    Each candidate is simulated with the law, limits and floor of the SPEC, path and start replaced by an eight inside a square of
-    `room` (m), at up to `fastest` (m/s). Those that would slip, exceed the limits or leave the room do not count. `noise` is the
-    standard deviation of the quasi-velocities that will be logged. Raises BadInput if none is left or shows all parameters.
+    Each candidate is simulated with the law, limits and floor of the SPEC, path and start replaced by an
+    eight inside a square of `room` (m), at up to `fastest` (m/s). Those that would slip, exceed the limits or
+    leave the room do not count. `noise` is the standard deviation of the quasi-velocities that will be
+    logged. Raises BadInput if none is left or shows all parameters.
     """
     refused: dict[str, int] = {}
     best: Manoeuvre | None = None
@@ -70,9 +75,14 @@ def excite(
     grip = (spec.contact or ContactSection()).mu * (1 - margin) * GRAVITY  # m/s^2
     sizes = [radius * room / 4 for radius in RADII]
     speeds = [
-        (radius, part * limit) for radius in sizes for part in SPEEDS for limit in (fastest / SPEEDS[0], math.sqrt(grip * radius))
+        (radius, part * limit)
+        for radius in sizes
+        for part in SPEEDS
+        for limit in (fastest / SPEEDS[0], math.sqrt(grip * radius))
     ]
-    tried = list(dict.fromkeys((radius, round(speed, 3)) for radius, speed in speeds if 1e-3 < speed <= fastest))
+    tried = list(
+        dict.fromkeys((radius, round(speed, 3)) for radius, speed in speeds if 1e-3 < speed <= fastest)
+    )
     for k, (radius, speed) in enumerate(tried):
         progress(k, len(tried), "manoeuvres")
         manoeuvre = _tried(_eight(table, radius, speed), file, names, room, margin, noise)
@@ -87,7 +97,12 @@ def excite(
 
 
 def _tried(
-    eight: Mapping[str, Any], file: Path | str, names: Sequence[str] | None, room: float, margin: float, noise: float
+    eight: Mapping[str, Any],
+    file: Path | str,
+    names: Sequence[str] | None,
+    room: float,
+    margin: float,
+    noise: float,
 ) -> Manoeuvre | str:
     """Return a manoeuvre, or why it does not serve."""
     run = simulate(spec_of_table(eight, Path(file)))
@@ -103,10 +118,14 @@ def _tried(
         return "would leave the room"
     system = run.law.system
     dynamics = Dynamics.of(system)
-    values = dynamics.values({p.name: v for p, v in zip(system.mechanism.parameters, run.plant.parameters, strict=True)})
+    values = dynamics.values(
+        {p.name: v for p, v in zip(system.mechanism.parameters, run.plant.parameters, strict=True)}
+    )
     log = Log(run.t, run.x, run.tau, (range(len(run.t)),), ())
     fitted = list(names) if names is not None else parameters_of_motion(dynamics, values.tolist())
-    deviations = predicted(log, dynamics, fitted, values, True).expected_deviations(np.full(system.dof, noise))
+    deviations = predicted(log, dynamics, fitted, values, True).expected_deviations(
+        np.full(system.dof, noise)
+    )
     hidden = [name for name, sd in deviations.items() if not math.isfinite(sd)]
     if hidden:
         return f"would not show {', '.join(hidden)}"
@@ -122,7 +141,11 @@ def _eight(table: Mapping[str, Any], radius: float, speed: float) -> dict[str, A
     duration = min(simulation["duration"], round(0.97 * 4 * math.pi * radius / speed, 2))
     output = {key: value for key, value in table["output"].items() if key in ("type", "L", "W")}
     return {
-        **{key: value for key, value in table.items() if key not in ("plant", "sweep", "correction", "sensors", "floor")},
+        **{
+            key: value
+            for key, value in table.items()
+            if key not in ("plant", "sweep", "correction", "sensors", "floor")
+        },
         "output": {**output, "path": {"kind": "composite", "segments": arcs}},
         "reference": {"speed": speed},
         "initial": {"point": [0.0, 0.0], "heading": 0.0, "speed": 0.0},

@@ -1,4 +1,5 @@
-"""Faults of signals in a log: counters that start again, values that are repeated, jumps that no motion makes."""
+"""Faults of signals in a log: counters that start again, values that are repeated,
+jumps that no motion makes."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,10 +11,12 @@ from scipy.ndimage import median_filter
 
 from ...readers.errors import BadInput
 
-PERIODS = {"a turn": 2 * math.pi, "360": 360.0, "1": 1.0}  # after which angles start again; the latter are in other units
+# After which angles start again; the latter are in other units
+PERIODS = {"a turn": 2 * math.pi, "360": 360.0, "1": 1.0}
 BITS = (16, 24, 32)  # of counters
 ROUNDED = 1.02  # of a period: the range of values that were rounded, or are noisy where they start again
-EITHER_WAY = 0.45  # of a period: a change from row to row from which on it may have been in the other direction
+# Of a period: a change from row to row from which on it may have been in the other direction
+EITHER_WAY = 0.45
 NEARBY = 11  # rows around an interval that show what changes are usual
 ISOLATED = 10.0  # times the usual change: a single one that large is a jump
 FASTEST = 3.0  # times the change that 5 % of the rows exceed: the same
@@ -27,12 +30,14 @@ MOST = 0.1  # of the changes that may contradict a fit
 NAMED = 5  # rows that a remark names
 
 
-def continued(values: np.ndarray, t: np.ndarray, name: str, numbers: np.ndarray) -> tuple[np.ndarray, float, list[str]]:
-    """Return a signal (N) that starts again after a period continued over the periods, NaN where it was not measured; the period,
-    infinity if it does not start again; and remarks. `numbers` of the rows in the file.
+def continued(
+    values: np.ndarray, t: np.ndarray, name: str, numbers: np.ndarray
+) -> tuple[np.ndarray, float, list[str]]:
+    """Return a signal (N) that starts again after a period continued over the periods, NaN where it was not
+    measured; the period, infinity if it does not start again; and remarks. `numbers` of the rows in the file.
 
-    The period is a turn, or that of a counter of BITS, whose count is the smallest change. The change nearest to 0 is taken;
-    raises BadInput if it comes close to half of a period.
+    The period is a turn, or that of a counter of BITS, whose count is the smallest change. The change nearest
+    to 0 is taken; raises BadInput if it comes close to half of a period.
     """
     there = np.isfinite(values)
     change = np.diff(values[there])
@@ -54,16 +59,22 @@ def continued(values: np.ndarray, t: np.ndarray, name: str, numbers: np.ndarray)
             raise either_way(name, rows, abs(new[largest]), period, np.diff(t[there])[largest])
         whole = values.copy()
         whole[there] = values[there][0] + np.concatenate([[0.0], np.cumsum(new)])
-        return whole, period, [f"{name} starts again {jumps.sum()} times after {what}; it is continued over the turns"]
+        return (
+            whole,
+            period,
+            [f"{name} starts again {jumps.sum()} times after {what}; it is continued over the turns"],
+        )
     return values, math.inf, []
 
 
 def either_way(name: str, row: str, change: float, period: float, interval: float) -> BadInput:
-    """Return the error for a change between two rows of which a log that starts again cannot tell the direction."""
+    """Return the error for a change between two rows of which a log that starts again cannot tell the
+    direction."""
     return BadInput(
-        f"{row}: {name} changes by about {change:.3g} from row to row and starts again after {period:.3g}, so that it may have "
-        f"turned either way; this log can tell rates up to {EITHER_WAY * period / interval:.3g} per s: log it more often, or "
-        "log an angle that does not start again"
+        f"{row}: {name} changes by about {change:.3g} from row to row and starts again after {period:.3g}, "
+        "so that it may have turned either way; this log can tell rates up to "
+        f"{EITHER_WAY * period / interval:.3g} per s: log it more often, or log an angle that does not start "
+        "again"
     )
 
 
@@ -84,8 +95,8 @@ def quantum(values: np.ndarray) -> float:
 
 
 def jumps_of(t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return which intervals (N - 1) of a signal have a change that is far larger than those nearby and the largest usual ones,
-    also per time.
+    """Return which intervals (N - 1) of a signal have a change that is far larger than those nearby and the
+    largest usual ones, also per time.
     """
     change, step = np.diff(values), np.diff(t)
     found = np.ones(len(change), bool)
@@ -95,13 +106,15 @@ def jumps_of(t: np.ndarray, values: np.ndarray) -> np.ndarray:
         if not len(moving):
             return np.zeros(len(change), bool)
         usual = median_filter(size, NEARBY, mode="nearest") + np.median(moving)
-        found &= np.abs(each - median_filter(each, NEARBY, mode="nearest")) > ISOLATED * usual + FASTEST * np.quantile(size, 0.95)
+        found &= np.abs(
+            each - median_filter(each, NEARBY, mode="nearest")
+        ) > ISOLATED * usual + FASTEST * np.quantile(size, 0.95)
     return found
 
 
 def spikes_and_steps(change: np.ndarray, jumps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows that differ from both rows beside them, whose jumps cancel, and the intervals of the other jumps.
-    `change` (N - 1, k) of intervals, of which `jumps` (N - 1, k) are jumps.
+    """Return the rows that differ from both rows beside them, whose jumps cancel, and the intervals of the
+    other jumps. `change` (N - 1, k) of intervals, of which `jumps` (N - 1, k) are jumps.
     """
     both = jumps[1:] & jumps[:-1]
     cancel = np.abs(change[1:] + change[:-1]) < 0.5 * np.minimum(np.abs(change[1:]), np.abs(change[:-1]))
@@ -111,7 +124,8 @@ def spikes_and_steps(change: np.ndarray, jumps: np.ndarray) -> tuple[np.ndarray,
 
 
 def without_repeats(values: np.ndarray, name: str) -> tuple[np.ndarray, list[str]]:
-    """Return a signal (N) with NaN where a value is held, as it is if a sensor is slower than the rows; and remarks.
+    """Return a signal (N) with NaN where a value is held, as it is if a sensor is slower than the rows; and
+    remarks.
 
     A quantized signal, which may also stay the same, changes mostly by its smallest step, a held one by many.
     """
@@ -121,17 +135,24 @@ def without_repeats(values: np.ndarray, name: str) -> tuple[np.ndarray, list[str
     if len(new) < NEARBY or (every := float(np.median(np.diff(new)))) < 2:
         return values, []
     steps = np.abs(change[new])
-    if np.median(steps) <= HELD * steps.min() or np.ptp(np.diff(new)[1:-1]) > every and np.median(steps) < ISOLATED * steps.min():
+    if (
+        np.median(steps) <= HELD * steps.min()
+        or np.ptp(np.diff(new)[1:-1]) > every
+        and np.median(steps) < ISOLATED * steps.min()
+    ):
         return values, []
     kept = np.full_like(values, math.nan)
     rows = there[np.concatenate([[0], new + 1])]
     kept[rows] = values[rows]
-    return kept, [f"{name} is new in every {every:g}th row only; the rows between, which repeat it, do not count"]
+    return kept, [
+        f"{name} is new in every {every:g}th row only; the rows between, which repeat it, do not count"
+    ]
 
 
 def standstills(values: np.ndarray) -> list[list[int]]:
-    """Return the rows that repeat a value while what is measured moves on, as it is if a sensor or its line fails for a while:
-    after STILL rows or more the signal (N, NaN where it was not measured) jumps to where the motion has come to.
+    """Return the rows that repeat a value while what is measured moves on, as it is if a sensor or its line
+    fails for a while: after STILL rows or more the signal (N, NaN where it was not measured) jumps to where
+    the motion has come to.
     """
     there = np.flatnonzero(np.isfinite(values))
     change = np.abs(np.diff(values[there]))
@@ -141,12 +162,17 @@ def standstills(values: np.ndarray) -> list[list[int]]:
     since = np.diff(new, prepend=-1)  # rows with the value that ends with each change
     least = HELD * np.quantile(change[new], 0.95)
     found = [(k, n) for k, n in zip(new, since, strict=True) if n >= STILL and change[k] > least]
-    return [there[k - n + 2 : k + 1].tolist() for k, n in found if change[k] > HELD * change[k + 1 : k + STILL].max(initial=0.0)]
+    return [
+        there[k - n + 2 : k + 1].tolist()
+        for k, n in found
+        if change[k] > HELD * change[k + 1 : k + STILL].max(initial=0.0)
+    ]
 
 
 def saturated(values: np.ndarray) -> list[int]:
-    """Return the rows at which a signal (N, NaN where it was not measured) is held at its largest or smallest value, as by a
-    sensor at the end of its range: runs of that value, where the signal is nowhere else straight, as a profile of speeds is.
+    """Return the rows at which a signal (N, NaN where it was not measured) is held at its largest or smallest
+    value, as by a sensor at the end of its range: runs of that value, where the signal is nowhere else
+    straight, as a profile of speeds is.
     """
     there = np.flatnonzero(np.isfinite(values))
     known = values[there]
@@ -182,8 +208,8 @@ def rows_of(numbers: np.ndarray | None, t: np.ndarray, rows: Sequence[int]) -> s
 
 @dataclass(frozen=True)
 class Contradictions:
-    """What a fit contradicts: `single` measurements as (row, output), and `steps`, rows at which an output differs from those
-    before and stays so, of `compared` changes.
+    """What a fit contradicts: `single` measurements as (row, output), and `steps`, rows at which an output
+    differs from those before and stays so, of `compared` changes.
     """
 
     single: list[tuple[int, int]]
@@ -194,12 +220,15 @@ class Contradictions:
         return bool(self.single or self.steps)
 
 
-def contradictions(errors: np.ndarray, measured: np.ndarray, number: np.ndarray, angles: np.ndarray) -> Contradictions:
-    """Return what a fit contradicts, by the errors that it leaves, predicted minus measured (W, R, ny) in W windows of
-    R rows with the `number` (W, R) in the log. `angles` (ny): which outputs are angles.
+def contradictions(
+    errors: np.ndarray, measured: np.ndarray, number: np.ndarray, angles: np.ndarray
+) -> Contradictions:
+    """Return what a fit contradicts, by the errors that it leaves, predicted minus measured (W, R, ny) in W
+    windows of R rows with the `number` (W, R) in the log. `angles` (ny): which outputs are angles.
 
-    The errors of an output change from row to row by noise. A change of JUMP times the usual one, and of a part PART of
-    the motion, usual and nearby, is neither noise nor the drift of a model that is not quite right.
+    The errors of an output change from row to row by noise. A change of JUMP times the usual one, and of a
+    part PART of the motion, usual and nearby, is neither noise nor the drift of a model that is not quite
+    right.
     """
     single, steps, compared = [], [], 0
     for k in range(errors.shape[2]):
@@ -212,10 +241,14 @@ def contradictions(errors: np.ndarray, measured: np.ndarray, number: np.ndarray,
         if not len(sizes):
             continue
         compared = max(compared, len(sizes))
-        usual = max(JUMP * NORMAL * np.median(sizes), PART * (np.median(moved[moved > 0]) if moved.any() else 0.0))
+        usual = max(
+            JUMP * NORMAL * np.median(sizes), PART * (np.median(moved[moved > 0]) if moved.any() else 0.0)
+        )
         usual = max(usual, EXACT * np.nanmax(np.abs(measured[:, :, k])))
         for w, each in enumerate(change):
-            limit = np.maximum(usual, PART * median_filter(np.abs(motion[w]), NEARBY, mode="nearest") if len(each) else 0.0)
+            limit = np.maximum(
+                usual, PART * median_filter(np.abs(motion[w]), NEARBY, mode="nearest") if len(each) else 0.0
+            )
             alone, others = spikes_and_steps(each[:, None], (np.abs(each) > limit)[:, None])
             single += [(int(number[w, there[w][row]]), k) for row in alone]
             steps += [int(number[w, there[w][row + 1]]) for row in others]
@@ -227,15 +260,18 @@ def unexplained(log: Any, wrong: Contradictions) -> BadInput:
     rows = [row for row in sorted({row for row, _ in wrong.single} | set(wrong.steps)) if row < len(log.t)]
     count = len(wrong.single) + len(wrong.steps)
     return BadInput(
-        f"the log contradicts the robot's motion in {count} of {wrong.compared} rows, {rows_of(log.numbers, log.t, rows)}: "
-        "no parameters explain it"
+        f"the log contradicts the robot's motion in {count} of {wrong.compared} rows, "
+        f"{rows_of(log.numbers, log.t, rows)}: no parameters explain it"
     )
 
 
-def without(logs: Sequence[Any], field: str, wrong: Contradictions, outputs: Sequence[int], names: Sequence[str]) -> list[Any]:
-    """Return logs without what a fit contradicts: single measurements become NaN in the `field` of a log, whose columns have the
-    `names` and of which the `outputs` were fitted; rows before and after a step are not connected. The rows of all logs are
-    numbered one after the other. Raises BadInput if a large part of the log is contradicted.
+def without(
+    logs: Sequence[Any], field: str, wrong: Contradictions, outputs: Sequence[int], names: Sequence[str]
+) -> list[Any]:
+    """Return logs without what a fit contradicts: single measurements become NaN in the `field` of a log,
+    whose columns have the `names` and of which the `outputs` were fitted; rows before and after a step are
+    not connected. The rows of all logs are numbered one after the other. Raises BadInput if a large part of
+    the log is contradicted.
     """
     cleaned: list[Any] = []
     begin = 0
@@ -250,10 +286,15 @@ def without(logs: Sequence[Any], field: str, wrong: Contradictions, outputs: Seq
         if single:
             values[tuple(np.transpose(single))] = math.nan
             what = ", ".join(names[k] for k in sorted({k for _, k in single}))
-            remarks.append(f"{what} is far off in {rows_of(log.numbers, log.t, sorted({r for r, _ in single}))}: left out")
+            remarks.append(
+                f"{what} is far off in {rows_of(log.numbers, log.t, sorted({r for r, _ in single}))}: left "
+                "out"
+            )
         if steps:
             said = rows_of(log.numbers, log.t, steps)
             remarks.append(f"the motion jumps at {said}; the rows before and after are not connected")
         after = [row - 1 for row in steps]
-        cleaned.append(replace(log, **{field: values}, stretches=cut(log.stretches, after), remarks=tuple(remarks)))
+        cleaned.append(
+            replace(log, **{field: values}, stretches=cut(log.stretches, after), remarks=tuple(remarks))
+        )
     return cleaned

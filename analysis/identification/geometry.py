@@ -1,4 +1,5 @@
-"""Parameters of the geometry: measured poses compared with those that follow from the angles of wheels and joints."""
+"""Parameters of the geometry: measured poses compared with those that follow from the angles of wheels and
+joints."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,29 +26,42 @@ from .result import Identification, result_of
 
 BEND = "bend"
 MISFIT = 0.1  # of the motion: smooth errors from which on nothing is explained
-DENSE = 0.2  # part of the rows with a pose from which on the motion between poses is compared with that of the angles
+# Part of the rows with a pose from which on the motion between poses is compared with that of the angles
+DENSE = 0.2
 DIRECTIONS = (0.0, -math.pi / 2, math.pi / 2, math.pi)  # of the pose sensor from which the fit may begin, rad
 PASSES = 6  # of the fit, at most; after each it is looked for what it contradicts
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
 
 
 def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:
-    """Return parameters of the sensors: of each angle its scale, true per reported, and its zero; the place of the pose
-    sensor, ahead and to the left of the vehicle's point, and its direction; the time by which the poses are late; how the
-    rates of the angles change between rows.
+    """Return parameters of the sensors: of each angle its scale, true per reported, and its zero; the place
+    of the pose sensor, ahead and to the left of the vehicle's point, and its direction; the time by which the
+    poses are late; how the rates of the angles change between rows.
     """
 
     def quantity(name: str, unit: str, about: str, default: float = 0.0, sign: str = "any") -> Quantity:
         return Quantity(name, unit, about, default, sign, symbol=ca.SX.sym(name))
 
     return (
-        *(quantity(f"scale_{name}", "1", f"true {name} per reported one", 1.0, "positive") for name in angles),
+        *(
+            quantity(f"scale_{name}", "1", f"true {name} per reported one", 1.0, "positive")
+            for name in angles
+        ),
         *(quantity(f"zero_{name}", "rad", f"true {name} where zero is reported") for name in angles),
         quantity("offset_x", "m", "place of the pose sensor ahead of the point (x, y)"),
         quantity("offset_y", "m", "place of the pose sensor to the left of the point (x, y)"),
-        quantity("offset_heading", "rad", "direction of the pose sensor, counterclockwise from the vehicle's heading"),
+        quantity(
+            "offset_heading",
+            "rad",
+            "direction of the pose sensor, counterclockwise from the vehicle's heading",
+        ),
         quantity("delay", "s", "age of a pose when it is logged"),
-        quantity(BEND, "1", "change of the rates of angles between rows, 1 is as the rows beside show", sign="nonnegative"),
+        quantity(
+            BEND,
+            "1",
+            "change of the rates of angles between rows, 1 is as the rows beside show",
+            sign="nonnegative",
+        ),
     )
 
 
@@ -59,12 +73,13 @@ def calibrate(
     values: Mapping[str, float],
     progress: Reported = silent,
 ) -> Identification:
-    """Fit the named parameters of the robot or of `sensor_parameters`; None: all parameters of the robot that the motion of its
-    pose determines. The others keep `values`, or their defaults.
+    """Fit the named parameters of the robot or of `sensor_parameters`; None: all parameters of the robot that
+    the motion of its pose determines. The others keep `values`, or their defaults.
 
-    From the start of each window q' = S(q) nu is integrated with the nu of least squares that gives the measured angles
-    (kinematics (6)); the pose there is fitted. Errors beyond the usual ones have less weight. Raises BadInput if the angles do
-    not determine the motion, nothing can be identified, or the fit does not converge.
+    From the start of each window q' = S(q) nu is integrated with the nu of least squares that gives the
+    measured angles (kinematics (6)); the pose there is fitted. Errors beyond the usual ones have less weight.
+    Raises BadInput if the angles do not determine the motion, nothing can be identified, or the fit does not
+    converge.
     """
     first, pose = logs[0], pose_names(system)
     if any(log.names != first.names for log in logs):
@@ -84,19 +99,26 @@ def calibrate(
         every_basis = geometry.determined(quantities, names, every)
         basis = [c for c in every_basis if not c.others]
         if every_basis and not basis:
-            raise BadInput(f"the measured motion shows only {', '.join(map(str, every_basis))}: choose what to fit with --fit")
+            raise BadInput(
+                f"the measured motion shows only {', '.join(map(str, every_basis))}: choose what to fit with "
+                "--fit"
+            )
         names = [c.pivot for c in basis]
     else:
         basis = geometry.determined(quantities, names, every)
     if not basis:
         raise BadInput(
-            f"{system.mechanism.name}: the motion of the pose does not depend on {', '.join(names) or 'any parameter'}"
+            f"{system.mechanism.name}: the motion of the pose does not depend on "
+            f"{', '.join(names) or 'any parameter'}"
         )
     fitted = [c.pivot for c in basis]
     others = [
         q.name
         for q in quantities
-        if (q.name not in names and ca.depends_on(ca.vertcat(geometry.rate, geometry.pose, geometry.delay), q.symbol))
+        if (
+            q.name not in names
+            and ca.depends_on(ca.vertcat(geometry.rate, geometry.pose, geometry.delay), q.symbol)
+        )
         or q.name == BEND
         and BEND not in fitted
     ]
@@ -117,7 +139,9 @@ def calibrate(
         wrong = contradictions(fit.residuals(), fit.windows.measured, fit.windows.number, prediction.angles)
         if not wrong:
             break
-        logs = [_bridged(*pair) for pair in zip(without(logs, "pose", wrong, measured, pose), logs, strict=True)]
+        logs = [
+            _bridged(*pair) for pair in zip(without(logs, "pose", wrong, measured, pose), logs, strict=True)
+        ]
     else:
         raise unexplained(logs[0], wrong)
     if "offset_heading" in fit.names:
@@ -127,7 +151,10 @@ def calibrate(
     fit.check_misfit(MISFIT)
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
     if fit.surplus < FEWEST:
-        few = f"only {fit.surplus} number{'s' * (fit.surplus > 1)} measured beyond the unknowns: standard deviations are rough"
+        few = (
+            f"only {fit.surplus} number{'s' * (fit.surplus > 1)} measured beyond the unknowns: standard "
+            "deviations are rough"
+        )
         few = f"{few}; measure more poses"
         remarks = (*remarks, few)
     outputs = [(pose[k], ("m", "m", "rad")[k]) for k in measured]
@@ -136,15 +163,17 @@ def calibrate(
 
 
 def _bridged(log: PoseLog, before: PoseLog) -> PoseLog:
-    """Return a log whose angles are interpolated where a pose of the log before was left out: it may be they that are wrong."""
+    """Return a log whose angles are interpolated where a pose of the log before was left out:
+    it may be they that are wrong."""
     angles, left_out = log.angles.copy(), (np.isnan(log.pose) & np.isfinite(before.pose)).any(axis=1)
     angles[left_out] = math.nan
     return replace(log, angles=np.column_stack([filled(log.t, each) for each in angles.T]))
 
 
 def _check_turns(log: PoseLog, system: ReducedSystem, values: Mapping[str, float]) -> None:
-    """Raise BadInput if an angle that starts again after a turn turns by about half of one from row to row, as far as dense poses
-    and the robot's parameters tell: over the usual motion of NEARBY rows, since poses are noisy.
+    """Raise BadInput if an angle that starts again after a turn turns by about half of one from row to row,
+    as far as dense poses and the robot's parameters tell: over the usual motion of NEARBY rows, since poses
+    are noisy.
     """
     periodic = [name for name, period in log.periods.items() if period == PERIODS["a turn"]]
     if not periodic or not _dense(log):
@@ -165,7 +194,9 @@ def _check_turns(log: PoseLog, system: ReducedSystem, values: Mapping[str, float
         k = int(np.argmax(np.abs(change)))
         if abs(change[k]) > EITHER_WAY * PERIODS["a turn"]:
             step = float(np.median(np.diff(log.t)))
-            raise either_way(name, rows_of(log.numbers, log.t, [k + 1]), abs(float(change[k])), log.periods[name], step)
+            raise either_way(
+                name, rows_of(log.numbers, log.t, [k + 1]), abs(float(change[k])), log.periods[name], step
+            )
 
 
 def _dense(log: PoseLog) -> bool:
@@ -173,9 +204,12 @@ def _dense(log: PoseLog) -> bool:
     return bool(np.isfinite(log.pose).any(axis=1).mean() >= DENSE)
 
 
-def _check_motions(log: PoseLog, system: ReducedSystem, fitted: Sequence[str], values: Mapping[str, float]) -> None:
-    """Raise BadInput if the motion between dense poses and that of the angles contradict each other, unless one is changed.
-    Fitted parameters may explain it: units of angles are not judged if their scale is fitted, places not if the direction is.
+def _check_motions(
+    log: PoseLog, system: ReducedSystem, fitted: Sequence[str], values: Mapping[str, float]
+) -> None:
+    """Raise BadInput if the motion between dense poses and that of the angles contradict each other, unless
+    one is changed. Fitted parameters may explain it: units of angles are not judged if their scale is fitted,
+    places not if the direction is.
     """
     if not _dense(log):
         return
@@ -188,13 +222,16 @@ def _check_motions(log: PoseLog, system: ReducedSystem, fitted: Sequence[str], v
 
 
 def _corrected(log: PoseLog, system: ReducedSystem, values: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Return the angles and the pose, as far as it was measured, that follow from a log with these values of the sensors."""
+    """Return the angles and the pose, as far as it was measured,
+    that follow from a log with these values of the sensors."""
     known = {q.name: values.get(q.name, q.default) for q in sensor_parameters(log.names)}
     pairs = zip(log.names, log.angles.T, strict=True)
     angles = {name: known[f"scale_{name}"] * each + known[f"zero_{name}"] for name, each in pairs}
     pose = zip(pose_names(system), log.pose.T, strict=True)
     late = log.t + known["delay"]
-    reading = {name: np.interp(late, log.t, filled(log.t, each)) for name, each in pose if np.isfinite(each).any()}
+    reading = {
+        name: np.interp(late, log.t, filled(log.t, each)) for name, each in pose if np.isfinite(each).any()
+    }
     x, y, heading = pose_names(system)
     if heading in reading:
         reading[heading] = reading[heading] - known["offset_heading"]
@@ -207,8 +244,9 @@ def _corrected(log: PoseLog, system: ReducedSystem, values: Mapping[str, float])
 
 @dataclass(frozen=True, eq=False)
 class _Geometry:
-    """The motion that the angles determine. `turning` (k): derivatives of the reported angles by a parameter of the path; `rate`
-    (n): those of the coordinates, in which `angles` are reported angles; `pose` (3): reading of the sensor, late by `delay`.
+    """The motion that the angles determine. `turning` (k): derivatives of the reported angles by a parameter
+    of the path; `rate` (n): those of the coordinates, in which `angles` are reported angles; `pose` (3):
+    reading of the sensor, late by `delay`.
     """
 
     system: ReducedSystem
@@ -220,25 +258,35 @@ class _Geometry:
     measured: Sequence[int]
 
     @classmethod
-    def of(cls, system: ReducedSystem, angles: Sequence[str], measured: Sequence[int] = (0, 1, 2)) -> "_Geometry":
-        """`measured`: which of x, y and heading are. Raises BadInput if the angles do not determine the quasi-velocities."""
+    def of(
+        cls, system: ReducedSystem, angles: Sequence[str], measured: Sequence[int] = (0, 1, 2)
+    ) -> "_Geometry":
+        """`measured`: which of x, y and heading are. Raises BadInput if the angles do not determine the
+        quasi-velocities."""
         mechanism, sensors = system.mechanism, sensor_parameters(angles)
         if mechanism.why_carried:
             raise BadInput(f"{mechanism.name}: {mechanism.why_carried}")
         symbols = {q.name: q.symbol for q in (*mechanism.coordinates, *sensors)}
         places = [k for k, q in enumerate(mechanism.coordinates) if q.name in angles]
         reported = mechanism.q[places]
-        scale, zero = (ca.vertcat(*[symbols[f"{kind}_{name}"] for name in angles]) for kind in ("scale", "zero"))
+        scale, zero = (
+            ca.vertcat(*[symbols[f"{kind}_{name}"] for name in angles]) for kind in ("scale", "zero")
+        )
         turning = ca.SX.sym("turning", len(places))
         S = ca.substitute(system.S, reported, scale * reported + zero)
         rows = S[places, :]
         if generic_rank(rows) < system.dof:
             others = [q.name for q in mechanism.coordinates if q.name not in (*pose_names(system), *angles)]
             raise BadInput(
-                f"{', '.join(angles)} alone cannot tell how {mechanism.name} moves in its {system.dof} quasi-velocities; "
+                f"{', '.join(angles)} alone cannot tell how {mechanism.name} moves in its {system.dof} "
+                "quasi-velocities; "
                 + (f"log {' or '.join(others)} too" if others else "no other angle is a coordinate of it")
             )
-        nu = solve(rows, scale * turning) if len(places) == system.dof else solve(rows.T @ rows, rows.T @ (scale * turning))
+        nu = (
+            solve(rows, scale * turning)
+            if len(places) == system.dof
+            else solve(rows.T @ rows, rows.T @ (scale * turning))
+        )
         rate = S @ nu
         for row, k in enumerate(places):
             rate[k] = turning[row]
@@ -249,9 +297,11 @@ class _Geometry:
         reading = ca.vertcat(place, heading + symbols["offset_heading"])
         return cls(system, sensors, turning, rate, reading, symbols["delay"], measured)
 
-    def determined(self, quantities: Sequence[Quantity], names: Sequence[str], values: np.ndarray) -> list[Combination]:
-        """Return the combinations of the named parameters that the velocity of the measured pose, seen along its own axes,
-        determines; the delay by itself.
+    def determined(
+        self, quantities: Sequence[Quantity], names: Sequence[str], values: np.ndarray
+    ) -> list[Combination]:
+        """Return the combinations of the named parameters that the velocity of the measured pose, seen along
+        its own axes, determines; the delay by itself.
         """
         q, heading = self.system.mechanism.q, self.pose[2]
         velocity = ca.jtimes(self.pose, q, self.rate)
@@ -263,8 +313,9 @@ class _Geometry:
         return determined(ca.vertcat(relative, self.delay), moving, parameters, names, values.tolist())
 
     def prediction(self, quantities: Sequence[Quantity], names: Sequence[str]) -> Prediction:
-        """Return the motion from row to row. Inputs of a row are the changes of the angles until the next, half of the
-        change of that change from one row to the next, and their rates before the row, which move a late pose back.
+        """Return the motion from row to row. Inputs of a row are the changes of the angles until the next,
+        half of the change of that change from one row to the next, and their rates before the row, which move
+        a late pose back.
         """
         q, angles = self.system.mechanism.q, self.turning.shape[0]
         change, bend = ca.SX.sym("change", angles), ca.SX.sym("bend", angles)
@@ -277,7 +328,8 @@ class _Geometry:
             return rate(at, change + factor * (2 * s - 1) * bend, ca.vertcat(*parameters))
 
         end = runge_kutta([partial(f, s=s) for s in (0.0, 0.5, 0.5, 1.0)], q, 1.0)
-        earlier = q - self.delay * ca.substitute(self.rate, q, q - self.delay / 2 * self.rate)  # by the midpoint rule
+        # By the midpoint rule
+        earlier = q - self.delay * ca.substitute(self.rate, q, q - self.delay / 2 * self.rate)
         late = ca.substitute(self.pose, q, earlier)[[*self.measured]]
         fitted = [p.symbol for name in names for p in quantities if p.name == name]
         return Prediction(
@@ -295,11 +347,13 @@ def _windows(
     measured: Sequence[int] = (0, 1, 2),
     direction: float = 0.0,
 ) -> Windows:
-    """Divide the logs at poses, of which these entries are measured; shorter windows are filled with rows in which nothing
-    moves or is measured. `direction` of the pose sensor, rad.
+    """Divide the logs at poses, of which these entries are measured; shorter windows are filled with rows in
+    which nothing moves or is measured. `direction` of the pose sensor, rad.
     """
     coordinates = [q.name for q in system.mechanism.coordinates]
-    angles, places = ([coordinates.index(name) for name in names] for names in (logs[0].names, [pose[k] for k in measured]))
+    angles, places = (
+        [coordinates.index(name) for name in names] for names in (logs[0].names, [pose[k] for k in measured])
+    )
     longest = max(2, math.ceil(sum(len(log.t) for log in logs) / WINDOWS))
     begins = np.cumsum([0, *(len(log.t) for log in logs)])
     pieces = [
@@ -312,7 +366,10 @@ def _windows(
         raise BadInput("the log has no two poses on a stretch without a gap; two or more are needed")
     rows = max(last - first for _, _, first, last in pieces) + 1
     start = np.zeros((len(pieces), len(coordinates)))
-    inputs, outputs = np.zeros((len(pieces), rows, 3 * len(angles))), np.full((len(pieces), rows, len(measured)), math.nan)
+    inputs, outputs = (
+        np.zeros((len(pieces), rows, 3 * len(angles))),
+        np.full((len(pieces), rows, len(measured)), math.nan),
+    )
     t, number = np.full((len(pieces), rows), math.nan), np.full((len(pieces), rows), -1)
     for k, (log, begin, first, last) in enumerate(pieces):
         here, count = slice(first, last + 1), last + 1 - first
@@ -322,17 +379,23 @@ def _windows(
         rates = change / step
         if count > 2:
             middles = (log.t[here][1:] + log.t[here][:-1]) / 2
-            inputs[k, : count - 1, len(angles) : 2 * len(angles)] = np.gradient(rates, middles, axis=0) * step**2 / 2
-        inputs[k, :count, 2 * len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
+            inputs[k, : count - 1, len(angles) : 2 * len(angles)] = (
+                np.gradient(rates, middles, axis=0) * step**2 / 2
+            )
+        # Before the row: poses are late
+        inputs[k, :count, 2 * len(angles) :] = np.concatenate([rates[:1], rates])
         outputs[k, :count], t[k, :count] = log.pose[here][:, measured], log.t[here]
         number[k, :count] = begin + np.arange(first, last + 1)
         start[k, angles] = log.angles[first]
-        start[k, places] = [filled(log.t[here], log.pose[here, each])[0] - direction * (each == 2) for each in measured]
+        start[k, places] = [
+            filled(log.t[here], log.pose[here, each])[0] - direction * (each == 2) for each in measured
+        ]
     return Windows(start, places, inputs, outputs, np.ones(len(pieces), bool), t, number)
 
 
 def _pieces(log: PoseLog, stretch: range, longest: int, measured: Sequence[int]) -> list[tuple[int, int]]:
-    """Return first and last row of the windows of a stretch, both with a pose; each begins where the one before ends."""
+    """Return first and last row of the windows of a stretch, both with a pose;
+    each begins where the one before ends."""
     with_pose = [k for k in stretch if np.isfinite(log.pose[k, [*measured][:2]]).all()]
     pieces, first = [], 0
     while first < len(with_pose) - 1:

@@ -16,7 +16,8 @@ NEGLIGIBLE = mpmath.mpf(10) ** (-DIGITS // 2)
 
 @dataclass(frozen=True)
 class Combination:
-    """A change of parameters that the motion shows: d(pivot) + sum(factor * d(name)); the factors may depend on parameters."""
+    """A change of parameters that the motion shows: d(pivot) + sum(factor * d(name));
+    the factors may depend on parameters."""
 
     pivot: str
     others: tuple[tuple[str, float], ...]
@@ -35,11 +36,12 @@ def determined(
     values: Sequence[float],
     point: Callable[[np.random.Generator], Sequence[float | mpmath.mpf]] | None = None,
 ) -> list[Combination]:
-    """Return a basis of what `observed`, known for all values of `moving`, or at each `point`, determines of the named parameters
-    near `values`.
+    """Return a basis of what `observed`, known for all values of `moving`, or at each `point`, determines of
+    the named parameters near `values`.
 
-    Its derivatives by the parameters are evaluated with DIGITS digits at random motions; their row space is reduced with pivots
-    in the order of `names`. A parameter that is the pivot of no combination, or occurs beside one, is not identifiable by itself.
+    Its derivatives by the parameters are evaluated with DIGITS digits at random motions; their row space is
+    reduced with pivots in the order of `names`. A parameter that is the pivot of no combination, or occurs
+    beside one, is not identifiable by itself.
     """
     rates = ca.jacobian(observed, ca.vertcat(*[parameters[name] for name in names]))
     symbols, dimension = [*moving, *parameters.values()], observed.shape[0]
@@ -73,7 +75,9 @@ def _reduced(rows: list[list[mpmath.mpf]], names: Sequence[str]) -> list[Combina
         rows = [_without(row, pivot, column) for row in rows if row is not best]
         pivots = [(k, _without(row, pivot, column)) for k, row in pivots] + [(column, pivot)]
     return [
-        Combination(names[k], tuple((names[j], float(e)) for j, e in enumerate(row) if j != k and abs(e) > NEGLIGIBLE))
+        Combination(
+            names[k], tuple((names[j], float(e)) for j, e in enumerate(row) if j != k and abs(e) > NEGLIGIBLE)
+        )
         for k, row in pivots
     ]
 

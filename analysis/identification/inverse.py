@@ -1,4 +1,5 @@
-"""The first fit: parameters with which the smoothed motion satisfies the equations of motion (inverse dynamics)."""
+"""The first fit: parameters with which the smoothed motion satisfies the equations of motion (inverse
+dynamics)."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -17,7 +18,8 @@ SMALLEST = 1e-3  # of the value with which it begins: the least that a positive 
 
 
 class InverseDynamics:
-    """The equations S'MS nudot + bias - S'E tau (10) at the rows of a log, whose signals are smoothed without a delay."""
+    """The equations S'MS nudot + bias - S'E tau (10) at the rows of a log,
+    whose signals are smoothed without a delay."""
 
     def __init__(self, log: Log, dynamics: Dynamics, names: Sequence[str], values: np.ndarray):
         """`values`: all parameters; `names`: those to fit."""
@@ -31,7 +33,9 @@ class InverseDynamics:
         error = system.Mbar @ nudot + system.bias - forces
         arguments = [system.mechanism.q, system.nu, nudot, dynamics.logged, dynamics.parameters]
         derivative = ca.densify(ca.jacobian(error, ca.vertcat(*fitted)))
-        self._equations = ca.Function("equations", arguments, [ca.densify(error), ca.densify(forces), derivative])
+        self._equations = ca.Function(
+            "equations", arguments, [ca.densify(error), ca.densify(forces), derivative]
+        )
         self._take(log.x[:, self._coordinates :], log.inputs)
 
     def with_columns(self, velocities: np.ndarray, inputs: np.ndarray) -> "InverseDynamics":
@@ -41,7 +45,8 @@ class InverseDynamics:
         return other
 
     def fit(self, upper: dict[str, float]) -> np.ndarray:
-        """Return all parameters, with the named ones fitted within their bounds; `upper`: the largest values of some."""
+        """Return all parameters, with the named ones fitted within their bounds; `upper`:
+        the largest values of some."""
         begin = self._values[self._places]
         least = [self._least(name, value) for name, value in zip(self.names, begin, strict=True)]
         most = [upper.get(name, np.inf) for name in self.names]
@@ -65,8 +70,16 @@ class InverseDynamics:
         log, nu = self._log, smooth(velocities, self._log.stretches)
         inside = np.concatenate([np.arange(s.start + 1, s.stop - 1) for s in log.stretches])
         rows = inside[:: 1 + len(inside) // MOST_ROWS]
-        signals = (log.x[:, : self._coordinates], nu, slopes(log.t, nu, log.stretches), smooth(inputs, log.stretches))
-        self._rows, self._mapped = [each[rows].ravel() for each in signals], Direct(self._equations.map(len(rows)))
+        signals = (
+            log.x[:, : self._coordinates],
+            nu,
+            slopes(log.t, nu, log.stretches),
+            smooth(inputs, log.stretches),
+        )
+        self._rows, self._mapped = (
+            [each[rows].ravel() for each in signals],
+            Direct(self._equations.map(len(rows))),
+        )
         self._scale = self._rms(self._at(self._values)[1])
 
     def _least(self, name: str, value: float) -> float:
@@ -78,7 +91,8 @@ class InverseDynamics:
         return values
 
     def _at(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return errors and forces of the equations, (N, n-m), and derivatives of the errors by the fitted parameters."""
+        """Return errors and forces of the equations, (N, n-m),
+        and derivatives of the errors by the fitted parameters."""
         count, dof = self._mapped.function.size2_in(0), self._equations.size1_out(0)
         error, forces, derivative = self._mapped(*self._rows, np.tile(values, count))
         by = derivative.reshape(count, -1, dof).swapaxes(1, 2)

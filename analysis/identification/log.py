@@ -14,13 +14,25 @@ from ...readers.robots import suggestion
 from ...readers.tables import Table, is_time, listed, picked, read_table
 from ...readers.times import PARTS, SLOWEST, distinct, joined, seconds
 from .dynamics import Dynamics
-from .faults import LONGEST, continued, cut, jumps_of, rows_of, saturated, spikes_and_steps, standstills, without_repeats
+from .faults import (
+    LONGEST,
+    continued,
+    cut,
+    jumps_of,
+    rows_of,
+    saturated,
+    spikes_and_steps,
+    standstills,
+    without_repeats,
+)
 from .smoothing import velocities
 
-GAP = 1.5  # times the usual interval: a longer one separates two stretches of inputs, which change between rows
+# Times the usual interval: a longer one separates two stretches of inputs, which change between rows
+GAP = 1.5
 USUAL = 0.85  # of the intervals are at most the usual one: times may jitter
 FEWEST = 20  # rows
-TOGETHER = 0.9  # of the rows with the angle that has fewest: as many with all angles mean that these are measured together
+# Of the rows with the angle that has fewest: as many with all angles mean that these are measured together
+TOGETHER = 0.9
 COUNTS = 100  # whole numbers of an angle with a larger range are counts of an encoder, or degrees
 
 
@@ -28,9 +40,10 @@ COUNTS = 100  # whole numbers of an angle with a larger range are counts of an e
 class Log:
     """Rows of a log in the order of time: t (N) s, states x = [q; nu] (N, 2n-m) and logged inputs (N, r), SI.
 
-    `state` names what x has from the log. `stretches` are ranges of rows without a gap in time; `remarks` state what was left
-    out. `outputs` (N, ny) are what was measured, NaN where it was not; None: the quasi-velocities in x. What is not measured
-    directly in x is an estimate. `numbers` (N) of the rows in the file.
+    `state` names what x has from the log. `stretches` are ranges of rows without a gap in time; `remarks`
+    state what was left out. `outputs` (N, ny) are what was measured, NaN where it was not; None: the
+    quasi-velocities in x. What is not measured directly in x is an estimate. `numbers` (N) of the rows in the
+    file.
     """
 
     t: np.ndarray
@@ -52,8 +65,11 @@ class Log:
         return float(np.median(np.diff(self.t)))
 
 
-def check_known(option: str, name: str, kind: str, names: Collection[str], listed: Collection[str] | None = None) -> None:
-    """Raise BadInput unless `name`, given to `option`, is one of the `names` of this kind; the message lists `listed` of them."""
+def check_known(
+    option: str, name: str, kind: str, names: Collection[str], listed: Collection[str] | None = None
+) -> None:
+    """Raise BadInput unless `name`, given to `option`, is one of the `names` of this kind;
+    the message lists `listed` of them."""
     if name not in names:
         near, shown = suggestion(name, names).partition("; known are")[0], names if listed is None else listed
         raise BadInput(f"{option} {name}: not a {kind} of this robot{near}; it has {', '.join(shown)}")
@@ -61,9 +77,9 @@ def check_known(option: str, name: str, kind: str, names: Collection[str], liste
 
 @dataclass(frozen=True, eq=False)
 class PoseLog:
-    """Rows of a log in the order of time: t (N) s; the measured `angles` (N, k) of wheels and joints, unwrapped; the poses
-    (N, 3), x and y (m) and heading (rad), NaN where they were not measured. `stretches`, `remarks` and `numbers` as in Log;
-    `periods` after which angles start again in the file, by name.
+    """Rows of a log in the order of time: t (N) s; the measured `angles` (N, k) of wheels and joints,
+    unwrapped; the poses (N, 3), x and y (m) and heading (rad), NaN where they were not measured. `stretches`,
+    `remarks` and `numbers` as in Log; `periods` after which angles start again in the file, by name.
     """
 
     t: np.ndarray
@@ -84,11 +100,13 @@ def quantities_in(table: Table, quantities: Sequence[Quantity], columns: Mapping
 
 
 def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str, str]) -> Log:
-    """Read a log with the columns of `noslip simulate`; `columns` maps names that are called otherwise: quantity -> column.
+    """Read a log with the columns of `noslip simulate`; `columns` maps names that are called otherwise:
+    quantity -> column.
 
-    Coordinates on which nothing depends may be missing, and outputs other than quasi-velocities be empty in most rows.
-    Quasi-velocities that are missing are estimated from the outputs.
-    Raises BadInput if a column is missing or not numeric, times do not increase, or too few rows are left; and OSError.
+    Coordinates on which nothing depends may be missing, and outputs other than quasi-velocities be empty in
+    most rows. Quasi-velocities that are missing are estimated from the outputs.
+    Raises BadInput if a column is missing or not numeric, times do not increase, or too few rows are left;
+    and OSError.
     """
     system, outputs = dynamics.system, [q.name for q in dynamics.outputs]
     inputs, state = [q.name for q in dynamics.inputs], [q.name for q in system.state]
@@ -98,7 +116,11 @@ def read_log(file: str | Path | Table, dynamics: Dynamics, columns: Mapping[str,
     table = file if isinstance(file, Table) else read_table(file)
     alone = {name for name in outputs if name not in rates}
     values, numbers, usual, notes = _columns(table, units, needed, columns, inputs, alone)
-    dense = ["t", *inputs, *(name for name in state if name in needed and not (name in outputs and name not in rates))]
+    dense = [
+        "t",
+        *inputs,
+        *(name for name in state if name in needed and not (name in outputs and name not in rates)),
+    ]
     sparse = [name for name in values if name not in dense]
     whole = np.column_stack([values[n] for n in (*dense, *sparse)])
     rows, stretches, remarks = _cleaned(table.file, whole, len(dense), FEWEST, numbers, dense, usual)
@@ -139,24 +161,32 @@ def _numbers(every: np.ndarray, numbers: Sequence[int], t: np.ndarray) -> np.nda
     return np.array([first[time] for time in t.tolist()])
 
 
-def _sound(t: np.ndarray, values: np.ndarray, name: str, numbers: np.ndarray) -> tuple[np.ndarray, list[int], list[str]]:
-    """Return a signal with NaN where it repeats a value that is held, where it stands still and jumps then, and in single
-    rows that are far off; the rows after which it is not connected; and remarks.
+def _sound(
+    t: np.ndarray, values: np.ndarray, name: str, numbers: np.ndarray
+) -> tuple[np.ndarray, list[int], list[str]]:
+    """Return a signal with NaN where it repeats a value that is held, where it stands still and jumps then,
+    and in single rows that are far off; the rows after which it is not connected; and remarks.
     """
     thinned, remarks = without_repeats(values, name)
     values, cuts = thinned.copy(), list[int]()
     if still := standstills(values):
         values[np.concatenate(still)], cuts = math.nan, [rows[-1] for rows in still]
-        from_to = "; ".join(f"{rows_of(numbers, t, rows[:1])} to {rows_of(numbers, t, rows[-1:])}" for rows in still)
+        from_to = "; ".join(
+            f"{rows_of(numbers, t, rows[:1])} to {rows_of(numbers, t, rows[-1:])}" for rows in still
+        )
         remarks.append(f"{name} stands still and jumps then, {from_to}: left out")
     there = np.flatnonzero(np.isfinite(values))
-    spikes, steps = spikes_and_steps(np.diff(values[there])[:, None], jumps_of(t[there], values[there])[:, None])
+    spikes, steps = spikes_and_steps(
+        np.diff(values[there])[:, None], jumps_of(t[there], values[there])[:, None]
+    )
     if len(spikes):
         values[there[spikes]] = math.nan
         remarks.append(f"{name} is far off in {rows_of(numbers, t, there[spikes])}: left out")
     if len(steps):
         after = there[steps + 1]
-        remarks.append(f"{name} jumps at {rows_of(numbers, t, after)}; the rows before and after are not connected")
+        remarks.append(
+            f"{name} jumps at {rows_of(numbers, t, after)}; the rows before and after are not connected"
+        )
         cuts += (after - 1).tolist()
     return values, cuts, remarks
 
@@ -167,10 +197,12 @@ def filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.interp(t, t[known], values[known]) if known.any() else np.zeros(len(t))
 
 
-def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[str], columns: Mapping[str, str]) -> PoseLog:
-    """Read the measured coordinates of a log: those of the `pose` (x, y, heading), whose entries may be empty in most rows, and
-    all others that it has; x and y may be missing. Angles that start again are continued, single angles that are far off
-    interpolated.
+def read_poses(
+    file: str | Path | Table, system: ReducedSystem, pose: Sequence[str], columns: Mapping[str, str]
+) -> PoseLog:
+    """Read the measured coordinates of a log: those of the `pose` (x, y, heading), whose entries may be empty
+    in most rows, and all others that it has; x and y may be missing. Angles that start again are continued,
+    single angles that are far off interpolated.
 
     Raises BadInput as `read_log`, and if the log has no poses or no other coordinate; and OSError.
     """
@@ -180,20 +212,28 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
     there = quantities_in(table, system.mechanism.coordinates, columns)
     used = {column.where for column in picked(table, units, columns).values()}
     others_there = any(column.where not in used and not is_time(name) for name, column in table.items())
-    alone = pose[2] in there and not there & set(pose[:2]) and not others_there  # a gyro tells the heading alone
+    # a gyro tells the heading alone
+    alone = pose[2] in there and not there & set(pose[:2]) and not others_there
     places = () if alone else pose[:2]
     names = [name for name in others if name in there]
     if not names and table.header:
-        existing = f"those of {system.mechanism.name} are {', '.join(others)}" if others else f"{system.mechanism.name} has none"
+        existing = (
+            f"those of {system.mechanism.name} are {', '.join(others)}"
+            if others
+            else f"{system.mechanism.name} has none"
+        )
         raise BadInput(
-            f"{table.file}: no column with an angle of a wheel or joint, {existing}; there are {listed(table)}; name angles with "
-            "--map NAME=COLUMN, distances on the floor with --map 'NAME=COLUMN [rad/RADIUS]', counts with --map "
-            "'NAME=COLUMN [turn/COUNTS]'; rates, or speeds of the vehicle, do not tell its geometry"
+            f"{table.file}: no column with an angle of a wheel or joint, {existing}; there are "
+            f"{listed(table)}; name angles with --map NAME=COLUMN, distances on the floor with --map "
+            "'NAME=COLUMN [rad/RADIUS]', counts with --map 'NAME=COLUMN [turn/COUNTS]'; rates, or speeds of "
+            "the vehicle, do not tell its geometry"
         )
     values, numbers, usual, notes = _columns(table, units, {"t", *names, *places}, columns, (), pose)
     nothing = np.full(len(values["t"]), math.nan)
     rows = np.column_stack([values.get(name, nothing) for name in ("t", *names, *pose)])
-    rows, stretches, remarks = _cleaned(table.file, rows, 1 + len(names), 2, numbers, ("t", *names), usual, LONGEST)
+    rows, stretches, remarks = _cleaned(
+        table.file, rows, 1 + len(names), 2, numbers, ("t", *names), usual, LONGEST
+    )
     t, signals, periods, remarks = rows[:, 0], rows[:, 1:], {}, (*notes, *remarks)
     kept, cuts = _numbers(values["t"], numbers, t), list[int]()
     for k, name in enumerate((*names, *pose)):
@@ -205,7 +245,8 @@ def read_poses(file: str | Path | Table, system: ReducedSystem, pose: Sequence[s
         remarks, cuts = (*remarks, *remark), [*cuts, *steps]
     stretches, known = cut(stretches, cuts), np.isfinite(signals[:, : len(names)])
     if (complete := known.all(axis=1)).sum() >= TOGETHER * known.sum(axis=0).min(initial=len(t)):
-        # Angles are measured together, but not in all rows: the poses of the others are between angles that nothing tells.
+        # Angles are measured together, but not in all rows: the poses of the others are between angles that
+        # nothing tells.
         before = np.concatenate([[0], np.cumsum(complete)])
         stretches = tuple(range(before[each.start], before[each.stop]) for each in stretches)
         t, signals, kept = t[complete], signals[complete], kept[complete]
@@ -247,7 +288,11 @@ def _columns(
         if name in needed and name not in found:
             raise table.missing(columns.get(name, name), name)
     remarks = list(table.remarks)
-    idle = [name for name, column in table.items() if (column.where, column.topic) not in used and not is_time(name)]
+    idle = [
+        name
+        for name, column in table.items()
+        if (column.where, column.topic) not in used and not is_time(name)
+    ]
     if idle:
         remarks.append(f"not used: column{'s' * (len(idle) > 1)} {listed(idle)}")
     t = found.pop("t")
@@ -256,8 +301,13 @@ def _columns(
         return values, range(1, len(values["t"]) + 1), usual, [*remarks, *more]
     unitless = [name for name, column in found.items() if units[name] == "rad" and column.unit is None]
     if counts := [name for name in unitless if _are_counts(found[name].numbers("rad"))]:
-        said, example = (" ".join(f"--map '{name}={name} [{unit}]'" for name in counts) for unit in ("turn/COUNTS", "deg"))
-        raise BadInput(f"{table.file}: {', '.join(counts)}: whole numbers only, which are no rad; say {said}, or {example}")
+        said, example = (
+            " ".join(f"--map '{name}={name} [{unit}]'" for name in counts) for unit in ("turn/COUNTS", "deg")
+        )
+        raise BadInput(
+            f"{table.file}: {', '.join(counts)}: whole numbers only, which are no rad; say {said}, or "
+            f"{example}"
+        )
     times, more = seconds(t)
     return {"t": times, **{n: found[n].numbers(units[n]) for n in found}}, t.rows, None, [*remarks, *more]
 
@@ -265,11 +315,12 @@ def _columns(
 def read_rows(
     table: Table, units: Mapping[str, str | None], columns: Mapping[str, str]
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Return t, s, and those quantities for which `columns` names one, at the times of the topic of the first, and remarks.
+    """Return t, s, and those quantities for which `columns` names one, at the times of the topic of the
+    first, and remarks.
 
-    Quantities of other topics are interpolated linearly, angles continued over the turns before, but not beyond their first and
-    last message or over gaps; rows where one is missing are left out. `units`: the SI units, None: of any.
-    Raises BadInput as `times.joined`, and if no row is left.
+    Quantities of other topics are interpolated linearly, angles continued over the turns before, but not
+    beyond their first and last message or over gaps; rows where one is missing are left out. `units`: the SI
+    units, None: of any. Raises BadInput as `times.joined`, and if no row is left.
     """
     units = {"t": "s", **units}
     found = picked(table, {name: units[name] for name in columns}, columns)
@@ -281,19 +332,28 @@ def read_rows(
         if "rad" in (units[name], column.unit):
             t, _ = seconds(table.clocks[column.topic])
             values, _, more = continued(column.numbers(units[name]), t, name, np.asarray(column.rows))
-            found[name], remarks = replace(column, entries=values.tolist(), unit=None, sign=1.0), [*remarks, *more]
+            found[name], remarks = (
+                replace(column, entries=values.tolist(), unit=None, sign=1.0),
+                [*remarks, *more],
+            )
     rows, _, _ = joined(table, found, units, (), ())
     own = np.isin(rows["t"], seconds(table.clocks[first])[0])
     complete = own & np.isfinite(list(rows.values())).all(axis=0)
     if not complete.any():
-        raise BadInput(f"{table.file}: {', '.join(found)} are at no time all known; their topics do not overlap, or have gaps")
+        raise BadInput(
+            f"{table.file}: {', '.join(found)} are at no time all known; their topics do not overlap, or "
+            "have gaps"
+        )
     others = {name: column.topic for name, column in found.items() if column.topic != first}
     if others:
         of = {topic: ", ".join(name for name in others if others[name] == topic) for topic in others.values()}
         between = "; ".join(f"{names} of {topic}" for topic, names in of.items())
         remarks.append(f"rows are the messages of {first}; interpolated linearly in time: {between}")
     if (own & ~complete).any():
-        remarks.append(f"{(own & ~complete).sum()} of {own.sum()} rows are left out, where another topic has no messages around")
+        remarks.append(
+            f"{(own & ~complete).sum()} of {own.sum()} rows are left out, where another topic has no "
+            "messages around"
+        )
     return {name: values[complete] for name, values in rows.items()}, (*table.remarks, *remarks)
 
 
@@ -313,9 +373,9 @@ def _cleaned(
     gap: float = GAP,
 ) -> tuple[np.ndarray, tuple[range, ...], tuple[str, ...]]:
     """Return rows, stretches and remarks of a log without repeated rows and without those whose first `dense`
-    entries, of columns with these `names`, are incomplete, divided where time has a gap, of more than `gap` usual
-    intervals. `numbers` of the rows in the file; `interval`: the usual time between rows, s; None: that which
-    most are at most apart.
+    entries, of columns with these `names`, are incomplete, divided where time has a gap, of more than `gap`
+    usual intervals. `numbers` of the rows in the file; `interval`: the usual time between rows, s; None: that
+    which most are at most apart.
     """
     remarks = []
     finite = np.isfinite(rows[:, :dense])
@@ -341,13 +401,18 @@ def _cleaned(
         why = "the clock was set back; cut the log there"
         if step[k] == 0:
             why = "other numbers at the same time; write times with more digits, or delete a row"
-        raise BadInput(f"{file} row {lines[k + 1]}: t goes from {before} s to {after} s, but times must increase: {why}")
+        raise BadInput(
+            f"{file} row {lines[k + 1]}: t goes from {before} s to {after} s, but times must increase: {why}"
+        )
     if (usual := float(np.median(step))) > SLOWEST:
         likely = next((unit for unit, part in PARTS.items() if usual * part <= SLOWEST), "ns")
         there = f"call its column 't [{likely}]', or say --map 't=t [{likely}]'"
         remarks.append(f"t goes on by {usual:g} s from row to row; if it is in {likely}, {there}")
     ends = [0, *(np.flatnonzero(step > gap * (interval or np.quantile(step, USUAL))) + 1), len(rows)]
     if len(ends) > 2:
-        remarks.append(f"{len(ends) - 2} gaps in t, the longest {step.max():.3g} s; the rows on both sides are not connected")
+        remarks.append(
+            f"{len(ends) - 2} gaps in t, the longest {step.max():.3g} s; the rows on both sides are not "
+            "connected"
+        )
     stretches = tuple(range(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
     return rows, stretches, tuple(remarks)

@@ -1,4 +1,5 @@
-"""Logs with a wrong sign, exchanged columns or another unit: found by what would make them agree with the robot's equations."""
+"""Logs with a wrong sign, exchanged columns or another unit:
+found by what would make them agree with the robot's equations."""
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -20,7 +21,8 @@ Columns = Mapping[str, np.ndarray]
 WRONG = 0.5  # error of the equations, relative to the motion, from which on something else is tried
 RIGHT = 0.25  # error below which it is taken for the cause
 UNCERTAIN = 2.5  # factor by which lengths of the robot may be off
-FAR = 5.0  # factor by which a fitted length is so far off that the unit of the angles is doubted; a turn has 6.28 rad
+# Factor by which a fitted length is so far off that the unit of the angles is doubted; a turn has 6.28 rad
+FAR = 5.0
 NOISY = 3.0  # times its noise: the change of a coordinate from which on it moves
 BLOCK = 25  # rows over which motions are compared
 OTHER_UNITS = {
@@ -48,12 +50,12 @@ def check_kinematics(
     measured: Sequence[str],
     scaled: Collection[str] = (),
 ) -> None:
-    """Raise BadInput if measured coordinates contradict those that follow by (9), qdot = S nu, and one change of sign, order
-    or unit removes the contradiction.
+    """Raise BadInput if measured coordinates contradict those that follow by (9), qdot = S nu, and one change
+    of sign, order or unit removes the contradiction.
 
-    `columns`: what was measured of the state, without gaps; `measured`: the angles that give the quasi-velocities, where
-    these are not among them; `values`: the robot's parameters, as far as they are known; `scaled`: angles whose scale is not
-    known, and whose unit is not judged.
+    `columns`: what was measured of the state, without gaps; `measured`: the angles that give the
+    quasi-velocities, where these are not among them; `values`: the robot's parameters, as far as they are
+    known; `scaled`: angles whose scale is not known, and whose unit is not judged.
     """
     motion = _Motion(system, values, [name for name in columns], measured)
     if not motion.compared:
@@ -74,32 +76,44 @@ def check_kinematics(
 
 
 def check_sizes(estimates: Mapping[str, Estimate], values: Mapping[str, float], names: Sequence[str]) -> None:
-    """Raise BadInput if a fitted length differs from its value so far by a factor that the unit of the angles, which
-    are called `names`, is likely to be another one: turns, or distances in m.
+    """Raise BadInput if a fitted length differs from its value so far by a factor that the unit of the
+    angles, which are called `names`, is likely to be another one: turns, or distances in m.
     """
     for name, each in estimates.items():
         given = values.get(name, each.quantity.default)
-        if each.quantity.unit == "m" and each.quantity.sign == "positive" and not 1 / FAR < each.value / given < FAR:
-            units = " or ".join(" ".join(f"--map '{a}={a} [{unit}]'" for a in names) for unit in ("turn", f"rad/{given:g}"))
+        if (
+            each.quantity.unit == "m"
+            and each.quantity.sign == "positive"
+            and not 1 / FAR < each.value / given < FAR
+        ):
+            units = " or ".join(
+                " ".join(f"--map '{a}={a} [{unit}]'" for a in names) for unit in ("turn", f"rad/{given:g}")
+            )
             raise BadInput(
-                f"{name} = {each.value:.4g} m would fit the log, which is far from {given:g} m: are the angles in turns, or "
-                f"distances in m? Say {units}; or give a better value to begin with, --set {name}={each.value:.2g}"
+                f"{name} = {each.value:.4g} m would fit the log, which is far from {given:g} m: are the "
+                f"angles in turns, or distances in m? Say {units}; or give a better value to begin with, "
+                f"--set {name}={each.value:.2g}"
             )
 
 
 def check_dynamics(
     columns: Columns, misfit: Callable[[Columns], float], velocities: Sequence[str], inputs: Sequence[str]
 ) -> None:
-    """Raise BadInput if the equations of motion do not hold with any parameters, and one change of sign or order of the inputs or
-    velocities makes them hold. `misfit` of changed columns is the relative error of the equations after a fit.
+    """Raise BadInput if the equations of motion do not hold with any parameters, and one change of sign or
+    order of the inputs or velocities makes them hold. `misfit` of changed columns is the relative error of
+    the equations after a fit.
     """
     groups = [*((name,) for name in (*velocities, *inputs)), tuple(inputs)]
     swaps = [(a, b) for names in (velocities, inputs) for a, b in combinations(names, 2)]
     changes = [*_signs(groups), *(_exchange([pair]) for pair in swaps)]
-    _blame(columns, misfit, changes, "the log contradicts the equations of motion whatever the fitted parameters")
+    _blame(
+        columns, misfit, changes, "the log contradicts the equations of motion whatever the fitted parameters"
+    )
 
 
-def _blame(columns: Columns, misfit: Callable[[Columns], float], changes: Sequence[_Change], what: str) -> None:
+def _blame(
+    columns: Columns, misfit: Callable[[Columns], float], changes: Sequence[_Change], what: str
+) -> None:
     """Raise BadInput with the changes that remove a contradiction."""
     before = misfit(columns)
     if before < WRONG:
@@ -108,7 +122,9 @@ def _blame(columns: Columns, misfit: Callable[[Columns], float], changes: Sequen
     best = min(after)[0]
     if best < min(RIGHT, before / 3):
         likely = [text for error, text in after if error < 1.1 * best + 0.01]
-        raise BadInput(f"{what} (error {before:.0%}); they agree ({best:.1%}) with {', or with '.join(likely[:3])}")
+        raise BadInput(
+            f"{what} (error {before:.0%}); they agree ({best:.1%}) with {', or with '.join(likely[:3])}"
+        )
 
 
 def _wheels(system: ReducedSystem, columns: Columns) -> list[tuple[list[str], list[str]]]:
@@ -136,7 +152,9 @@ def _scaled(columns: Columns, names: Sequence[str], factor: float) -> Columns:
 
 def _exchanges(groups: Sequence[tuple[str, ...]], units: Mapping[str, str]) -> Iterator[_Change]:
     for first, second in combinations(groups, 2):
-        if [units[name] for name in first] == [units[name] for name in second] and not set(first) & set(second):
+        if [units[name] for name in first] == [units[name] for name in second] and not set(first) & set(
+            second
+        ):
             yield _exchange(list(zip(first, second, strict=True)))
 
 
@@ -147,11 +165,16 @@ def _exchange(pairs: Sequence[tuple[str, str]]) -> _Change:
     return _Change(f"{text} ({advice})", lambda c: {**c, **{name: c[other] for name, other in new.items()}})
 
 
-def _units(names: Sequence[str], angles: tuple[str, ...], units: Mapping[str, str], radius: float) -> Iterator[_Change]:
+def _units(
+    names: Sequence[str], angles: tuple[str, ...], units: Mapping[str, str], radius: float
+) -> Iterator[_Change]:
     """Yield other units of single columns, of all in the same unit, and of the angles, which may be distances
     on the floor, m.
     """
-    alike = [tuple(name for name in names if units[name] == unit) for unit in dict.fromkeys(units[name] for name in names)]
+    alike = [
+        tuple(name for name in names if units[name] == unit)
+        for unit in dict.fromkeys(units[name] for name in names)
+    ]
     for group in dict.fromkeys([*((name,) for name in names), *alike, angles]):
         others = OTHER_UNITS.get(units[group[0]], ()) if group else ()
         for unit in (*others, *([f"rad/{radius:.6g}"] if group and group == angles and radius else [])):
@@ -167,7 +190,9 @@ def _units(names: Sequence[str], angles: tuple[str, ...], units: Mapping[str, st
 class _Motion:
     """The coordinates that were measured, and their changes that follow from the other measurements."""
 
-    def __init__(self, system: ReducedSystem, values: Sequence[float], names: Sequence[str], measured: Sequence[str]):
+    def __init__(
+        self, system: ReducedSystem, values: Sequence[float], names: Sequence[str], measured: Sequence[str]
+    ):
         coordinates = [q.name for q in system.mechanism.coordinates]
         self._state = [q.name for q in system.state]
         self._velocities = [q.name for q in system.quasi_velocities]
@@ -177,18 +202,26 @@ class _Motion:
         self.compared = [
             k
             for k, name in enumerate(coordinates)
-            if name in names and k not in self._angles and not any(ca.depends_on(system.qdot[k], each) for each in unknown)
+            if name in names
+            and k not in self._angles
+            and not any(ca.depends_on(system.qdot[k], each) for each in unknown)
         ]
         arguments = [system.mechanism.q, system.nu, system.mechanism.p]
-        self._rates = ca.Function("rates", arguments, [ca.densify(system.qdot), ca.densify(system.S), ca.densify(system.carried)])
+        self._rates = ca.Function(
+            "rates", arguments, [ca.densify(system.qdot), ca.densify(system.S), ca.densify(system.carried)]
+        )
         self._values = np.array(values, float)
         lengths = [k for k, q in enumerate(system.mechanism.coordinates) if q.unit == "m"]
-        rolling = self._rates(np.zeros(len(coordinates)), np.ones(system.dof), self._values)[0].full()[lengths]
-        self.radius = float(np.nan_to_num(np.linalg.norm(rolling)))  # m per rad, where all quasi-velocities are alike
+        rolling = self._rates(np.zeros(len(coordinates)), np.ones(system.dof), self._values)[0].full()[
+            lengths
+        ]
+        # m per rad, where all quasi-velocities are alike
+        self.radius = float(np.nan_to_num(np.linalg.norm(rolling)))
 
     def misfit(self, columns: Columns, stretches: Sequence[range]) -> float:
-        """Return the error of the changes over blocks of rows, relative to the changes: the RMS over the coordinates that
-        move by more than noise. Each coordinate's changes may be off by the same factor, up to UNCERTAIN.
+        """Return the error of the changes over blocks of rows, relative to the changes: the RMS over the
+        coordinates that move by more than noise. Each coordinate's changes may be off by the same factor, up
+        to UNCERTAIN.
         """
         t, count = columns["t"], len(columns["t"])
         x = np.column_stack([columns.get(name, np.zeros(count)) for name in self._state])
@@ -202,8 +235,12 @@ class _Motion:
             nu = (np.linalg.pinv(rows) @ given[:, :, None])[:, :, 0]
         rates = self._rates.map(count)(q.T, nu.T, values)[0].full().T
         ends = [range(s.start, s.stop, BLOCK) for s in stretches]
-        integrals = np.vstack([np.zeros(n), np.cumsum((rates[1:] + rates[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
-        predicted, actual = (np.vstack([np.diff(each[list(rows)], axis=0) for rows in ends]) for each in (integrals, q))
+        integrals = np.vstack(
+            [np.zeros(n), np.cumsum((rates[1:] + rates[:-1]) / 2 * np.diff(t)[:, None], axis=0)]
+        )
+        predicted, actual = (
+            np.vstack([np.diff(each[list(rows)], axis=0) for rows in ends]) for each in (integrals, q)
+        )
         ratio = np.sum(predicted * actual, axis=0) / np.maximum(np.sum(predicted**2, axis=0), 1e-300)
         predicted = predicted * np.clip(ratio, 1 / UNCERTAIN, UNCERTAIN)
         sizes = np.sqrt(np.maximum(np.mean(predicted**2, axis=0), np.mean(actual**2, axis=0)))

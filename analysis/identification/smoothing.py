@@ -1,4 +1,5 @@
-"""Smoothed signals: a low-pass filter that runs forwards and backwards, without a delay; slopes; velocities from angles."""
+"""Smoothed signals: a low-pass filter that runs forwards and backwards, without a delay; slopes;
+velocities from angles."""
 
 from collections.abc import Sequence
 
@@ -25,7 +26,8 @@ def smooth(signals: np.ndarray, stretches: Sequence[range]) -> np.ndarray:
 
 
 def slopes(t: np.ndarray, signals: np.ndarray, stretches: Sequence[range]) -> np.ndarray:
-    """Return the derivatives of signals (N, k) by time, each stretch by itself; those of a single row are 0."""
+    """Return the derivatives of signals (N, k) by time, each stretch by itself;
+    those of a single row are 0."""
     result = np.zeros_like(signals)
     for stretch in stretches:
         if len(stretch) > 1:
@@ -35,7 +37,8 @@ def slopes(t: np.ndarray, signals: np.ndarray, stretches: Sequence[range]) -> np
 
 
 def velocities(t: np.ndarray, x: np.ndarray, dynamics: Dynamics, stretches: Sequence[range]) -> np.ndarray:
-    """Return the quasi-velocities (N, n-m) that the outputs give, of which x (N, 2n-m) contains the measured ones."""
+    """Return the quasi-velocities (N, n-m) that the outputs give, of which x (N,
+    2n-m) contains the measured ones."""
     system = dynamics.system
     names, n = [q.name for q in system.state], len(system.mechanism.coordinates)
     rows = [k for k in dynamics.direct if dynamics.outputs[k].name in names]
@@ -47,4 +50,9 @@ def velocities(t: np.ndarray, x: np.ndarray, dynamics: Dynamics, stretches: Sequ
     at = ca.Function("at", [system.mechanism.q, dynamics.parameters], [jacobian, rest])
     values = [q.default for q in dynamics.quantities]
     at_rows = (at(q, values) for q in x[:, :n])
-    return np.array([np.linalg.lstsq(J.full(), rate - c.full().ravel())[0] for (J, c), rate in zip(at_rows, rates, strict=True)])
+    return np.array(
+        [
+            np.linalg.lstsq(J.full(), rate - c.full().ravel())[0]
+            for (J, c), rate in zip(at_rows, rates, strict=True)
+        ]
+    )

@@ -1,4 +1,5 @@
-"""The outer loop, with python-control: design of its gains, linear analysis, the whole loop about a motion, interoperation."""
+"""The outer loop, with python-control: design of its gains, linear analysis,
+the whole loop about a motion, interoperation."""
 
 from typing import TYPE_CHECKING
 
@@ -67,7 +68,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Return a name of `interop`, imported when it is first used: python-control takes longer to import than all else here."""
+    """Return a name of `interop`, imported when it is first used:
+    python-control takes longer to import than all else here."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

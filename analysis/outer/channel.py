@@ -19,10 +19,12 @@ from .margins import Broken, Margins, margins, norm
 if TYPE_CHECKING:
     import control  # slow to import
 
-MOST_EXACT = 2  # relative degree up to which the longest period is a root of a polynomial; above, it is searched for
+# Relative degree up to which the longest period is a root of a polynomial; above, it is searched for
+MOST_EXACT = 2
 SCAN = 30  # periods tried before the one at which a margin is lost is refined
 SHORTEST = 1e-4  # of the stability limit: at shorter periods the margins are those of the continuous channel
-FIRST, GROWTH, LONGEST = 0.02, 1.1, 1e3  # periods tried: the first and the last of 1 / fastest pole, and by what they grow
+# Periods tried: the first and the last of 1 / fastest pole, and by what they grow
+FIRST, GROWTH, LONGEST = 0.02, 1.1, 1e3
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,17 @@ class Required:
 
     def slack(self, margins: Margins) -> float:
         """Return a value that is positive if all margins are kept, and zero where the first is lost."""
-        return min(math.log(margins.gain / self.gain), margins.phase - self.phase, math.log(self.Ms / margins.Ms))
+        return min(
+            math.log(margins.gain / self.gain), margins.phase - self.phase, math.log(self.Ms / margins.Ms)
+        )
 
 
 @dataclass(frozen=True)
 class Channel:
     """An output and its gains. `period` (s) between calls, with v held in between; None: continuous.
 
-    `delay`: v is applied one period after the state from which it was computed was measured. `drive`: v acts through
-    velocity-controlled drives, which requires a period.
+    `delay`: v is applied one period after the state from which it was computed was measured. `drive`: v acts
+    through velocity-controlled drives, which requires a period.
     """
 
     name: str
@@ -62,7 +66,10 @@ class Channel:
         elif self.drive:
             raise BadInput(f"{self.name}: {self.drive} require a period: commands are given at calls")
         if self.drive and self.gains.observer:
-            raise BadInput(f"{self.name}: a disturbance observer does not go with {self.drive}: v acts later than it is given")
+            raise BadInput(
+                f"{self.name}: a disturbance observer does not go with {self.drive}: v acts later than it is "
+                "given"
+            )
 
     @property
     def ideal(self) -> "Channel":
@@ -86,10 +93,13 @@ class Channel:
         return [derivative_name(self.name, order) for order in range(self.gains.degree)]
 
     def plant(self) -> "control.StateSpace":
-        """The chain of integrators from v to y and its derivatives below the relative degree; its signals have names."""
+        """The chain of integrators from v to y and its derivatives below the relative degree;
+        its signals have names."""
         import control
 
-        A, B = chain(self.gains.degree) if self.period is None else sampled_chain(self.gains.degree, self.period)
+        A, B = (
+            chain(self.gains.degree) if self.period is None else sampled_chain(self.gains.degree, self.period)
+        )
         names = self._names
         signals = {"states": names, "inputs": [f"v_{self.name}"], "outputs": names}
         return control.ss(A, B, np.eye(len(A)), 0, self.dt, name=f"{self.name}_plant", **signals)
@@ -104,7 +114,9 @@ class Channel:
 
         A, B, K = self._matrices()
         v = f"v_{self.name}"
-        return control.ss(A, B, K, 0, self.dt, inputs=[v], outputs=[f"{v}_returned"], name=f"{self.name}_loop")
+        return control.ss(
+            A, B, K, 0, self.dt, inputs=[v], outputs=[f"{v}_returned"], name=f"{self.name}_loop"
+        )
 
     def margins(self) -> Margins:
         """Return the margins at v. Raises BadInput if the sampled channel is not stable."""
@@ -112,11 +124,13 @@ class Channel:
         return margins(self.broken())
 
     def disturbed(self, largest: Sequence[float]) -> Broken:
-        """Return the system from a disturbance of v, held between calls, to error, derivatives, integral and v; each relative to
-        its largest value, in the order of `from_hinf`. Raises BadInput behind drives.
+        """Return the system from a disturbance of v, held between calls, to error, derivatives, integral and
+        v; each relative to its largest value, in the order of `from_hinf`. Raises BadInput behind drives.
         """
         if self.drive:
-            raise BadInput(f"{self.name}: what a disturbance does behind {self.drive} is not computed; leave out --hinf")
+            raise BadInput(
+                f"{self.name}: what a disturbance does behind {self.drive} is not computed; leave out --hinf"
+            )
         A, B, K = self._matrices()
         degree, integral = self.gains.degree, bool(self.gains.integral)
         order = [*range(integral, integral + degree), *range(integral)]
@@ -126,8 +140,9 @@ class Channel:
         return Broken(A - B @ K, enters * largest[-1], C, self.dt)
 
     def norm(self, largest: Sequence[float]) -> float:
-        """Return the H-infinity norm of that system: at most 1 if a steady or oscillating disturbance of at most its largest
-        value keeps all others within theirs. Raises BadInput if the sampled channel is not stable.
+        """Return the H-infinity norm of that system: at most 1 if a steady or oscillating disturbance of at
+        most its largest value keeps all others within theirs. Raises BadInput if the sampled channel is not
+        stable.
         """
         self.check_stable()
         return norm(self.disturbed(largest))
@@ -141,34 +156,38 @@ class Channel:
             behind = f", behind {self.drive}," if self.drive else ""
             slower = f", or with poles {self.fastest():.4g} times as fast" if self.drive else ""
             raise BadInput(
-                f"{self.name}: period {self.period:g} s{late}{behind} is beyond stability, z = {show(fastest)}; "
-                f"the channel is stable below {limit:.6g} s{slower}"
+                f"{self.name}: period {self.period:g} s{late}{behind} is beyond stability, z = "
+                f"{show(fastest)}; the channel is stable below {limit:.6g} s{slower}"
             )
 
     def longest_period(self, delay: bool) -> float:
-        """Return the period (s) at which the channel loses stability, with or without a delay of one sample; 0 if it is not
-        stable at the shortest one tried.
+        """Return the period (s) at which the channel loses stability, with or without a delay of one sample;
+        0 if it is not stable at the shortest one tried.
         """
         if self.drive is None and self.gains.degree <= MOST_EXACT and not self.gains.observer:
             return longest_period(self.gains, delay)
         unit = 1 / max(self.gains.rates)
         first = max(FIRST, self.drive.shortest / unit) if self.drive else FIRST
-        last = LONGEST / unit / np.abs(self.gains.poles).max()  # an observer may be much faster than what ends stability
+        # An observer may be much faster than what ends stability
+        last = LONGEST / unit / np.abs(self.gains.poles).max()
         return first_unstable(lambda T: replace(self, period=T, delay=delay)._excess(), unit, first, last)
 
     def fastest(self) -> float:
-        """Return the factor by which all poles of the continuous channel may be faster until this sampled one loses stability."""
+        """Return the factor by which all poles of the continuous channel may be faster until this sampled one
+        loses stability."""
         if self.period is None:
             return math.inf
         unit = 1 / (self.period * max(self.gains.rates))
-        return first_unstable(lambda factor: replace(self, gains=self.gains.faster(factor))._excess(), unit, 1e-4)
+        return first_unstable(
+            lambda factor: replace(self, gains=self.gains.faster(factor))._excess(), unit, 1e-4
+        )
 
     def _excess(self) -> float:
         return float(abs(self.poles).max() - 1)
 
     def closed(self) -> "control.StateSpace":
-        """Return the system from the desired y alone, with its derivatives zero, to y, its derivatives and v: for step
-        responses.
+        """Return the system from the desired y alone, with its derivatives zero, to y, its derivatives and v:
+        for step responses.
         """
         import control
 
@@ -188,11 +207,11 @@ class Channel:
         return control.ss(A - B @ K, reference, C, D, self.dt, name=f"{self.name}_closed", **signals)
 
     def _matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B of the chain [z,] y [, ydot] [, m of the observer] [, e of the drive] [, the v of the calls before], and K with
-        v = -K state.
+        """A, B of the chain [z,] y [, ydot] [, m of the observer] [, e of the drive] [, the v of the calls
+        before], and K with v = -K state.
 
-        The estimate is l y^(r-1) + m, with dm/dt = -l v without the estimate; or m - l T of that v at each call, l of which is
-        the part of a change that the estimate follows, over T.
+        The estimate is l y^(r-1) + m, with dm/dt = -l v without the estimate; or m - l T of that v at each
+        call, l of which is the part of a change that the estimate follows, over T.
         """
         K = self.gains.vector[None, :]
         if self.drive and self.period:
@@ -200,7 +219,9 @@ class Channel:
         A, B = self._chain()
         if self.gains.observer:
             part = self._follows
-            A = np.block([[A, np.zeros((len(A), 1))], [part * K, np.eye(1) if self.period else np.zeros((1, 1))]])
+            A = np.block(
+                [[A, np.zeros((len(A), 1))], [part * K, np.eye(1) if self.period else np.zeros((1, 1))]]
+            )
             B = np.vstack([B, [[0.0]]])
             K = np.append(K + part / (self.period or 1.0) * np.eye(len(K[0]))[-1:], [[1.0]], axis=1)
         if not self.delay:
@@ -209,16 +230,21 @@ class Channel:
 
     @property
     def _follows(self) -> float:
-        """The part of a change of the disturbance that the estimate follows in a period; in continuous time in 1 s."""
+        """The part of a change of the disturbance that the estimate follows in a period;
+        in continuous time in 1 s."""
         rate, period = self.gains.observer, self.period
         return rate if period is None else rate * period / (1 + rate * period)
 
     def _chain(self) -> tuple[np.ndarray, np.ndarray]:
         """A, B of the chain [z,] y [, ydot ...], driven by v."""
         degree, integral = self.gains.degree, bool(self.gains.integral)
-        return chain(degree + integral) if self.period is None else sampled_chain(degree, self.period, integral)
+        return (
+            chain(degree + integral) if self.period is None else sampled_chain(degree, self.period, integral)
+        )
 
-    def _behind(self, drive: DriveLoop, period: float, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _behind(
+        self, drive: DriveLoop, period: float, K: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         between = drive.between_samples(*chain(self.gains.degree), period)
         A, B = sampled_late(*between, period, drive.delay + period * self.delay)
         if self.gains.integral:  # z + period y, at each call
@@ -228,16 +254,18 @@ class Channel:
 
 
 def delayed(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return A, B with the inputs applied one call later; those of the previous call are additional states, the last ones."""
+    """Return A, B with the inputs applied one call later; those of the previous call are additional states,
+    the last ones."""
     n, r = B.shape
     return np.block([[A, B], [np.zeros((r, n + r))]]), np.vstack([np.zeros((n, r)), np.eye(r)])
 
 
 def longest_period(gains: Gains, delay: bool = False) -> float:
-    """The period (s) at which the sampled channel, of relative degree 1 or 2, loses stability; it is stable at all shorter ones.
+    """The period (s) at which the sampled channel, of relative degree 1 or 2, loses stability; it is stable
+    at all shorter ones.
 
-    Exact: with w = (z - 1) / (z + 1) stability ends where the first or last coefficient of the characteristic polynomial, or
-    Hurwitz's last determinant but one, vanishes; all three are polynomials in the period.
+    Exact: with w = (z - 1) / (z + 1) stability ends where the first or last coefficient of the characteristic
+    polynomial, or Hurwitz's last determinant but one, vanishes; all three are polynomials in the period.
     """
     unit = 1 / max(abs(gains.poles))  # the period is counted in this, for polynomials of good scale
     coefficients = _characteristic(gains, unit, delay)
@@ -246,9 +274,12 @@ def longest_period(gains: Gains, delay: bool = False) -> float:
     return min(positive_roots, default=math.inf) * unit
 
 
-def first_unstable(excess: Callable[[float], float], unit: float, first: float = FIRST, last: float = LONGEST) -> float:
-    """Return the first zero of a function of the period that is negative at short ones; 0 if the shortest tried is not, inf if
-    all are. The periods tried, from `first` to `last` times `unit`, grow by a tenth; the zero is refined to rounding.
+def first_unstable(
+    excess: Callable[[float], float], unit: float, first: float = FIRST, last: float = LONGEST
+) -> float:
+    """Return the first zero of a function of the period that is negative at short ones; 0 if the shortest
+    tried is not, inf if all are. The periods tried, from `first` to `last` times `unit`, grow by a tenth; the
+    zero is refined to rounding.
     """
     before, period = 0.0, first * unit
     while period < last * unit:
@@ -259,7 +290,8 @@ def first_unstable(excess: Callable[[float], float], unit: float, first: float =
 
 
 def longest_period_with(channel: Channel, required: Required) -> float:
-    """Return the longest period (s) up to which the sampled channel keeps the required margins at all shorter ones; 0 if at none.
+    """Return the longest period (s) up to which the sampled channel keeps the required margins at all shorter
+    ones; 0 if at none.
 
     Found between two of SCAN periods, and refined to rounding.
     """
@@ -271,8 +303,8 @@ def longest_period_with(channel: Channel, required: Required) -> float:
 
 
 def last_kept(slack: Callable[[float], float], limit: float, shortest: float = 0.0) -> float:
-    """Return the first zero below `limit` of a function of the period that is positive at short ones, from `shortest` on; 0 if it
-    is not.
+    """Return the first zero below `limit` of a function of the period that is positive at short ones, from
+    `shortest` on; 0 if it is not.
     """
     before = 0.0
     if limit <= shortest:
@@ -285,10 +317,12 @@ def last_kept(slack: Callable[[float], float], limit: float, shortest: float = 0
 
 
 def _characteristic(gains: Gains, unit: float, delay: bool) -> list[Polynomial]:
-    """Coefficients, lowest power of w first, of the characteristic polynomial, each a polynomial in the period over `unit`.
+    """Coefficients, lowest power of w first, of the characteristic polynomial, each a polynomial in the
+    period over `unit`.
 
-    It is z^delay (z - 1)^N plus a term for each gain, in powers of z - 1 = 2w / (1 - w). The transfer functions from the held v
-    are T / (z - 1) to the rate, T^2 (z + 1) / 2 (z - 1)^2 to the error, and T / (z - 1) times the latter to the integral.
+    It is z^delay (z - 1)^N plus a term for each gain, in powers of z - 1 = 2w / (1 - w). The transfer
+    functions from the held v are T / (z - 1) to the rate, T^2 (z + 1) / 2 (z - 1)^2 to the error, and T /
+    (z - 1) times the latter to the integral.
     """
     order, w = len(gains.vector), Polynomial([0.0, 1.0])
     terms = [(0, (1 + w) ** delay * (2 * w) ** order)]

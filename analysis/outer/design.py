@@ -1,13 +1,16 @@
-"""Gains of one channel of the outer loop: from poles, from settling time and damping, LQR, H-infinity; continuous or sampled.
+"""Gains of one channel of the outer loop: from poles, from settling time and damping, LQR, H-infinity;
+continuous or sampled.
 
-After the second feedback (20) each output is a chain of as many integrators as its relative degree, driven by v. The law is
+After the second feedback (20) each output is a chain of as many integrators as its relative degree, driven by
+v. The law is
 
     relative degree 2:  v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y) + ki z      s^3 + kd s^2 + kp s + ki
     relative degree 1:  v = ydot_d + kv (y_d - y) + ki z                            s^2 + kv s + ki
 
-with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root less. Longer chains,
-those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on. An observer of the
-disturbance d in y^(r) = v + d subtracts its estimate from v; it adds a pole at -ko, and the others stay.
+with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root
+less. Longer chains, those of a dynamic extension, have gains on higher derivatives too: ka on that of the
+second and so on. An observer of the disturbance d in y^(r) = v + d subtracts its estimate from v; it adds a
+pole at -ko, and the others stay.
 """
 
 import math
@@ -24,15 +27,17 @@ from ...readers.reading import positive
 from .exponential import exponential
 
 SETTLED = 0.02  # an error has settled if it stays within this part of its initial value
-FASTEST = 1e3  # rate of an observer beside the fastest pole; a faster one is lost in the rounding of the poles
+# Rate of an observer beside the fastest pole; a faster one is lost in the rounding of the poles
+FASTEST = 1e3
 DEGREES = range(1, len(GAINS) + 1)
 SAMPLES = 4000  # instants at which an error is evaluated to find its settling time
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of a channel: on the error (kp, or kv for relative degree 1), on its rate (kd), on its integral (ki), and on the
-    errors of `higher` derivatives, from the second on (ka, kj, ...); the rate of its disturbance `observer` (ko); SI.
+    """Gains of a channel: on the error (kp, or kv for relative degree 1), on its rate (kd), on its integral
+    (ki), and on the errors of `higher` derivatives, from the second on (ka, kj, ...); the rate of its
+    disturbance `observer` (ko); SI.
     """
 
     degree: int
@@ -63,8 +68,11 @@ class Gains:
         return np.abs([*self.poles, *[self.observer] * bool(self.observer)])
 
     def named(self, row: str) -> dict[str, float]:
-        """Return the gains by name as in the law: kp_distance, ... ; ki_distance, ko_distance only where there are any."""
-        gains = {f"{name}_{row}": gain for name, gain in zip(gain_names(self.degree), self.of_errors, strict=True)}
+        """Return the gains by name as in the law: kp_distance, ... ; ki_distance,
+        ko_distance only where there are any."""
+        gains = {
+            f"{name}_{row}": gain for name, gain in zip(gain_names(self.degree), self.of_errors, strict=True)
+        }
         more = {f"ki_{row}": self.integral, f"ko_{row}": self.observer}
         return gains | {name: gain for name, gain in more.items() if gain}
 
@@ -72,44 +80,58 @@ class Gains:
         """Return the gains whose poles are `factor` times as fast."""
         d = self.degree
         errors = [gain * factor ** (d - order) for order, gain in enumerate(self.of_errors)]
-        return replace(gains_of(d, errors, self.integral * factor ** (d + 1)), observer=self.observer * factor)
+        return replace(
+            gains_of(d, errors, self.integral * factor ** (d + 1)), observer=self.observer * factor
+        )
 
     def check(self, where: str = "gains") -> "Gains":
-        """Return itself. Raises BadInput, with the reason, if a gain is negative or not finite, or the channel is not stable."""
+        """Return itself. Raises BadInput, with the reason, if a gain is negative or not finite,
+        or the channel is not stable."""
         for name, value in self.named(where).items():
             if not math.isfinite(value):
                 raise BadInput(f"{name} = {value} is not finite")
             if value < 0:
                 remedy = "a rate of 0 or more" if name.startswith("ko_") else "other poles"
-                raise BadInput(f"{name} = {value:.6g} is negative, which the law does not allow; choose {remedy}")
+                raise BadInput(
+                    f"{name} = {value:.6g} is negative, which the law does not allow; choose {remedy}"
+                )
         worst = max(self.poles, key=lambda pole: pole.real)
         if not worst.real < -1e-12 * max(np.abs(self.poles)):
-            raise BadInput(f"{where}: unstable, it has a pole at {show(worst)} 1/s; all must have a negative real part")
+            raise BadInput(
+                f"{where}: unstable, it has a pole at {show(worst)} 1/s; all must have a negative real part"
+            )
         most = FASTEST * float(np.abs(self.poles).max())
         if self.observer > most:
             raise BadInput(
-                f"{where}: the observer is too fast with {self.observer:g} 1/s: choose a rate of at most {most:.4g} 1/s, "
-                f"{FASTEST:g} times that of the fastest pole"
+                f"{where}: the observer is too fast with {self.observer:g} 1/s: choose a rate of at most "
+                f"{most:.4g} 1/s, {FASTEST:g} times that of the fastest pole"
             )
         return self
 
 
-def from_poles(degree: int, poles: Sequence[complex], integral: bool = False, where: str = "channel") -> Gains:
+def from_poles(
+    degree: int, poles: Sequence[complex], integral: bool = False, where: str = "channel"
+) -> Gains:
     """Return the gains for these poles (1/s): as many as the degree, one more with integral action.
 
     Raises BadInput for a wrong number of poles, complex poles without their conjugates, and unstable ones.
     """
     polynomial = _polynomial(degree, poles, integral, where)
-    _refuse([p for p in poles if not complex(p).real < 0], "1/s is unstable; give a negative real part", where)
+    _refuse(
+        [p for p in poles if not complex(p).real < 0], "1/s is unstable; give a negative real part", where
+    )
     return _gains(degree, polynomial[:0:-1], integral).check(where)
 
 
-def from_settling(degree: int, settling: float, damping: float = 1.0, integral: bool = False, where: str = "channel") -> Gains:
-    """Return gains with which an error that starts at rest stays within 2 % of its initial value after `settling` s.
+def from_settling(
+    degree: int, settling: float, damping: float = 1.0, integral: bool = False, where: str = "channel"
+) -> Gains:
+    """Return gains with which an error that starts at rest stays within 2 % of its initial value after
+    `settling` s.
 
-    Degree 2: a pair of poles with the damping ratio given, 1 critically damped, larger overdamped (no overshoot near a wall);
-    with integral action, and for each degree more, another pole at their natural frequency. Degree 1: one pole; a pair with
-    integral action.
+    Degree 2: a pair of poles with the damping ratio given, 1 critically damped, larger overdamped (no
+    overshoot near a wall); with integral action, and for each degree more, another pole at their natural
+    frequency. Degree 1: one pole; a pair with integral action.
     Raises BadInput for numbers that are not positive.
     """
     positive("settling time", settling, where)
@@ -123,8 +145,8 @@ def from_settling(degree: int, settling: float, damping: float = 1.0, integral: 
 
 
 def settling_time(gains: Gains) -> float:
-    """Return the time (s) after which an error of 1 that starts at rest, with integral 0, stays within 2 %; exact up to
-    rounding.
+    """Return the time (s) after which an error of 1 that starts at rest, with integral 0, stays within 2 %;
+    exact up to rounding.
     """
     poles = gains.poles
     closed, start = chain(len(poles))[0], np.zeros(len(poles))
@@ -140,9 +162,11 @@ def settling_time(gains: Gains) -> float:
     for k in range(SAMPLES):
         outside = k if abs(error @ state) > SETTLED else outside
         state = step @ state
-    if outside + 1 == SAMPLES or not beyond(times[outside]) >= 0 >= beyond(times[outside + 1]):  # lost in rounding
+    # Lost in rounding
+    if outside + 1 == SAMPLES or not beyond(times[outside]) >= 0 >= beyond(times[outside + 1]):
         raise BadInput(
-            f"poles {', '.join(f'{pole:.3g}' for pole in poles)} 1/s: the settling time cannot be computed; choose faster poles"
+            f"poles {', '.join(f'{pole:.3g}' for pole in poles)} 1/s: the settling time cannot be computed; "
+            "choose faster poles"
         )
     return float(brentq(beyond, times[outside], times[outside + 1], xtol=1e-14))
 
@@ -154,11 +178,11 @@ def from_lqr(
     period: float | None = None,
     where: str = "channel",
 ) -> Gains:
-    """Return the gains of a linear-quadratic regulator with Bryson's weights: 1 / largest^2 of error, its derivatives below the
-    relative degree, integral, and v.
+    """Return the gains of a linear-quadratic regulator with Bryson's weights: 1 / largest^2 of error, its
+    derivatives below the relative degree, integral, and v.
 
-    `largest` are the largest acceptable values of these, SI, in this order. With a period (s), the sampled channel is
-    regulated. Raises BadInput for a wrong number of values, or values that are not positive.
+    `largest` are the largest acceptable values of these, SI, in this order. With a period (s), the sampled
+    channel is regulated. Raises BadInput for a wrong number of values, or values that are not positive.
     """
     names = size_names(degree, integral)
     _check_sizes("LQR", names, largest, where)
@@ -172,21 +196,27 @@ def from_hinf(
     period: float | None = None,
     where: str = "channel",
 ) -> Gains:
-    """Return the gains of the central H-infinity state feedback against a disturbance d of the virtual input, y^(r) = v + d.
+    """Return the gains of the central H-infinity state feedback against a disturbance d of the virtual input,
+    y^(r) = v + d.
 
-    `largest` are the values of `from_lqr` followed by the largest |d|, all SI. The H-infinity norm from d to error, derivatives,
-    integral and v, each divided by its largest value, is below 1 (`Channel.norm`): a steady or oscillating disturbance of at most
-    that size keeps all of them within theirs. As d enters where v does, the gains exist in continuous time if and only if d is
-    smaller than v, and the Riccati equation is that of a regulator with v^2 - d^2 in place of v^2. With a period (s), the
-    disturbance too is held over it, which v cannot answer before the next call: d must be smaller still.
+    `largest` are the values of `from_lqr` followed by the largest |d|, all SI. The H-infinity norm from d to
+    error, derivatives, integral and v, each divided by its largest value, is below 1 (`Channel.norm`): a
+    steady or oscillating disturbance of at most that size keeps all of them within theirs. As d enters where
+    v does, the gains exist in continuous time if and only if d is smaller than v, and the Riccati equation is
+    that of a regulator with v^2 - d^2 in place of v^2. With a period (s), the disturbance too is held over
+    it, which v cannot answer before the next call: d must be smaller still.
 
-    T. Basar and P. Bernhard, H-infinity-Optimal Control and Related Minimax Design Problems, theorems 4.8 and 3.8.
-    Raises BadInput for a wrong number of values, values that are not positive, and a disturbance that is too large.
+    T. Basar and P. Bernhard, H-infinity-Optimal Control and Related Minimax Design Problems, theorems 4.8 and
+    3.8. Raises BadInput for a wrong number of values, values that are not positive, and a disturbance that is
+    too large.
     """
     _check_sizes("H-infinity", [*size_names(degree, integral), "disturbance"], largest, where)
     v, d = map(float, largest[-2:])
     if not d < v:
-        raise BadInput(f"{where}: the largest disturbance, {d:g}, must be below the largest v, {v:g}, which has to compensate it")
+        raise BadInput(
+            f"{where}: the largest disturbance, {d:g}, must be below the largest v, {v:g}, which has to "
+            "compensate it"
+        )
 
     def play(d: float) -> tuple[Gains, float]:
         gains, cost = _regulator(degree, largest[:-1], 1 / (v**2 - d**2), integral, period)
@@ -196,8 +226,9 @@ def from_hinf(
     if not excess < 0:
         bearable = brentq(lambda d: play(d)[1], 0.0, d, rtol=1e-9)
         raise BadInput(
-            f"{where}: called every {period:g} s, no gains keep all within these values under a disturbance of {d:g}, only below "
-            f"{bearable:.4g}; make the period shorter, the disturbance smaller, or the other values larger"
+            f"{where}: called every {period:g} s, no gains keep all within these values under a disturbance "
+            f"of {d:g}, only below {bearable:.4g}; make the period shorter, the disturbance smaller, or the "
+            "other values larger"
         )
     part = v**2 / (v**2 - d**2)  # of what the game's two players do together, v's share
     return gains_of(degree, [part * gain for gain in gains.of_errors], part * gains.integral).check(where)
@@ -211,14 +242,18 @@ def size_names(degree: int, integral: bool) -> list[str]:
 
 def _check_sizes(design: str, names: Sequence[str], largest: Sequence[float], where: str) -> None:
     if len(largest) != len(names):
-        raise BadInput(f"{where}: {design} requires {len(names)} largest values ({', '.join(names)}), not {len(largest)}")
+        raise BadInput(
+            f"{where}: {design} requires {len(names)} largest values ({', '.join(names)}), not {len(largest)}"
+        )
     for name, value in zip(names, largest, strict=True):
         positive(f"largest {name}", value, where)
 
 
-def _regulator(degree: int, largest: Sequence[float], R: float, integral: bool, period: float | None) -> tuple[Gains, float]:
-    """Return the gains that minimize the sum of squares of `largest` without its last, v, and R v^2; and, with a period (s), the
-    least cost from the state to which v = 1 leads, else 0.
+def _regulator(
+    degree: int, largest: Sequence[float], R: float, integral: bool, period: float | None
+) -> tuple[Gains, float]:
+    """Return the gains that minimize the sum of squares of `largest` without its last, v, and R v^2; and,
+    with a period (s), the least cost from the state to which v = 1 leads, else 0.
     """
     of_chain = [*largest[degree : degree + integral], *largest[:degree]]
     Q = np.diag(1 / np.square(of_chain, dtype=float))
@@ -234,8 +269,8 @@ def _regulator(degree: int, largest: Sequence[float], R: float, integral: bool, 
 def from_discrete_poles(
     degree: int, poles: Sequence[complex], period: float, integral: bool = False, where: str = "channel"
 ) -> Gains:
-    """Return gains that give the sampled channel, with v held over each period (s), these poles z. Raises BadInput as
-    `from_poles`.
+    """Return gains that give the sampled channel, with v held over each period (s), these poles z. Raises
+    BadInput as `from_poles`.
     """
     positive("period", period, where)
     polynomial = _polynomial(degree, poles, integral, where)
@@ -254,11 +289,13 @@ def chain(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sampled_chain(degree: int, period: float, integral: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """A, B of the sampled chain, v held between calls: exact for y and its derivatives; z grows by period (y_d - y) at each
-    call.
+    """A, B of the sampled chain, v held between calls: exact for y and its derivatives; z grows by period
+    (y_d - y) at each call.
     """
     taylor = [period**order / math.factorial(order) for order in range(degree + 1)]
-    A = sum((taylor[order] * np.eye(degree, k=order) for order in range(degree)), start=np.zeros((degree, degree)))
+    A = sum(
+        (taylor[order] * np.eye(degree, k=order) for order in range(degree)), start=np.zeros((degree, degree))
+    )
     B = np.array(taylor[:0:-1])[:, None]
     if not integral:
         return A, B
@@ -272,7 +309,8 @@ def by_speed(poles: np.ndarray) -> np.ndarray:
 
 
 def show(pole: complex) -> str:
-    """Return a pole with a few digits, the imaginary part only if it exceeds the rounding error of a triple pole."""
+    """Return a pole with a few digits, the imaginary part only if it exceeds the rounding error of a triple
+    pole."""
     pole = complex(pole)
     if abs(pole.imag) <= 3e-5 * abs(pole):
         return f"{pole.real:.4g}"
@@ -299,8 +337,8 @@ def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: st
     if len(roots) > count:
         better = ", or use integral action" if len(roots) == count + 1 and not integral else ""
         raise BadInput(
-            f"{where}: {len(roots)} poles make the controller improper, it would require a derivative more than is measured; "
-            f"give {count}{better}"
+            f"{where}: {len(roots)} poles make the controller improper, it would require a derivative more "
+            f"than is measured; give {count}{better}"
         )
     if len(roots) < count:
         raise BadInput(f"{where}: {len(roots)} poles for a channel that has {count}")

@@ -1,11 +1,13 @@
-"""Velocity-controlled drives in the linear loop: their own loop of first order, and dead time, between samples.
+"""Velocity-controlled drives in the linear loop: their own loop of first order, and dead time, between
+samples.
 
 With c the integral of the desired acceleration u, and e = c - nu, such a drive gives
 
     nudot = omega e,        e+ = e + T u(t - delay) at each call,        de/dt = -nudot in between
 
-that is, the acceleration follows u with the time constant 1 / omega. With feed-forward of the torque that causes u,
-nudot = u(t - delay) + omega e: e only has to remove the error. With a kinematic law c is its command, held over each period:
+that is, the acceleration follows u with the time constant 1 / omega. With feed-forward of the torque that
+causes u, nudot = u(t - delay) + omega e: e only has to remove the error. With a kinematic law c is its
+command, held over each period:
 
     nudot = omega (c(t - delay) - nu)
 """
@@ -24,8 +26,8 @@ MOST_PERIODS = 30  # in the delay of a drive, when the longest period is searche
 
 @dataclass(frozen=True)
 class DriveLoop:
-    """The loop of a drive: its bandwidth `omega` (rad/s), `delay` (s) until a command acts, whether it is fed the torque, and
-    whether its commands are those of a kinematic law.
+    """The loop of a drive: its bandwidth `omega` (rad/s), `delay` (s) until a command acts, whether it is fed
+    the torque, and whether its commands are those of a kinematic law.
     """
 
     omega: float
@@ -40,15 +42,19 @@ class DriveLoop:
 
     @property
     def shortest(self) -> float:
-        """The shortest period (s) to examine: at shorter ones the loop is nearly continuous, and the delay too many periods."""
+        """The shortest period (s) to examine: at shorter ones the loop is nearly continuous,
+        and the delay too many periods."""
         return self.delay / MOST_PERIODS
 
     def __str__(self) -> str:
         kind = "kinematic" if self.kinematic else "velocity+torque" if self.feeds else "velocity"
         return f"{kind} drives of {self.omega / (2 * math.pi):.6g} Hz, delay {self.delay:g} s"
 
-    def between_samples(self, A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return F, G, J of [x, e] for a plant dx/dt = A x + B nudot: d/dt = F [x, e] + G u held, and + J u once at a call.
+    def between_samples(
+        self, A: np.ndarray, B: np.ndarray, period: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return F, G, J of [x, e] for a plant dx/dt = A x + B nudot: d/dt = F [x, e] + G u held, and + J u
+        once at a call.
 
         Of a kinematic law, with dx/dt = A x + B nu, that of [x, nu], with its command in place of u.
         """
@@ -61,9 +67,12 @@ class DriveLoop:
         return F, G, np.vstack([np.zeros((n, r)), period * np.eye(r)])
 
 
-def sampled_late(F: np.ndarray, G: np.ndarray, J: np.ndarray, period: float, delay: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return A, B from call to call of dx/dt = F x + G w, w held over `period` s, with x increased by J w when w begins to act,
-    `delay` s after the call. Exact. The w of former calls that still matter are additional states, the last ones, latest first.
+def sampled_late(
+    F: np.ndarray, G: np.ndarray, J: np.ndarray, period: float, delay: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return A, B from call to call of dx/dt = F x + G w, w held over `period` s, with x increased by J w
+    when w begins to act, `delay` s after the call. Exact. The w of former calls that still matter are
+    additional states, the last ones, latest first.
     """
     n, r = G.shape
     whole, rest = whole_periods(delay, period)

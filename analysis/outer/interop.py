@@ -1,7 +1,9 @@
-"""Robot, controller and closed loop as systems of python-control, their signals named as in the model and in C.
+"""Robot, controller and closed loop as systems of python-control, their signals named as in the model and in
+C.
 
-`control.interconnect` joins them by these names: states and inputs of the robot (x_c, ..., tau_r, tau_l), references of the law
-(distance, distance_rate, ...; speed, speed_rate). The robot has no outputs of its own: the controller measures its state.
+`control.interconnect` joins them by these names: states and inputs of the robot (x_c, ..., tau_r, tau_l),
+references of the law (distance, distance_rate, ...; speed, speed_rate). The robot has no outputs of its own:
+the controller measures its state.
 """
 
 import control
@@ -53,12 +55,14 @@ def sampled_robot_system(
     )
 
 
-def controller_system(controller: Controller, period: float | None = None, name: str = "controller") -> control.NonlinearIOSystem:
+def controller_system(
+    controller: Controller, period: float | None = None, name: str = "controller"
+) -> control.NonlinearIOSystem:
     """Return the law, in any backend: inputs [q; nu] and reference, outputs tau. It has no state.
 
-    With a period (s) it is a discrete-time system. If the controller returns an error, ControllerRefused is raised. Raises
-    BadInput for a law with a dynamic extension: python-control first evaluates the parts of a loop at zero inputs, where such
-    a law is singular.
+    With a period (s) it is a discrete-time system. If the controller returns an error, ControllerRefused is
+    raised. Raises BadInput for a law with a dynamic extension: python-control first evaluates the parts of a
+    loop at zero inputs, where such a law is singular.
     """
     law = controller.law
     states, desired = [q.name for q in law.system.state], [q.name for q in law.reference]
@@ -79,8 +83,8 @@ def integral_system(
 ) -> control.NonlinearIOSystem:
     """Integral action around a controller: dz/dt = y_d - y, or z+ = z + period (y_d - y), without limits.
 
-    Inputs: [q; nu] and every reference by its name with _d after it; outputs: the references that the controller takes, ki z
-    added to the desired derivatives of highest order.
+    Inputs: [q; nu] and every reference by its name with _d after it; outputs: the references that the
+    controller takes, ki z added to the desired derivatives of highest order.
     """
     law = controller.law
     n, desired = len(law.system.state), [q.name for q in law.reference]
@@ -103,12 +107,15 @@ def integral_system(
     )
 
 
-def closed_loop_system(loop: Loop, period: float | None = None, name: str = "closed_loop") -> control.NonlinearIOSystem:
-    """Robot and controller of a loop joined: states [q; nu] and those of a dynamic extension, inputs the references, outputs
-    [q; nu] and tau.
+def closed_loop_system(
+    loop: Loop, period: float | None = None, name: str = "closed_loop"
+) -> control.NonlinearIOSystem:
+    """Robot and controller of a loop joined: states [q; nu] and those of a dynamic extension, inputs the
+    references, outputs [q; nu] and tau.
 
-    With a period (s) as a discrete-time system, torque held. With integral action its z are states too, the last ones, and the
-    references end in _d, as for `integral_system`. Raises BadInput for drives that take velocities.
+    With a period (s) as a discrete-time system, torque held. With integral action its z are states too, the
+    last ones, and the references end in _d, as for `integral_system`. Raises BadInput for drives that take
+    velocities.
     """
     if loop.drive.commands:
         raise BadInput("these systems take torques: not with drives that take velocities")
@@ -116,9 +123,13 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
         raise BadInput("gains: ko: these systems have no disturbance observers; leave it out, or take ki")
     law, controller = loop.law, loop.guidance.leg.controller
     if law.output.foot:
-        raise BadInput(f"{law.name} follows a course, whose parameters change with every step: not in these systems")
+        raise BadInput(
+            f"{law.name} follows a course, whose parameters change with every step: not in these systems"
+        )
     if law.extension and loop.integral.rows:
-        raise BadInput(f"{law.name} has a dynamic extension: its closed loop has no integral action here; leave ki out")
+        raise BadInput(
+            f"{law.name} has a dynamic extension: its closed loop has no integral action here; leave ki out"
+        )
     if law.extension:
         return _extended_loop(loop, period, name)
     robot = sampled_robot_system(loop.plant, period) if period else robot_system(loop.plant)
@@ -140,7 +151,9 @@ def _extended_loop(loop: Loop, period: float | None, name: str) -> control.Nonli
         tau = command(controller, x, desired)
         if period is None:
             return np.append(loop.plant.rate(x[:n], tau), controller.extension_rate)
-        return np.append(hold(loop.plant, x[:n], tau, period, TOLERANCE), x[n:] + period * controller.extension_rate)
+        return np.append(
+            hold(loop.plant, x[:n], tau, period, TOLERANCE), x[n:] + period * controller.extension_rate
+        )
 
     return control.nlsys(
         update,
@@ -154,10 +167,12 @@ def _extended_loop(loop: Loop, period: float | None, name: str) -> control.Nonli
 
 
 class Moving:
-    """Robot and controller of a steady motion in coordinates rho in which it stands still, as systems of python-control."""
+    """Robot and controller of a steady motion in coordinates rho in which it stands still,
+    as systems of python-control."""
 
     def __init__(self, motion: SteadyMotion, controller: Controller):
-        """`controller` in any backend, with the numbers of motion.setting. Raises BadInput for a motion with velocity drives."""
+        """`controller` in any backend, with the numbers of motion.setting. Raises BadInput for a motion with
+        velocity drives."""
         if motion.setting.drive:
             raise BadInput("these systems take torques: not with drives that take velocities")
         if motion.setting.law.extension:
@@ -202,14 +217,18 @@ class Moving:
     def closed_loop_system(self) -> control.InterconnectedSystem:
         """The closed loop of both: inputs are disturbances of tau, states rho, outputs rho and tau."""
         parts = [self.robot_system(), self.controller_system()]
-        return control.interconnect(parts, inputs=self._inputs, outputs=[*self.names, *self._inputs], name="closed_loop")
+        return control.interconnect(
+            parts, inputs=self._inputs, outputs=[*self.names, *self._inputs], name="closed_loop"
+        )
 
 
 def command(controller: Controller, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Return tau. Raises ControllerRefused if the controller returns an error."""
     status, tau = controller.step(state, reference)
     if status not in RUNNING:
-        raise ControllerRefused(f"{controller.law.name}: the controller returns {status!r} at state {np.array2string(state)}")
+        raise ControllerRefused(
+            f"{controller.law.name}: the controller returns {status!r} at state {np.array2string(state)}"
+        )
     return tau
 
 
@@ -223,7 +242,10 @@ def hold(plant: Plant, x: np.ndarray, tau: np.ndarray, duration: float, toleranc
             x, left = after, left - h
             continue
         if h <= SHORTEST:
-            raise BadInput(f"{plant.system.mechanism.name}: the motion with tau held cannot be integrated to {tolerance:g}")
+            raise BadInput(
+                f"{plant.system.mechanism.name}: the motion with tau held cannot be integrated to "
+                f"{tolerance:g}"
+            )
         h *= max(0.2, 0.9 * error**-0.125) if np.isfinite(error) else 0.2
     return x
 

@@ -1,7 +1,9 @@
-"""Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; norms; continuous and sampled loops.
+"""Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; norms; continuous
+and sampled loops.
 
-L is the loop's transfer function where it is broken, negative feedback: S = (1 + L)^-1, T = L (1 + L)^-1. Everything is
-found on a grid of frequencies and refined between its points, which does not require slycot and allows delays (poles at z = 0).
+L is the loop's transfer function where it is broken, negative feedback: S = (1 + L)^-1, T = L (1 + L)^-1.
+Everything is found on a grid of frequencies and refined between its points, which does not require slycot and
+allows delays (poles at z = 0).
 """
 
 import math
@@ -20,7 +22,8 @@ SURE = 2  # inputs up to which the disk margin for all at once is exact, not a l
 
 @dataclass(frozen=True)
 class Broken:
-    """A loop broken at its inputs, negative feedback, as matrices A, B and C; `dt` is the period (s), 0 in continuous time."""
+    """A loop broken at its inputs, negative feedback, as matrices A, B and C; `dt` is the period (s),
+    0 in continuous time."""
 
     A: np.ndarray
     B: np.ndarray
@@ -46,13 +49,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of a stable loop, broken at one place or at several at once; factors and rad, inf if there is no limit.
+    """Margins of a stable loop, broken at one place or at several at once; factors and rad, inf if there is
+    no limit.
 
-    At one place: the gain may increase by the factor `gain` and decrease by `gain_down` (0: to zero), the phase by `phase` at the
-    crossover frequency (rad/s), where an additional dead time of `delay` (s) has the same effect. At several places these are
-    nan. `Ms`, `Mt`: peaks of the largest singular values of S, T. Any factors, one at each place, in the disk through 1 /
-    disk_gain and disk_gain, which contains phases up to `disk_phase`, keep it stable; `disk` is the disk margin alpha, for more
-    than SURE places a lower bound of it.
+    At one place: the gain may increase by the factor `gain` and decrease by `gain_down` (0: to zero), the
+    phase by `phase` at the crossover frequency (rad/s), where an additional dead time of `delay` (s) has the
+    same effect. At several places these are nan. `Ms`, `Mt`: peaks of the largest singular values of S, T.
+    Any factors, one at each place, in the disk through 1 / disk_gain and disk_gain, which contains phases up
+    to `disk_phase`, keep it stable; `disk` is the disk margin alpha, for more than SURE places a lower bound
+    of it.
     """
 
     gain: float
@@ -108,8 +113,11 @@ class Response:
 
 
 def frequencies(loop: "Linear") -> np.ndarray:
-    """Return the grid, rad/s: around the closed loop's poles, up to half the sampling rate, or inf in continuous time."""
-    return _grid(np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)), loop.dt)
+    """Return the grid, rad/s: around the closed loop's poles, up to half the sampling rate,
+    or inf in continuous time."""
+    return _grid(
+        np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)), loop.dt
+    )
 
 
 def _grid(poles: np.ndarray, dt: float) -> np.ndarray:
@@ -155,12 +163,14 @@ def _greater(matrices: np.ndarray, squares: np.ndarray) -> np.ndarray:
 
 
 def structured(matrices: np.ndarray) -> np.ndarray:
-    """Structured singular value of (N, r, r) for complex factors, one on each place; from three places on an upper bound.
+    """Structured singular value of (N, r, r) for complex factors, one on each place; from three places on an
+    upper bound.
 
-    It is at most the largest singular value of D M D^-1 for any diagonal D > 0. For two places the D that makes that least is
-    known: the determinant and the diagonal do not change, so that it is least where both entries off the diagonal have the same
-    size, and there it is the structured singular value, as for three. For more places than two D is searched for.
-    A. Packard and J. Doyle, The complex structured singular value, 1993.
+    It is at most the largest singular value of D M D^-1 for any diagonal D > 0. For two places the D that
+    makes that least is known: the determinant and the diagonal do not change, so that it is least where both
+    entries off the diagonal have the same size, and there it is the structured singular value, as for three.
+    For more places than two D is searched for. A. Packard and J. Doyle, The complex structured singular
+    value, 1993.
     """
     if matrices.shape[-1] > 2:
         return _scaled(matrices)
@@ -173,7 +183,8 @@ def structured(matrices: np.ndarray) -> np.ndarray:
 def _scaled(matrices: np.ndarray) -> np.ndarray:
     """Return the least of the largest singular values of D M D^-1, (N, r, r), over D that lead to the least.
 
-    Where the largest singular value is simple, its logarithm grows with log d_i as |u_i|^2 - |v_i|^2, with u and v its vectors.
+    Where the largest singular value is simple, its logarithm grows with log d_i as |u_i|^2 - |v_i|^2, with u
+    and v its vectors.
     """
     scale = np.zeros(matrices.shape[:2])
     least = np.full(len(matrices), np.inf)
@@ -185,7 +196,9 @@ def _scaled(matrices: np.ndarray) -> np.ndarray:
     return least
 
 
-def _peak(response: Response, omega: np.ndarray, values: np.ndarray, measure: Callable[[np.ndarray], np.ndarray]) -> float:
+def _peak(
+    response: Response, omega: np.ndarray, values: np.ndarray, measure: Callable[[np.ndarray], np.ndarray]
+) -> float:
     """Largest of a measure of L over all frequencies."""
     sizes = measure(values)
     k = int(np.argmax(sizes))
@@ -193,11 +206,15 @@ def _peak(response: Response, omega: np.ndarray, values: np.ndarray, measure: Ca
     if not np.isfinite(high):
         return float(sizes[k])
     options = {"xatol": 1e-9 * high}
-    minimum = minimize_scalar(lambda w: -measure(response(w))[0], bounds=(low, high), method="bounded", options=options)
+    minimum = minimize_scalar(
+        lambda w: -measure(response(w))[0], bounds=(low, high), method="bounded", options=options
+    )
     return float(max(-minimum.fun, sizes[k]))
 
 
-def _classical(response: Response, omega: np.ndarray, L: np.ndarray) -> tuple[float, float, float, float, float]:
+def _classical(
+    response: Response, omega: np.ndarray, L: np.ndarray
+) -> tuple[float, float, float, float, float]:
     finite = np.isfinite(omega)
     omega, L = omega[finite], L[finite]
 
@@ -212,7 +229,10 @@ def _classical(response: Response, omega: np.ndarray, L: np.ndarray) -> tuple[fl
     if response(omega[-1:])[0, 0, 0].real < 0 and abs(L[-1].imag) <= 1e-9 * abs(L[-1]):
         real.append(L[-1].real)  # half the sampling rate, where L is real
     factors = [-1 / x for x in real if x < 0]
-    up, down = min((f for f in factors if f > 1), default=math.inf), max((f for f in factors if f < 1), default=0.0)
+    up, down = (
+        min((f for f in factors if f > 1), default=math.inf),
+        max((f for f in factors if f < 1), default=0.0),
+    )
     at_gain = crossings(lambda z: abs(z) - 1, np.abs(L) - 1)
     phases = [abs(np.angle(-value(w))) for w in at_gain]
     if not phases:

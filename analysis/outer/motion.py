@@ -1,20 +1,23 @@
-"""The whole closed loop about a steady motion: true robot, law with its own parameters, torque continuous or held.
+"""The whole closed loop about a steady motion: true robot, law with its own parameters, torque continuous or
+held.
 
-When following a line or an arc, or a reference that moves uniformly, only the position along it changes. The coordinates rho
-omit it: they are the errors of the outputs that are functions of q, the heading (relative to the path's direction if there is a
-path), other coordinates on which the robot's equations depend (a steering angle), and the quasi-velocities nu. The motion is an
-equilibrium of
+When following a line or an arc, or a reference that moves uniformly, only the position along it changes. The
+coordinates rho omit it: they are the errors of the outputs that are functions of q, the heading (relative to
+the path's direction if there is a path), other coordinates on which the robot's equations depend (a steering
+angle), and the quasi-velocities nu. The motion is an equilibrium of
 
     d rho/dt = r(rho, tau),    tau = kappa(rho, z),    dz/dt = y_d - y    (z only with integral action)
 
-After the integrals, z has the estimates w of disturbance observers, by which v is reduced: dw/dt = ko (dx/dt - v), with x the
-measured y^(r-1) and v without w; and then the states xi of a law's dynamic extension: d xi/dt is a function of rho and z.
+After the integrals, z has the estimates w of disturbance observers, by which v is reduced: dw/dt = ko
+(dx/dt - v), with x the measured y^(r-1) and v without w; and then the states xi of a law's dynamic extension:
+d xi/dt is a function of rho and z.
 
-With velocity-controlled drives (drive.py) the acceleration nudot takes the place of tau, and u that of kappa: the drives make
-nudot follow u. With a kinematic law its command c takes the place of tau: the drives make nu follow c, nudot = omega (c - nu).
+With velocity-controlled drives (drive.py) the acceleration nudot takes the place of tau, and u that of kappa:
+the drives make nudot follow u. With a kinematic law its command c takes the place of tau: the drives make nu
+follow c, nudot = omega (c - nu).
 
-Because tau is constant in the motion, a sampled loop linearized about it is exactly the held one of the linearized robot:
-rho+ = exp(A T) rho + int_0^T exp(A s) ds B tau.
+Because tau is constant in the motion, a sampled loop linearized about it is exactly the held one of the
+linearized robot: rho+ = exp(A T) rho + int_0^T exp(A s) ds B tau.
 """
 
 from dataclasses import dataclass, field
@@ -40,16 +43,17 @@ if TYPE_CHECKING:
 
 STEPS = 50  # of Newton's method
 CLOSE, SOLVED = 1e-12, 1e-9  # relative: its last step, and the residual that may be left
-SYMMETRIC = 1e-7  # relative: the largest derivative of the rates by the place along the motion that counts as zero
+# relative: the largest derivative of the rates by the place along the motion that counts as zero
+SYMMETRIC = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
     """All numbers of a closed loop, in the order of the law's groups; SI.
 
-    `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `measured` what errors are measured
-    by (None: the same). `bias` is the error of the measured state, `integral` has a gain ki, and `observer` a rate ko, for each
-    output. `drive`: the drives take velocities.
+    `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `measured` what
+    errors are measured by (None: the same). `bias` is the error of the measured state, `integral` has a gain
+    ki, and `observer` a rate ko, for each output. `drive`: the drives take velocities.
     """
 
     law: ControlLaw
@@ -77,7 +81,8 @@ class Setting:
 
     @property
     def held(self) -> int:
-        """How many numbers the controller holds: integrals, estimates, and the states of its dynamic extension."""
+        """How many numbers the controller holds: integrals, estimates,
+        and the states of its dynamic extension."""
         return len(self.acting) + len(self.observing) + len(self.law.extension)
 
     def arguments(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
@@ -86,19 +91,32 @@ class Setting:
         bias = np.zeros(len(x)) if self.bias is None else self.bias
         measured = self.config if self.measured is None else self.measured
         omega = np.array(self.drive.omega if self.drive else 0.0)
-        return [x, z, self.true, self.believed, self.config, self.gains, integral, self.reference, bias, measured, omega]
+        return [
+            x,
+            z,
+            self.true,
+            self.believed,
+            self.config,
+            self.gains,
+            integral,
+            self.reference,
+            bias,
+            measured,
+            omega,
+        ]
 
 
 @dataclass(frozen=True, eq=False)
 class SteadyMotion:
-    """An equilibrium and the loop linearized about it: d rho/dt = A rho + B tau, tau = K rho + H z, dz/dt = E rho + F z.
+    """An equilibrium and the loop linearized about it: d rho/dt = A rho + B tau, tau = K rho + H z, dz/dt = E
+    rho + F z.
 
-    `state` is one state [q; nu] of the motion, `torque` its constant inputs, `rho` the coordinates there by `names`, `z` what
-    the integrals and observers hold, in the order of the rows that have one, and the states of a dynamic extension. `X`: the
-    derivatives of what the observers measure by rho; their rows of E and F are those of -v. With a drive, tau stands
-    for the accelerations nudot, the loop without a period is that of ideal drives, and `fed` is what the feed-forward of
-    torque adds (`Fed`). With a kinematic law tau stands for its command, and the loop without a period is that behind drives
-    without dead time.
+    `state` is one state [q; nu] of the motion, `torque` its constant inputs, `rho` the coordinates there by
+    `names`, `z` what the integrals and observers hold, in the order of the rows that have one, and the states
+    of a dynamic extension. `X`: the derivatives of what the observers measure by rho; their rows of E and F
+    are those of -v. With a drive, tau stands for the accelerations nudot, the loop without a period is that
+    of ideal drives, and `fed` is what the feed-forward of torque adds (`Fed`). With a kinematic law tau
+    stands for its command, and the loop without a period is that behind drives without dead time.
     """
 
     setting: Setting = field(repr=False)
@@ -127,7 +145,8 @@ class SteadyMotion:
         return [q.name for q in system.mechanism.inputs]
 
     def closed(self, period: float | None = None, delay: bool = False) -> np.ndarray:
-        """Matrix of the closed loop: of d/dt of [rho, z], or of the map over a period of [rho, z(, tau of the call before)]."""
+        """Matrix of the closed loop: of d/dt of [rho, z], or of the map over a period of [rho, z(,
+        tau of the call before)]."""
         A, B, K = self._matrices(period, delay)
         return A + B @ K
 
@@ -161,8 +180,8 @@ class SteadyMotion:
         return control.ss(A, B, -K, 0, period or 0.0, inputs=self.inputs, outputs=returned, name="loop")
 
     def longest_period(self, delay: bool = False) -> float:
-        """Return the period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle
-        (`first_unstable`).
+        """Return the period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the
+        unit circle (`first_unstable`).
         """
 
         def excess(period: float) -> float:
@@ -170,7 +189,8 @@ class SteadyMotion:
 
         unit = 1 / np.abs(np.linalg.eigvals(self.closed())).max()
         drive = self.setting.drive
-        last = LONGEST * (FASTEST if self.setting.observing else 1.0)  # an observer may be faster than what ends stability
+        # An observer may be faster than what ends stability
+        last = LONGEST * (FASTEST if self.setting.observing else 1.0)
         return first_unstable(excess, unit, max(FIRST, drive.shortest / unit) if drive else FIRST, last)
 
     def _matrices(self, period: float | None, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -198,8 +218,11 @@ class SteadyMotion:
         A[n:, n:] += np.eye(held)
         return (*delayed(A, B), np.hstack([K, np.zeros((r, r))])) if delay else (A, B, K)
 
-    def _behind(self, drive: DriveLoop, period: float, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return A, B and K of the loop in the state [rho, e, the u (and tau) of the calls before, z], with u = K state."""
+    def _behind(
+        self, drive: DriveLoop, period: float, delay: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return A, B and K of the loop in the state [rho, e, the u (and tau) of the calls before, z],
+        with u = K state."""
         (n, r), held = self.B.shape, len(self.z)
         if drive.kinematic:  # nu is in rho
             F, G, J = self.A, self.B, np.zeros((n, r))
@@ -215,13 +238,17 @@ class SteadyMotion:
             B = B[:, :r] + B[:, r:] @ self.fed.of_u
         sums = np.hstack([period * self.E, np.zeros((held, len(A) - n)), np.eye(held)])
         K = np.hstack([self.K, np.zeros((r, len(A) - n)), self.H])
-        return np.vstack([np.hstack([A, np.zeros((len(A), held))]), sums]), np.vstack([B, np.zeros((held, r))]), K
+        return (
+            np.vstack([np.hstack([A, np.zeros((len(A), held))]), sums]),
+            np.vstack([B, np.zeros((held, r))]),
+            K,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Fed:
-    """Feed-forward of the torque about a steady motion: the true robot's nudot = by_state rho + by_torque tau, and the law's
-    tau = of_state rho + of_u u.
+    """Feed-forward of the torque about a steady motion: the true robot's nudot = by_state rho + by_torque
+    tau, and the law's tau = of_state rho + of_u u.
     """
 
     by_state: np.ndarray
@@ -233,17 +260,22 @@ class Fed:
 def steady_motion(setting: Setting) -> SteadyMotion:
     """Return the steady motion near setting.start, with the linearization.
 
-    Raises BadInput if there is none (a path whose curvature changes, a reference that does not move uniformly), or if the loop
-    depends on the position along it.
+    Raises BadInput if there is none (a path whose curvature changes, a reference that does not move
+    uniformly), or if the loop depends on the position along it.
     """
-    look, held = functions(setting.law, setting.acting, setting.drive is not None, setting.observing), setting.held
+    look, held = (
+        functions(setting.law, setting.acting, setting.drive is not None, setting.observing),
+        setting.held,
+    )
     x, z = np.array(setting.start, float), np.zeros(held)
     for _ in range(STEPS):
         values = look(setting, x, z)
         P = np.linalg.pinv(values["P"])
         residual = np.concatenate([values["r"], values["e"]])
         matrix = values["r_x"] + values["r_tau"] @ values["kappa_x"]
-        slope = np.block([[matrix @ P, values["r_tau"] @ values["kappa_z"]], [values["e_x"] @ P, values["e_z"]]])
+        slope = np.block(
+            [[matrix @ P, values["r_tau"] @ values["kappa_z"]], [values["e_x"] @ P, values["e_z"]]]
+        )
         if not np.all(np.isfinite(slope)):
             break
         step = np.linalg.lstsq(slope, -residual)[0]
@@ -253,10 +285,15 @@ def steady_motion(setting: Setting) -> SteadyMotion:
             if np.abs(residual).max() > SOLVED * scale:
                 break
             return _linearized(setting, look(setting, x, z), x, z)
-    raise BadInput(f"{setting.law.name}: no steady motion near the start: path or reference change, or it is singular there")
+    raise BadInput(
+        f"{setting.law.name}: no steady motion near the start: path or reference change, or it is singular "
+        "there"
+    )
 
 
-def _linearized(setting: Setting, values: dict[str, np.ndarray], x: np.ndarray, z: np.ndarray) -> SteadyMotion:
+def _linearized(
+    setting: Setting, values: dict[str, np.ndarray], x: np.ndarray, z: np.ndarray
+) -> SteadyMotion:
     right = np.linalg.pinv(values["P"])
     reduced = {name: values[name] @ right for name in ("r_x", "kappa_x", "e_x", "x_x")}
     _check_steady(setting.law, values, reduced)
@@ -283,7 +320,8 @@ def _linearized(setting: Setting, values: dict[str, np.ndarray], x: np.ndarray, 
 
 
 def _check_steady(law: ControlLaw, values: dict[str, np.ndarray], reduced: dict[str, np.ndarray]) -> None:
-    """Raise BadInput if rho does not describe the motion completely, or the loop changes along a moving reference."""
+    """Raise BadInput if rho does not describe the motion completely,
+    or the loop changes along a moving reference."""
     taken = {"r_x": 0.0, "kappa_x": values["kappa_t"], "e_x": values["e_t"], "x_x": 0.0}
     for name, matrix in reduced.items():
         left = [values[name] - matrix @ values["P"], matrix @ values["moves"] + taken[name]]
@@ -297,16 +335,25 @@ def coordinates(law: ControlLaw) -> tuple[str, ...]:
     rows = [row.name for row in _position_rows(law)]
     heading = "heading_from_path" if law.output.path else "heading"
     shape = [c.name for c in _shape(law)]
-    return (*rows, *([heading] if _angles(law) else []), *shape, *[v.name for v in law.system.quasi_velocities])
+    return (
+        *rows,
+        *([heading] if _angles(law) else []),
+        *shape,
+        *[v.name for v in law.system.quasi_velocities],
+    )
 
 
 class MotionFunctions:
-    """Residuals and their derivatives by name, for a law and the rows that have integral action, or are `observing`.
+    """Residuals and their derivatives by name, for a law and the rows that have integral action, or are
+    `observing`.
 
-    `driven`: the input tau is the acceleration nudot instead, and kappa the law's u; of a kinematic law its command.
+    `driven`: the input tau is the acceleration nudot instead, and kappa the law's u; of a kinematic law its
+    command.
     """
 
-    def __init__(self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False, observing: tuple[int, ...] = ()):
+    def __init__(
+        self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False, observing: tuple[int, ...] = ()
+    ):
         system, rows = law.system, _position_rows(law)
         x, p = symbols(system.state), symbols(law.parameters)
         xi = ca.SX.sym("xi", len(law.extension))
@@ -322,9 +369,15 @@ class MotionFunctions:
         by_name = {q.name: q.symbol for q in law.reference}
 
         # The law at the measured state.
-        virtual = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
-        less = ca.vertcat(*[estimates[observing.index(k)] if k in observing else 0 for k in range(len(law.output.rows))])
-        kappa = ca.substitute(law.u_of_v if acts else law.tau_of_v, symbols(law.virtual_input), virtual - less)
+        virtual = law.v + ca.vertcat(
+            *[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))]
+        )
+        less = ca.vertcat(
+            *[estimates[observing.index(k)] if k in observing else 0 for k in range(len(law.output.rows))]
+        )
+        kappa = ca.substitute(
+            law.u_of_v if acts else law.tau_of_v, symbols(law.virtual_input), virtual - less
+        )
         substitution = [
             ca.vertcat(x, symbols(law.extension), p, symbols(law.config)),
             ca.vertcat(x + bias, xi, believed, config),
@@ -333,7 +386,9 @@ class MotionFunctions:
         errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
         without = [-virtual[k] for k in observing]
         e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors, *without, law.extension_rate), *substitution)
-        measured_x = ca.substitute(ca.vertcat(ca.SX(0, 1), *[_observed(law, k) for k in observing]), *substitution)
+        measured_x = ca.substitute(
+            ca.vertcat(ca.SX(0, 1), *[_observed(law, k) for k in observing]), *substitution
+        )
 
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
@@ -349,7 +404,11 @@ class MotionFunctions:
 
         answers = {"rho": rho, "P": P, "kappa": kappa, "e": e}
         along = moves[: len(rows)]
-        answers |= {"moves": moves, "kappa_t": ca.jacobian(kappa, y_d) @ along, "e_t": ca.jacobian(e, y_d) @ along}
+        answers |= {
+            "moves": moves,
+            "kappa_t": ca.jacobian(kappa, y_d) @ along,
+            "e_t": ca.jacobian(e, y_d) @ along,
+        }
         answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z)}
         answers |= {"e_x": ca.jacobian(e, x), "e_z": ca.jacobian(e, z), "x_x": ca.jacobian(measured_x, x)}
         moving = {"r": r, "r_x": ca.jacobian(r, x), "r_tau": ca.jacobian(r, tau)}
@@ -358,24 +417,33 @@ class MotionFunctions:
         self._robot = ca.Function("robot", [*arguments, tau], [ca.densify(v) for v in moving.values()])
         self._names = (tuple(answers), tuple(moving))
 
-    def __call__(self, setting: Setting, x: np.ndarray, z: np.ndarray, tau: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    def __call__(
+        self, setting: Setting, x: np.ndarray, z: np.ndarray, tau: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
         """Return all of them, vectors as such; `tau` replaces the inputs of the law."""
         arguments = setting.arguments(x, z)
         values = dict(zip(self._names[0], self._law(*arguments), strict=True))
-        values |= zip(self._names[1], self._robot(*arguments, values["kappa"] if tau is None else tau), strict=True)
+        values |= zip(
+            self._names[1], self._robot(*arguments, values["kappa"] if tau is None else tau), strict=True
+        )
         arrays = {name: value.full() for name, value in values.items()}
-        return arrays | {name: arrays[name].ravel() for name in ("rho", "kappa", "e", "moves", "kappa_t", "e_t", "r")}
+        return arrays | {
+            name: arrays[name].ravel() for name in ("rho", "kappa", "e", "moves", "kappa_t", "e_t", "r")
+        }
 
 
 @lru_cache(maxsize=16)
-def functions(law: ControlLaw, acting: tuple[int, ...], driven: bool = False, observing: tuple[int, ...] = ()) -> MotionFunctions:
+def functions(
+    law: ControlLaw, acting: tuple[int, ...], driven: bool = False, observing: tuple[int, ...] = ()
+) -> MotionFunctions:
     return MotionFunctions(law, acting, driven, observing)
 
 
 @lru_cache(maxsize=16)
 def feed_function(law: ControlLaw) -> ca.Function:
-    """Return the function from the state, the true and the believed parameters and the bias of the state to four derivatives,
-    with the torque that keeps nu: of the true nudot by state and torque, and of the law's torque by state and u.
+    """Return the function from the state, the true and the believed parameters and the bias of the state to
+    four derivatives, with the torque that keeps nu: of the true nudot by state and torque, and of the law's
+    torque by state and u.
     """
     system, x, p = law.system, symbols(law.state), symbols(law.parameters)
     believed, bias = ca.SX.sym("believed", p.numel()), ca.SX.sym("bias", x.numel())
@@ -410,20 +478,26 @@ def _position_rows(law: ControlLaw) -> list[OutputRow]:
 
 
 def _angles(law: ControlLaw) -> list[ca.SX]:
-    """Return the vehicle's heading, relative to the line if there is a path; none if it is an output or there is no vehicle."""
+    """Return the vehicle's heading, relative to the line if there is a path;
+    none if it is an output or there is no vehicle."""
     vehicle = law.system.mechanism.vehicle
     if vehicle is None:
         return []
     if law.output.path is None:
-        return [] if any(ca.is_equal(row.expression, vehicle.heading, 9) for row in _position_rows(law)) else [vehicle.heading]
+        return (
+            []
+            if any(ca.is_equal(row.expression, vehicle.heading, 9) for row in _position_rows(law))
+            else [vehicle.heading]
+        )
     across, along = path_frame(law)
-    return [ca.atan(across / along)]  # the way of travel does not matter; at a right angle the law is singular
+    # The way of travel does not matter; at a right angle the law is singular
+    return [ca.atan(across / along)]
 
 
 @lru_cache(maxsize=16)
 def _shape(law: ControlLaw) -> tuple[Quantity, ...]:
-    """Return coordinates on which the robot's equations depend and that outputs and heading do not determine, such as a
-    steering angle.
+    """Return coordinates on which the robot's equations depend and that outputs and heading do not determine,
+    such as a steering angle.
     """
     system, q = law.system, law.system.mechanism.q
     equations = ca.vertcat(ca.vec(system.Mbar), system.bias, ca.vec(system.input_map))
@@ -441,7 +515,8 @@ def _shape(law: ControlLaw) -> tuple[Quantity, ...]:
 
 
 def path_frame(law: ControlLaw) -> tuple[ca.SX, ca.SX]:
-    """Parts of the vehicle's forward unit vector across the path, along its normal, and along it, the normal turned clockwise."""
+    """Parts of the vehicle's forward unit vector across the path, along its normal, and along it,
+    the normal turned clockwise."""
     through = next(row.through for row in law.output.rows if row.through and row.name == "distance")
     n = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, through.inner)
     heading = law.system.mechanism.required_vehicle.heading

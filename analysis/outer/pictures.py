@@ -1,5 +1,5 @@
-"""Figures of an outer loop: Bode and Nyquist plots with margins, step responses, eigenvalues over the period and for model
-errors.
+"""Figures of an outer loop: Bode and Nyquist plots with margins, step responses, eigenvalues over the period
+and for model errors.
 """
 
 import math
@@ -22,7 +22,8 @@ from .robustness import Loops, one_by_one
 CONTINUOUS, SAMPLED = COLOURS[0], COLOURS[1]
 AMOUNTS = 21  # plotted sizes of each error
 PERIODS = 160
-WIDER = 4.0  # times the periods drawn: channels that alone are stable up to so much longer ones are in the view
+# Times the periods drawn: channels that alone are stable up to so much longer ones are in the view
+WIDER = 4.0
 SHOWN = 3.2  # range of the Nyquist plot
 MARKERS = "osD^vP*X"
 OUTLIERS = 0.02  # part of the fastest eigenvalues that may be left of the view
@@ -66,7 +67,13 @@ def draw_loops(report: OuterLoopReport) -> Figure:
 
 def draw_steps(report: OuterLoopReport) -> Figure:
     """Draw the response of each output to a unit step of its reference, and v."""
-    figure, rows = _grid(report, len(report.channels), 2, "response to a unit step of each reference, its derivatives zero", 4.6)
+    figure, rows = _grid(
+        report,
+        len(report.channels),
+        2,
+        "response to a unit step of each reference, its derivatives zero",
+        4.6,
+    )
     for (output, effort), channel in zip(rows, report.channels.values(), strict=True):
         end = 1.6 * settling_time(channel.gains)
         for each, colour, label in _versions(channel):
@@ -75,9 +82,22 @@ def draw_steps(report: OuterLoopReport) -> Figure:
             response = control.step_response(each.closed(), times, squeeze=False)
             y, v = response.outputs[0, 0], response.outputs[-1, 0]
             style = "-" if period is None else ".-"
-            output.plot(times, y, style, color=colour, label=f"{label}: {_response(times, y)}", markersize=3, linewidth=1.2)
+            output.plot(
+                times,
+                y,
+                style,
+                color=colour,
+                label=f"{label}: {_response(times, y)}",
+                markersize=3,
+                linewidth=1.2,
+            )
             effort.plot(
-                times, v, color=colour, label=label, linewidth=1.2, drawstyle="default" if period is None else "steps-post"
+                times,
+                v,
+                color=colour,
+                label=label,
+                linewidth=1.2,
+                drawstyle="default" if period is None else "steps-post",
             )
         for edge in (0.98, 1.02):
             output.axhline(edge, color=FAINT, linewidth=0.8, linestyle=":")
@@ -85,26 +105,37 @@ def draw_steps(report: OuterLoopReport) -> Figure:
         output.set(title=channel.name, xlabel="time t (s)", ylabel=f"{channel.name} ({channel.unit})")
         power = f"$^{channel.gains.degree}$" if channel.gains.degree > 1 else ""
         unit = f"{channel.unit}/s{power}"
-        effort.set(title=f"v of {channel.name}", xlabel="time t (s)", ylabel=f"v ({unit.replace('m/s/s', 'm/s$^2$')})")
+        effort.set(
+            title=f"v of {channel.name}",
+            xlabel="time t (s)",
+            ylabel=f"v ({unit.replace('m/s/s', 'm/s$^2$')})",
+        )
         legend_below(output)
         legend_below(effort)
     return figure
 
 
 def draw_disturbances(report: OuterLoopReport) -> Figure:
-    """Draw what disturbances of each frequency do to the channels of an H-infinity design, relative to the largest values."""
+    """Draw what disturbances of each frequency do to the channels of an H-infinity design,
+    relative to the largest values."""
     about = "what a disturbance of v does, relative to the largest values of the design"
     figure, ((*each,),) = _grid(report, 1, len(report.sizes), about, 5.2)
     for axes, (name, sizes) in zip(each, report.sizes.items(), strict=True):
         channel = report.channels[name]
         for version, style, label in zip(_versions(channel), ("-", "--"), ("", None), strict=False):
             system = version[0].disturbed(sizes)
-            omega = np.geomspace(0.02 * min(abs(channel.gains.poles)), 40 * max(abs(channel.gains.poles)), 600)
+            omega = np.geomspace(
+                0.02 * min(abs(channel.gains.poles)), 40 * max(abs(channel.gains.poles)), 600
+            )
             omega = omega[omega <= np.pi / system.dt] if system.dt else omega
             response = np.abs(Response(system)(omega)[:, :, 0])
             parts = [*size_names(channel.gains.degree, bool(channel.gains.integral)), "all together"]
-            for part, colour, values in zip(parts, COLOURS, [*response.T, np.linalg.norm(response, axis=1)], strict=False):
-                axes.loglog(omega, values, style, color=colour, label=part if label == "" else None, linewidth=1.4)
+            for part, colour, values in zip(
+                parts, COLOURS, [*response.T, np.linalg.norm(response, axis=1)], strict=False
+            ):
+                axes.loglog(
+                    omega, values, style, color=colour, label=part if label == "" else None, linewidth=1.4
+                )
             axes.plot([], [], style, color=FAINT, label=f"{version[2]}: norm {version[0].norm(sizes):.3g}")
         axes.axhline(1, color=STOP, linewidth=1.2, label="bound")
         axes.set(title=name, xlabel="frequency (rad/s)", ylabel="amplitude / largest value", ylim=(1e-3, 3))
@@ -115,7 +146,11 @@ def draw_disturbances(report: OuterLoopReport) -> Figure:
 def _response(times: np.ndarray, y: np.ndarray) -> str:
     """Overshoot of a response to a unit step, and when it stays within 2 % of it, as text."""
     outside = np.flatnonzero(np.abs(y - 1) > 0.02)
-    settled = f"within 2 % from {times[outside[-1] + 1]:.3g} s" if outside[-1] + 1 < len(y) else "not within 2 % yet"
+    settled = (
+        f"within 2 % from {times[outside[-1] + 1]:.3g} s"
+        if outside[-1] + 1 < len(y)
+        else "not within 2 % yet"
+    )
     over = y.max() - 1
     return ("no overshoot" if over < 5e-4 else f"overshoot {100 * over:.1f} %") + f", {settled}"
 
@@ -125,7 +160,11 @@ def draw_period(report: OuterLoopReport) -> Figure:
     held = "commands" if report.loops.drive else "torque"
     figure, ((plane, size),) = _grid(report, 1, 2, f"the whole loop, {held} held between calls", 6.0)
     motion, limits = report.motion, report.longest
-    end = 1.25 * limits["stable"] if math.isfinite(limits["stable"]) and limits["stable"] else 10 / motion.decay()
+    end = (
+        1.25 * limits["stable"]
+        if math.isfinite(limits["stable"]) and limits["stable"]
+        else 10 / motion.decay()
+    )
     shortest = report.loops.drive.shortest if report.loops.drive else 0.0
     periods = np.linspace(max(1e-3, shortest / end), 1, PERIODS) * end
     values = [motion.eigenvalues(period) for period in periods]  # behind drives, more for shorter periods
@@ -146,7 +185,12 @@ def draw_period(report: OuterLoopReport) -> Figure:
         if 0 < limit < end:
             size.plot(1e3 * limit, 1, "o", color=colour)
             size.annotate(
-                f"{1e3 * limit:.4g} ms", (1e3 * limit, 1), (0, 10), textcoords="offset points", ha="right", color=colour
+                f"{1e3 * limit:.4g} ms",
+                (1e3 * limit, 1),
+                (0, 10),
+                textcoords="offset points",
+                ha="right",
+                color=colour,
             )
     alone = {name: channel.longest_period(False) for name, channel in report.channels.items()}
     view = max([end, *(1.05 * limit for limit in alone.values() if limit < WIDER * end)])
@@ -154,7 +198,13 @@ def draw_period(report: OuterLoopReport) -> Figure:
         where = f"{1e3 * limit:.4g} ms" + (" (beyond the view)" if limit > view else "")
         size.axvline(1e3 * limit, color=FAINT, linewidth=0.8, linestyle=":") if limit <= view else None
         size.plot([], [], ":", color=FAINT, linewidth=0.8, label=f"channel {name} alone: {where}")
-    size.set(xlabel="period T (ms)", ylabel="largest |z|", title="stable while below 1", xlim=(0, 1e3 * view), ylim=(0.5, 1.6))
+    size.set(
+        xlabel="period T (ms)",
+        ylabel="largest |z|",
+        title="stable while below 1",
+        xlim=(0, 1e3 * view),
+        ylim=(0.5, 1.6),
+    )
     legend_below(size)
     return figure
 
@@ -168,10 +218,23 @@ def draw_wrong(report: OuterLoopReport) -> Figure:
     plane.scatter(together.real, together.imag, s=5, color="#c4c4c4", label="all errors at once", zorder=1)
     amounts = report.spread * np.linspace(-1, 1, AMOUNTS)
     for name, colour, marker in zip(ranked, COLOURS, MARKERS, strict=False):
-        rates = np.concatenate([_rates(case.eigenvalues, loops) for case in one_by_one(report.motion, amounts, loops, [name])])
-        plane.scatter(rates.real, rates.imag, s=16, color=colour, marker=marker, linewidth=0.8, label=name, zorder=3)
+        rates = np.concatenate(
+            [_rates(case.eigenvalues, loops) for case in one_by_one(report.motion, amounts, loops, [name])]
+        )
+        plane.scatter(
+            rates.real, rates.imag, s=16, color=colour, marker=marker, linewidth=0.8, label=name, zorder=3
+        )
     exact = _rates(report.motion.eigenvalues(loops.period, loops.delay), loops)
-    plane.plot(exact.real, exact.imag, "+", color="black", markersize=13, markeredgewidth=2, label="exact model", zorder=4)
+    plane.plot(
+        exact.real,
+        exact.imag,
+        "+",
+        color="black",
+        markersize=13,
+        markeredgewidth=2,
+        label="exact model",
+        zorder=4,
+    )
     shown = np.quantile(together.real, OUTLIERS)
     left = min(shown, exact.real.min()) - 0.05 * np.ptp(together.real[together.real >= shown])
     plane.set_xlim(left=left)
@@ -181,7 +244,9 @@ def draw_wrong(report: OuterLoopReport) -> Figure:
         say(plane, f"{beyond} of {len(together)} grey points are further left", (0.02, 0.02))
     of = "s" if loops.period is None else "(z - 1)/T"
     plane.set(
-        xlabel=f"Re {of} (1/s)", ylabel=f"Im {of} (rad/s)", title="eigenvalues of the whole loop; the eight largest effects"
+        xlabel=f"Re {of} (1/s)",
+        ylabel=f"Im {of} (rad/s)",
+        title="eigenvalues of the whole loop; the eight largest effects",
     )
     legend_below(plane, 5)
     harms = report.ranking[::-1]
@@ -198,7 +263,10 @@ def draw_wrong(report: OuterLoopReport) -> Figure:
 def _grid(
     report: OuterLoopReport, rows: int, columns: int, about: str, height: float, widths: Sequence[float] = ()
 ) -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=(13.0, height * rows + 0.6), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.1))  # inches
+    # inches
+    figure = Figure(
+        figsize=(13.0, height * rows + 0.6), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.1)
+    )
     loops = report.loops
     run = (
         "continuous"
@@ -207,7 +275,9 @@ def _grid(
     )
     run += f", {loops.drive}" if loops.drive else ""
     gains = ", ".join(f"{name} {value:.4g}" for name, value in report.entries().items())
-    figure.suptitle(f"{report.spec.robot}, {report.law.name}: {about}\n{gains}; {run}", fontsize=11, x=0.01, ha="left")
+    figure.suptitle(
+        f"{report.spec.robot}, {report.law.name}: {about}\n{gains}; {run}", fontsize=11, x=0.01, ha="left"
+    )
     return figure, figure.subplots(rows, columns, squeeze=False, width_ratios=tuple(widths) or None)
 
 
@@ -244,8 +314,15 @@ def _mark_crossover(magnitude: Axes, phase: Axes, margins: Margins, colour: str)
 def _finish_bode(magnitude: Axes, phase: Axes, channel: Channel) -> None:
     magnitude.axhline(0, color=FAINT, linewidth=0.8)
     phase.axhline(-180, color=STOP, linewidth=0.8)
-    magnitude.set(title=f"{channel.name}: gain", xlabel="frequency (rad/s)", ylabel="|L| (dB)", ylim=(-50, 50))
-    phase.set(title=f"{channel.name}: phase", xlabel="frequency (rad/s)", ylabel="angle of L (deg)", ylim=(-285, -60))
+    magnitude.set(
+        title=f"{channel.name}: gain", xlabel="frequency (rad/s)", ylabel="|L| (dB)", ylim=(-50, 50)
+    )
+    phase.set(
+        title=f"{channel.name}: phase",
+        xlabel="frequency (rad/s)",
+        ylabel="angle of L (deg)",
+        ylim=(-285, -60),
+    )
     for axes in (magnitude, phase):
         legend_below(axes)
 
@@ -255,7 +332,13 @@ def _finish_nyquist(axes: Axes, channel: Channel) -> None:
     around = np.exp(1j * np.linspace(0, 2 * np.pi, 200)) / 2 - 1
     axes.fill(around.real, around.imag, color=STOP, alpha=0.12, label="|S| > 2")
     axes.plot(-1, 0, "+", color=STOP, markersize=11, markeredgewidth=2, label="-1")
-    axes.set(title=f"{channel.name}: Nyquist", xlabel="Re L", ylabel="Im L", xlim=(-SHOWN, 1), ylim=(-SHOWN / 1.6, SHOWN / 1.6))
+    axes.set(
+        title=f"{channel.name}: Nyquist",
+        xlabel="Re L",
+        ylabel="Im L",
+        xlim=(-SHOWN, 1),
+        ylim=(-SHOWN / 1.6, SHOWN / 1.6),
+    )
     legend_below(axes, 2)
 
 
@@ -265,7 +348,8 @@ def _rates(values: np.ndarray, loops: Loops) -> np.ndarray:
 
 
 def _draw_limit(axes: Axes, loops: Loops, label: str) -> None:
-    """The edge of stability among `_rates`: the imaginary axis, or a circle that touches it; the view stays as it is."""
+    """The edge of stability among `_rates`: the imaginary axis, or a circle that touches it;
+    the view stays as it is."""
     view = axes.get_xlim(), axes.get_ylim()
     if loops.period is None:
         axes.axvline(0, color=STOP, linewidth=1.5, label=label)

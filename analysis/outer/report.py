@@ -25,9 +25,9 @@ NEUTRAL = 1e-9  # 1/s: rates of decay up to this count as zero, as of the headin
 
 @dataclass(frozen=True, eq=False)
 class OuterLoopReport:
-    """A law with its channels by row, as defined by SPEC and gains; `loops`: period and delay; `spread`: size of the model
-    errors; `sizes`: largest values of an H-infinity design, by row; `searches`: whether the worst combination of errors is
-    searched for.
+    """A law with its channels by row, as defined by SPEC and gains; `loops`: period and delay; `spread`: size
+    of the model errors; `sizes`: largest values of an H-infinity design, by row; `searches`: whether the
+    worst combination of errors is searched for.
 
     Results are computed on first use. Raises BadInput for a period beyond the stability limit.
     """
@@ -60,22 +60,32 @@ class OuterLoopReport:
                 )
             )
         if period is not None and motion.decay(period, delay) < -NEUTRAL:
-            late = (", with a delay of one sample," if delay else "") + (f", behind {drive}," if drive else "")
+            late = (", with a delay of one sample," if delay else "") + (
+                f", behind {drive}," if drive else ""
+            )
             limit = motion.longest_period(delay)
             slower = f", or with all poles {self.fastest:.4g} times as fast" if drive else ""
-            raise BadInput(f"period {period:g} s{late} is beyond stability: the whole loop is stable below {limit:.6g} s{slower}")
+            raise BadInput(
+                f"period {period:g} s{late} is beyond stability: the whole loop is stable below {limit:.6g} "
+                f"s{slower}"
+            )
 
     @cached_property
     def channels(self) -> dict[str, Channel]:
         """The linear channel of each output."""
         units = {row.name: row.unit for row in self.law.output.rows}
         period, delay, drive = self.loops.period, self.loops.delay, self.loops.drive
-        return {name: Channel(name, units[name], gains, period, delay, drive) for name, gains in self.gains.items()}
+        return {
+            name: Channel(name, units[name], gains, period, delay, drive)
+            for name, gains in self.gains.items()
+        }
 
     @cached_property
     def _motion(self) -> SteadyMotion | str:
         try:
-            return steady_motion(replace(setting_of(replace(self.spec, gains=self.entries())), drive=self.loops.drive))
+            return steady_motion(
+                replace(setting_of(replace(self.spec, gains=self.entries())), drive=self.loops.drive)
+            )
         except BadInput as error:
             return str(error)
 
@@ -108,31 +118,44 @@ class OuterLoopReport:
 
     @cached_property
     def at_once(self) -> Margins:
-        """Margins of the whole loop, broken at all inputs; with velocity drives at all accelerations u, or commands."""
+        """Margins of the whole loop, broken at all inputs; with velocity drives at all accelerations u,
+        or commands."""
         return margins(self.motion.broken(self.loops.period, self.loops.delay))
 
     @cached_property
     def at_each(self) -> dict[str, Margins]:
         """Margins of the whole loop, broken at one input."""
         period, delay = self.loops.period, self.loops.delay
-        return {name: margins(self.motion.broken_at(k, period, delay)) for k, name in enumerate(self.motion.inputs)}
+        return {
+            name: margins(self.motion.broken_at(k, period, delay))
+            for k, name in enumerate(self.motion.inputs)
+        }
 
     @cached_property
     def longest(self) -> dict[str, float]:
-        """Longest periods of the whole loop, s: stable, stable with a delay of one sample, with the required margins."""
+        """Longest periods of the whole loop, s: stable, stable with a delay of one sample,
+        with the required margins."""
         motion, delay = self.motion, self.loops.delay
 
         def slack(period: float) -> float:
-            return min(self.required.slack(margins(motion.broken_at(k, period, delay))) for k in range(motion.B.shape[1]))
+            return min(
+                self.required.slack(margins(motion.broken_at(k, period, delay)))
+                for k in range(motion.B.shape[1])
+            )
 
         limit = motion.longest_period(delay)
         shortest = self.loops.drive.shortest if self.loops.drive else 0.0
         kept = last_kept(slack, limit, shortest) if 0 < limit < math.inf else limit
-        return {"stable": motion.longest_period(), "stable_with_delay": motion.longest_period(True), "with_margins": kept}
+        return {
+            "stable": motion.longest_period(),
+            "stable_with_delay": motion.longest_period(True),
+            "with_margins": kept,
+        }
 
     @cached_property
     def fastest(self) -> float:
-        """The factor by which all poles of the channels may be faster until the whole sampled loop loses stability."""
+        """The factor by which all poles of the channels may be faster until the whole sampled loop loses
+        stability."""
         motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
 
         def excess(factor: float) -> float:
@@ -160,7 +183,9 @@ class OuterLoopReport:
     def c_text(self) -> str:
         """Return the C initializer of the law's gains."""
         prefix, own_header = f"{self.law.system.mechanism.name}_{self.law.name}", self.remembering()
-        own = ", ".join(f".{name} = {value!r}" for name, value in self.entries().items() if name not in own_header)
+        own = ", ".join(
+            f".{name} = {value!r}" for name, value in self.entries().items() if name not in own_header
+        )
         return f"const {prefix}_gains gains = {{{own}}};"
 
     def as_json(self) -> dict[str, Any]:
@@ -186,7 +211,10 @@ class OuterLoopReport:
         if name not in self.sizes:
             return {}
         channel, sizes = self.channels[name], self.sizes[name]
-        return {"continuous": channel.ideal.norm(sizes), "sampled": channel.norm(sizes) if channel.period else None}
+        return {
+            "continuous": channel.ideal.norm(sizes),
+            "sampled": channel.norm(sizes) if channel.period else None,
+        }
 
     def _channel_json(self, name: str, channel: Channel) -> dict[str, Any]:
         return {
@@ -263,16 +291,21 @@ class OuterLoopReport:
             kind, row = name.split("_", 1)
             header = "noslip_integral.h" if kind == "ki" else "noslip_disturbance.h"
             highest = f"{row}_acceleration" if self.gains[row].degree == 2 else f"{row}_rate"
-            lines.append(f"  {name} = {value!r}: in C by {header}, its result added to the reference's {highest}")
+            lines.append(
+                f"  {name} = {value!r}: in C by {header}, its result added to the reference's {highest}"
+            )
         return "\n".join(lines)
 
     def _channels_text(self) -> str:
         rows = []
         for name, channel in self.channels.items():
-            gains = ", ".join(f"{short[:2]} {value:.4g}" for short, value in channel.gains.named(name).items())
+            gains = ", ".join(
+                f"{short[:2]} {value:.4g}" for short, value in channel.gains.named(name).items()
+            )
             settles = settling_time(channel.gains)
             rows.append(
-                f"{name} ({channel.unit}): {gains}; poles {_show(channel.gains.poles)} 1/s; settles to 2 % in {settles:.4g} s"
+                f"{name} ({channel.unit}): {gains}; poles {_show(channel.gains.poles)} 1/s; settles to 2 % "
+                f"in {settles:.4g} s"
             )
             rows.append(_margins_text("continuous", channel.ideal.margins()))
             if channel.period:
@@ -290,11 +323,16 @@ class OuterLoopReport:
         if self.why_not:
             return f"Whole loop: {self.why_not}"
         motion, period, delay = self.motion, self.loops.period, self.loops.delay
-        place = ", ".join(f"{name} {round(value, 9) + 0.0:.4g}" for name, value in zip(motion.names, motion.rho, strict=True))
+        place = ", ".join(
+            f"{name} {round(value, 9) + 0.0:.4g}"
+            for name, value in zip(motion.names, motion.rho, strict=True)
+        )
         lines = [f"Whole loop about its steady motion ({place})", f"  s {_show(motion.eigenvalues())} 1/s"]
         lines += [f"  z {_show(motion.eigenvalues(period, delay))}"] if period else []
         lines += [f"  {_margins_text(name, margins)}" for name, margins in self.at_each.items()]
-        lines.append(f"  {_margins_text('both at once' if len(self.at_each) == 2 else 'all at once', self.at_once)}")
+        lines.append(
+            f"  {_margins_text('both at once' if len(self.at_each) == 2 else 'all at once', self.at_once)}"
+        )
         lines += [f"    {_faster_text(self.fastest)}"] if self.loops.drive else []
         lines.append(f"    longest period {_periods_text(self.longest, delay)}")
         return "\n".join(lines)
@@ -307,16 +345,21 @@ class OuterLoopReport:
             "by the largest relative loss of decay, margin or longest period, "
             f"or by {row.name} relative to {LARGE_OFFSET:g} {row.unit}",
         ]
-        lines += [f"  {'':12}{'slowest 1/s':>12}{'disk margin':>13}{'longest s':>12}{f'{row.name} {row.unit}':>14}"]
+        lines += [
+            f"  {'':12}{'slowest 1/s':>12}{'disk margin':>13}{'longest s':>12}{f'{row.name} {row.unit}':>14}"
+        ]
         for harm in self.ranking:
             offset = f"{harm.offset:.4f}" if abs(harm.offset) > 1e-9 else "0"
-            lines.append(f"  {harm.name:12}{harm.decay:12.4g}{harm.disk:13.4g}{harm.longest_period:12.4g}{offset:>14}")
+            lines.append(
+                f"  {harm.name:12}{harm.decay:12.4g}{harm.disk:13.4g}{harm.longest_period:12.4g}{offset:>14}"
+            )
         together = self._robust_json()["together"]
         sample = together["tried"] < together["combinations"]
         tried = f"a random sample of {together['tried']} of" if sample else "all"
         lines.append(
-            f"  all at once, {tried} {together['combinations']} combinations of signs: {together['unstable']} unstable, "
-            f"slowest decay {together['slowest_decay']:.4g} 1/s{' in the sample' if sample else ''}"
+            f"  all at once, {tried} {together['combinations']} combinations of signs: "
+            f"{together['unstable']} unstable, slowest decay {together['slowest_decay']:.4g} "
+            f"1/s{' in the sample' if sample else ''}"
         )
         if self.searches:
             found = self.searched
@@ -325,20 +368,27 @@ class OuterLoopReport:
                 for name, amount in found.worst.amounts.items()
             )
             lines.append(
-                f"  worst found in the box, after {found.tried} loops: decay {found.worst.decay:.4g} 1/s, with {amounts}"
-                f"; {found.drawn} more at random: none slower than {found.slowest_drawn:.4g} 1/s"
+                f"  worst found in the box, after {found.tried} loops: decay {found.worst.decay:.4g} 1/s, "
+                f"with {amounts}; {found.drawn} more at random: none slower than {found.slowest_drawn:.4g} "
+                "1/s"
             )
         return "\n".join(lines)
 
 
 def _periods(channel: Channel, required: Required) -> dict[str, float]:
     stable, late = (channel.longest_period(delay) for delay in (False, True))
-    return {"stable": stable, "stable_with_delay": late, "with_margins": longest_period_with(channel, required)}
+    return {
+        "stable": stable,
+        "stable_with_delay": late,
+        "with_margins": longest_period_with(channel, required),
+    }
 
 
 def _periods_text(periods: Mapping[str, float], delay: bool) -> str:
     kept = "with the required margins" + (" (and the delay)" if delay else "")
-    stable, late, with_margins = (f"{periods[name]:.6g} s" for name in ("stable", "stable_with_delay", "with_margins"))
+    stable, late, with_margins = (
+        f"{periods[name]:.6g} s" for name in ("stable", "stable_with_delay", "with_margins")
+    )
     return f"{stable} stable, {late} with a delay of one sample, {with_margins} {kept}"
 
 
@@ -363,7 +413,9 @@ def _margins_json(margins: Margins) -> dict[str, float]:
 
 def _margins_text(name: str, margins: Margins) -> str:
     parts = [f"Ms {margins.Ms:.4g}", f"Mt {margins.Mt:.4g}"]
-    parts.append(f"disk {margins.disk:.4g} ({_decibel(margins.disk_gain)}, {math.degrees(margins.disk_phase):.3g} deg)")
+    parts.append(
+        f"disk {margins.disk:.4g} ({_decibel(margins.disk_gain)}, {math.degrees(margins.disk_phase):.3g} deg)"
+    )
     if not math.isnan(margins.gain):
         parts = [
             f"gain {_decibel(margins.gain)}",

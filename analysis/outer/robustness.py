@@ -1,4 +1,5 @@
-"""The effect of model errors: the closed loop about its steady motion with different parameters of robot and law."""
+"""The effect of model errors: the closed loop about its steady motion with different parameters of robot and
+law."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,18 +15,21 @@ from .drive import DriveLoop
 from .margins import margins
 from .motion import Setting, SteadyMotion, steady_motion
 
-MOST_CORNERS = 256  # largest number of combinations of all errors; if there are more, as many are drawn at random
+# Largest number of combinations of all errors; if there are more, as many are drawn at random
+MOST_CORNERS = 256
 LOST = 1e6  # 1/s: stands for a loop without a steady motion
-POPULATION, GENERATIONS, DRAWN = 32, 20, 200  # of the search for the worst errors; errors drawn at random to check it
-LARGE_OFFSET = 0.1  # SI unit of the first output: an offset regarded as equivalent to the loss of all decay or margin
+# Of the search for the worst errors; errors drawn at random to check it
+POPULATION, GENERATIONS, DRAWN = 32, 20, 200
+# SI unit of the first output: an offset regarded as equivalent to the loss of all decay or margin
+LARGE_OFFSET = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Wrong:
     """One closed loop with errors, `amounts` by name. `motion` is None if it has no steady motion.
 
-    `decay` (1/s): rate at which the slowest part of a deviation decays, negative if it grows; `offset`: steady error of the first
-    output, in its unit.
+    `decay` (1/s): rate at which the slowest part of a deviation decays, negative if it grows; `offset`:
+    steady error of the first output, in its unit.
     """
 
     amounts: Mapping[str, float]
@@ -42,9 +46,10 @@ class Wrong:
 
 @dataclass(frozen=True)
 class Harm:
-    """The worse effect of two errors of the same size, positive and negative: on decay, disk margin at all inputs at once,
-    longest period, offset. `loss` is the largest relative loss of the first three: 1 if stability is lost. `hurt`, by which
-    errors are ranked, is the larger of `loss` and |offset| / LARGE_OFFSET; infinite if stability is lost.
+    """The worse effect of two errors of the same size, positive and negative: on decay, disk margin at all
+    inputs at once, longest period, offset. `loss` is the largest relative loss of the first three: 1 if
+    stability is lost. `hurt`, by which errors are ranked, is the larger of `loss` and |offset| /
+    LARGE_OFFSET; infinite if stability is lost.
     """
 
     name: str
@@ -58,7 +63,8 @@ class Harm:
 
 @dataclass(frozen=True)
 class Loops:
-    """How the loops are sampled: period (s; None: continuous), delay of one sample; and the drives, if they take velocities."""
+    """How the loops are sampled: period (s; None: continuous), delay of one sample; and the drives,
+    if they take velocities."""
 
     period: float | None = None
     delay: bool = False
@@ -69,8 +75,8 @@ CONTINUOUS = Loops()
 
 
 def errors_of(setting: Setting) -> tuple[str, ...]:
-    """Return the possible errors: the robot's parameters, the position of P_l (L), the measured heading (heading), speed
-    (speed).
+    """Return the possible errors: the robot's parameters, the position of P_l (L), the measured heading
+    (heading), speed (speed).
     """
     names = [p.name for p, value in zip(setting.law.parameters, setting.true, strict=True) if value]
     names += ["L"] if _lever(setting) else []
@@ -79,8 +85,9 @@ def errors_of(setting: Setting) -> tuple[str, ...]:
 
 
 def wrong(setting: Setting, name: str, amount: float) -> Setting:
-    """Return the setting with one error of size `amount`: a relative change of the true parameter, or of the speed; of the
-    law's L, relative to the distance of P_l from the axle; of the measured heading, rad. Raises BadInput for an unknown name.
+    """Return the setting with one error of size `amount`: a relative change of the true parameter, or of the
+    speed; of the law's L, relative to the distance of P_l from the axle; of the measured heading, rad. Raises
+    BadInput for an unknown name.
     """
     law = setting.law
     parameters = [p.name for p in law.parameters]
@@ -91,7 +98,9 @@ def wrong(setting: Setting, name: str, amount: float) -> Setting:
     if name == "L" and _lever(setting):
         config = setting.config.copy()
         config[[c.name for c in law.config].index("L")] += amount * _lever(setting)
-        return replace(setting, config=config, measured=setting.config if setting.measured is None else setting.measured)
+        return replace(
+            setting, config=config, measured=setting.config if setting.measured is None else setting.measured
+        )
     if name == "heading" and _heading_entry(setting) is not None:
         bias = np.zeros(len(setting.start)) if setting.bias is None else setting.bias.copy()
         bias[_heading_entry(setting)] += amount
@@ -136,8 +145,8 @@ def corners(
     names: Sequence[str] = (),
     progress: Reported = silent,
 ) -> Iterator[Wrong]:
-    """Yield all errors at once, -spread or +spread each, in every combination; MOST_CORNERS random ones, from a fixed seed,
-    if there are more."""
+    """Yield all errors at once, -spread or +spread each, in every combination; MOST_CORNERS random ones, from
+    a fixed seed, if there are more."""
     names = tuple(names or errors_of(nominal.setting))
     signs = list(product((-1.0, 1.0), repeat=len(names)))
     if len(signs) > MOST_CORNERS:
@@ -150,8 +159,9 @@ def corners(
 
 @dataclass(frozen=True)
 class Searched:
-    """The slowest loop that a search in the box of all errors found, after `tried` loops; and the slowest decay (1/s) of `drawn`
-    further ones whose errors were drawn at random. No proof: a bound of all of them may be lower.
+    """The slowest loop that a search in the box of all errors found, after `tried` loops; and the slowest
+    decay (1/s) of `drawn` further ones whose errors were drawn at random. No proof: a bound of all of them
+    may be lower.
     """
 
     worst: Wrong
@@ -168,8 +178,9 @@ def search(
     names: Sequence[str] = (),
     progress: Reported = silent,
 ) -> Searched:
-    """Search all errors within +-spread for those with the slowest decay, by differential evolution from a fixed seed (R. Storn
-    and K. Price, 1997). It begins with the slowest of the loops `begun`, such as `corners`, and others at random.
+    """Search all errors within +-spread for those with the slowest decay, by differential evolution from a
+    fixed seed (R. Storn and K. Price, 1997). It begins with the slowest of the loops `begun`, such as
+    `corners`, and others at random.
     """
     names, random = tuple(names or errors_of(nominal.setting)), np.random.default_rng(0)
     best, tried = min(begun, key=lambda case: case.decay, default=with_errors(nominal, {}, loops)), 0
@@ -192,7 +203,9 @@ def search(
     return Searched(best, searched, DRAWN, float(min(drawn)))
 
 
-def ranking(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, progress: Reported = silent) -> list[Harm]:
+def ranking(
+    nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, progress: Reported = silent
+) -> list[Harm]:
     """Return the effect of each error of +-spread alone, the largest first (`Harm.hurt`)."""
     right = _harm("", [with_errors(nominal, {}, loops)], loops, None)
     names, harms = errors_of(nominal.setting), list[Harm]()
@@ -210,7 +223,9 @@ def _harm(name: str, cases: Sequence[Wrong], loops: Loops, right: Harm | None) -
     disk = min(margins(motion.broken(loops.period, loops.delay)).disk for motion in stable)
     longest = min(motion.longest_period(loops.delay) for motion in stable)
     # The parts that are kept of what the right model has; all of what is zero or unlimited there.
-    pairs = [] if right is None else [(decay, right.decay), (disk, right.disk), (longest, right.longest_period)]
+    pairs = (
+        [] if right is None else [(decay, right.decay), (disk, right.disk), (longest, right.longest_period)]
+    )
     kept = [part / whole if part != whole and whole else 1.0 for part, whole in pairs] or [1.0]
     loss = float(1 - min(kept))
     return Harm(name, decay, disk, longest, offset, loss, max(loss, abs(offset) / LARGE_OFFSET))
@@ -222,7 +237,9 @@ def _lever(setting: Setting) -> float:
     if "L" not in names:
         return 0.0
     try:
-        return float(setting.config[names.index("L")] + vehicle_wheels(setting.law.system, setting.believed)[2])
+        return float(
+            setting.config[names.index("L")] + vehicle_wheels(setting.law.system, setting.believed)[2]
+        )
     except BadInput:
         return 0.0
 
@@ -235,7 +252,12 @@ def _heading_entry(setting: Setting) -> int | None:
 
 
 def _speeds(setting: Setting) -> list[int]:
-    """Return the entries of the reference that are speeds: the desired speed, or rates of positions, if they are not zero."""
+    """Return the entries of the reference that are speeds: the desired speed, or rates of positions,
+    if they are not zero."""
     names = [q.name for q in setting.law.reference]
     units = [q.unit for q in setting.law.reference]
-    return [k for k, (name, unit) in enumerate(zip(names, units, strict=True)) if unit == "m/s" and setting.reference[k]]
+    return [
+        k
+        for k, (name, unit) in enumerate(zip(names, units, strict=True))
+        if unit == "m/s" and setting.reference[k]
+    ]

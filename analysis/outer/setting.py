@@ -14,7 +14,15 @@ from ...readers.errors import BadInput
 from ...readers.robots import find_robot
 from ...simulation.loop import axle_at, make_loop
 from ...simulation.specification.cases import gain_entries, integral_entries, observer_entries
-from ...simulation.specification.spec import DriveSection, Initial, OutputSection, PathSection, Reference, Simulation, Spec
+from ...simulation.specification.spec import (
+    DriveSection,
+    Initial,
+    OutputSection,
+    PathSection,
+    Reference,
+    Simulation,
+    Spec,
+)
 from .motion import Setting, path_frame
 
 SPEED = 1.0  # m/s, default
@@ -22,13 +30,17 @@ BANDWIDTH, PERIOD = 5.0, 0.01  # Hz and s, of a kinematic law in a SPEC that doe
 
 
 def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
-    """Return a SPEC of the law with the defaults of robot, path and gains, at a speed (m/s); Types I to III along x or y.
+    """Return a SPEC of the law with the defaults of robot, path and gains, at a speed (m/s); Types I to III
+    along x or y.
 
     Raises BadInput for an output map of the robot's own, since no default pose is known to be regular.
     """
     name = LawName.parse(law.name)
     if name is None:
-        raise BadInput(f"{law.name} is the robot's own output: give the pose and the reference in a SPEC, with --spec SPEC.toml")
+        raise BadInput(
+            f"{law.name} is the robot's own output: give the pose and the reference in a SPEC, with --spec "
+            "SPEC.toml"
+        )
     if name.path == "course":
         raise BadInput(f"{law.name} has no default course: give one in a SPEC, with --spec SPEC.toml")
     config = {c.name: c.default for c in law.config}
@@ -37,7 +49,9 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
     near, band = "damped" if name.damped else "refuse", config.pop("band", BAND)
     if law.output.path:
         path = PathSection(kind=law.output.path.kind, parameters=config)
-        output = OutputSection(type="IV", L=L, W=W, near_singular=near, band=band, extension=extension, path=path)
+        output = OutputSection(
+            type="IV", L=L, W=W, near_singular=near, band=band, extension=extension, path=path
+        )
         reference = Reference(speed=speed)
     else:
         output = OutputSection(type=name.type, L=L, W=W, extension=extension)
@@ -55,12 +69,16 @@ def as_kinematic(spec: Spec, bandwidth: float) -> Spec:
 
 
 def setting_of(spec: Spec) -> Setting:
-    """Return the numbers of the SPEC's loop, with its start moved onto the path. Raises BadInput if there is no steady motion."""
+    """Return the numbers of the SPEC's loop, with its start moved onto the path. Raises BadInput if there is
+    no steady motion."""
     check(spec, "noslip outer-loop")
     path = spec.output.path
     if spec.sensors or spec.limits or spec.drive:
-        spec = replace(spec, sensors=None, correction=None, limits=None, drive=spec.drive if spec.kinematic else None)
-    called = replace(spec.simulation, backend="casadi", period=spec.simulation.period or PERIOD)  # only what is held is used
+        spec = replace(
+            spec, sensors=None, correction=None, limits=None, drive=spec.drive if spec.kinematic else None
+        )
+    # Only what is held is used
+    called = replace(spec.simulation, backend="casadi", period=spec.simulation.period or PERIOD)
     spec = replace(spec, simulation=called)
     setting = _setting(spec)
     if spec.output.own:  # the steady motion is searched for near the start
@@ -98,13 +116,14 @@ def _along(setting: Setting) -> bool:
 
 
 def _on_the_way(output: OutputSection, reference: Reference, initial: Initial | None = None) -> Initial:
-    """Return a start on the path or the reference, heading along it, at the desired speed; at rest with the heading of
-    `initial`."""
+    """Return a start on the path or the reference, heading along it, at the desired speed; at rest with the
+    heading of `initial`."""
     if output.path is None:
         return _with_the_reference(output.type, reference, initial)
     p = output.path.parameters
     if output.path.kind == "line":
-        square = p["A"] ** 2 + p["B"] ** 2 or 1.0  # a line without direction is rejected later, with the reason
+        # a line without direction is rejected later, with the reason
+        square = p["A"] ** 2 + p["B"] ** 2 or 1.0
         point, heading = (-p["A"] * p["C"] / square, -p["B"] * p["C"] / square), math.atan2(p["A"], -p["B"])
     elif output.path.kind == "circle":
         point, heading = (p["x_f"] + p["R"], p["y_f"]), math.pi / 2
@@ -128,11 +147,17 @@ def _with_the_reference(kind: str, reference: Reference, initial: Initial | None
 
 
 def on_tightest(spec: Spec) -> Spec:
-    """Return the SPEC on the tightest segment of its composite path, without its end; another SPEC as it is."""
+    """Return the SPEC on the tightest segment of its composite path, without its end;
+    another SPEC as it is."""
     if not spec.output.segments or spec.output.path is None:
         return spec
     tightest = max(spec.output.segments, key=lambda segment: abs(segment.curvature))
-    place = {"x_s": tightest.x, "y_s": tightest.y, "direction": tightest.heading, "curvature": tightest.curvature}
+    place = {
+        "x_s": tightest.x,
+        "y_s": tightest.y,
+        "direction": tightest.heading,
+        "curvature": tightest.curvature,
+    }
     output = replace(spec.output, path=PathSection(kind=spec.output.path.law, parameters=place))
     reference = replace(spec.reference, deceleration=None, creep=None)
     return replace(spec, output=output, reference=reference, initial=_on_the_way(output, reference))
@@ -145,4 +170,6 @@ def with_speed(spec: Spec, speed: float) -> Spec:
     velocity = np.array(spec.reference.velocity or (0.0, 0.0))
     if not velocity.any():
         raise BadInput("[reference] velocity is zero: it has no direction in which to go at --speed")
-    return replace(spec, reference=replace(spec.reference, velocity=tuple(speed * velocity / np.linalg.norm(velocity))))
+    return replace(
+        spec, reference=replace(spec.reference, velocity=tuple(speed * velocity / np.linalg.norm(velocity)))
+    )

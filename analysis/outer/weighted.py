@@ -1,16 +1,17 @@
 """Frequency-weighted mixed sensitivity of a channel, with the gains of the generated law as the controller.
 
-The largest singular value over all frequencies of [W_S S; W_T T] is made small, with S = 1/(1 + L), T = L/(1 + L) of the loop
-broken at v, and the usual weights (S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2.7)
+The largest singular value over all frequencies of [W_S S; W_T T] is made small, with S = 1/(1 + L), T =
+L/(1 + L) of the loop broken at v, and the usual weights (S. Skogestad, I. Postlethwaite, Multivariable
+Feedback Control, 2.7)
 
     W_S = (s/M + w) / (s + A w)      S below A at low frequencies, small up to about w, nowhere above M
     W_T = (s/w_T + 1/M) / (A s/w_T + 1)      T nowhere above M, small from about w_T on
 
-Below 1 all of this holds. A controller by Riccati equations (`control.mixsyn`) would have the order of chain and weights
-together, which the law does not have: it has static gains on errors, derivatives and integral. These are found directly, by a
-search over them (as P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE TAC 51(1), 2006, for such controllers), and the
-norm by a bisection with the Hamiltonian matrix (S. Boyd, V. Balakrishnan, P. Kabamba, 1989), which no peak between the
-frequencies of a grid escapes.
+Below 1 all of this holds. A controller by Riccati equations (`control.mixsyn`) would have the order of chain
+and weights together, which the law does not have: it has static gains on errors, derivatives and integral.
+These are found directly, by a search over them (as P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE
+TAC 51(1), 2006, for such controllers), and the norm by a bisection with the Hamiltonian matrix (S. Boyd, V.
+Balakrishnan, P. Kabamba, 1989), which no peak between the frequencies of a grid escapes.
 """
 
 from dataclasses import dataclass
@@ -32,21 +33,24 @@ STARTS = (0.5, 1.0, 2.0, 4.0)  # poles of the first gains, times the band of S
 
 @dataclass(frozen=True)
 class Weights:
-    """S is small up to about `band` (rad/s), T from about `roll_off` (rad/s) on, and neither is above `peak` anywhere."""
+    """S is small up to about `band` (rad/s), T from about `roll_off` (rad/s) on,
+    and neither is above `peak` anywhere."""
 
     band: float
     roll_off: float
     peak: float = 2.0
 
     def check(self, where: str = "channel") -> "Weights":
-        """Return itself. Raises BadInput for numbers that are not positive, a peak of 1 or less, and bands in the wrong order."""
+        """Return itself. Raises BadInput for numbers that are not positive, a peak of 1 or less,
+        and bands in the wrong order."""
         for name in ("band", "roll_off", "peak"):
             positive(name.replace("_", "-"), getattr(self, name), where)
         if not self.peak > 1:
             raise BadInput(f"{where}: peak = {self.peak:g} must be above 1: S and T add up to 1")
         if not self.band < self.roll_off:
             raise BadInput(
-                f"{where}: the band of S, {self.band:g} rad/s, must be below the roll-off of T, {self.roll_off:g} rad/s"
+                f"{where}: the band of S, {self.band:g} rad/s, must be below the roll-off of T, "
+                f"{self.roll_off:g} rad/s"
             )
         return self
 
@@ -65,17 +69,21 @@ def weighted(gains: Gains, weights: Weights) -> tuple[np.ndarray, np.ndarray, np
     made = np.zeros((n + 2, n + 2))
     made[:n, :n] = A - B @ K
     enter, leave, through = np.vstack([B, np.zeros((2, 1))]), np.zeros((2, n + 2)), np.zeros((2, 1))
-    for k, ((a, b, c, d), of_state, direct) in enumerate(zip(weights.filters(), (-K, K), (1.0, 0.0), strict=True)):
+    for k, ((a, b, c, d), of_state, direct) in enumerate(
+        zip(weights.filters(), (-K, K), (1.0, 0.0), strict=True)
+    ):
         made[n + k, n + k], made[n + k, :n], enter[n + k] = a, b * of_state[0], b * direct
         leave[k, :n], leave[k, n + k], through[k] = d * of_state[0], c, d * direct
     return made, enter, leave, through
 
 
 def weighted_norm(gains: Gains, weights: Weights) -> float:
-    """Return the H-infinity norm of [W_S S; W_T T] of the continuous channel. Raises BadInput for gains that are not stable.
+    """Return the H-infinity norm of [W_S S; W_T T] of the continuous channel. Raises BadInput for gains that
+    are not stable.
 
-    By bisection of g: where the size of the response passes g, the Hamiltonian matrix of g has eigenvalues on the imaginary
-    axis. As rounding may move them off it, the response itself is computed at all their frequencies and between them.
+    By bisection of g: where the size of the response passes g, the Hamiltonian matrix of g has eigenvalues on
+    the imaginary axis. As rounding may move them off it, the response itself is computed at all their
+    frequencies and between them.
     """
     A, B, C, D = weighted(gains, weights)
     largest = _on_grid(A, B, C, D)
@@ -110,9 +118,11 @@ def _on_grid(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> floa
     return float(_sizes(A, B, C, D, np.geomspace(rates.min() / 10, 10 * rates.max(), GRID)).max())
 
 
-def from_mixed(degree: int, weights: Weights, integral: bool = False, where: str = "channel") -> tuple[Gains, float]:
-    """Return the gains of a continuous channel with the least norm that a search found, and that norm; below 1 the weights are
-    met. No pole is slower than SLOWEST times the band of S.
+def from_mixed(
+    degree: int, weights: Weights, integral: bool = False, where: str = "channel"
+) -> tuple[Gains, float]:
+    """Return the gains of a continuous channel with the least norm that a search found, and that norm; below
+    1 the weights are met. No pole is slower than SLOWEST times the band of S.
 
     Raises BadInput as `Weights.check`, and for a norm above 1, with what it is.
     """
@@ -134,7 +144,7 @@ def from_mixed(degree: int, weights: Weights, integral: bool = False, where: str
     best = gains(min(found, key=lambda each: each.fun).x).check(where)
     if not (reached := weighted_norm(best, weights)) < 1:
         raise BadInput(
-            f"{where}: no gains were found that keep S and T within these weights, the norm is {reached:.3g}; lower the band, or "
-            "raise the roll-off or the peak"
+            f"{where}: no gains were found that keep S and T within these weights, the norm is "
+            f"{reached:.3g}; lower the band, or raise the roll-off or the peak"
         )
     return best, reached

@@ -1,9 +1,10 @@
 """Verdicts about zero dynamics, compared with runs of the robot under the law before they are given.
 
-The runs integrate x' = (S nu, u) with the second feedback (20) of the law, v = 0, by CasADi: nothing of the symbolic derivation
-of the zero dynamics is used. Parameters are at their defaults. From a state of straight driving, or at rest, the runs begin at
-small deviations of all states that leave the outputs and their derivatives as they are. The deviations after a time T are a
-matrix times those before; its eigenvalues are exp(r T) with the rates r of the zero dynamics.
+The runs integrate x' = (S nu, u) with the second feedback (20) of the law, v = 0, by CasADi: nothing of the
+symbolic derivation of the zero dynamics is used. Parameters are at their defaults. From a state of straight
+driving, or at rest, the runs begin at small deviations of all states that leave the outputs and their
+derivatives as they are. The deviations after a time T are a matrix times those before; its eigenvalues are
+exp(r T) with the rates r of the zero dynamics.
 """
 
 from collections.abc import Sequence
@@ -43,7 +44,9 @@ def confirm(form: NormalForm) -> None:
         _confirm_that_it_stands(form, linearization)
     for moving in form.moving:
         V = sp.Symbol(form.decoupling.names["V"])
-        rates = [V * each.rate for each in moving.shape.followers] + ([] if moving.rate is None else [moving.rate])
+        rates = [V * each.rate for each in moving.shape.followers] + (
+            [] if moving.rate is None else [moving.rate]
+        )
         if rates:
             _confirm_straight(form, _on_a_line(linearization), rates, moving.shape)
         aside = any(arm and arm.left != 0 for arm in form.decoupling.arms)
@@ -51,7 +54,9 @@ def confirm(form: NormalForm) -> None:
             _confirm_on_the_path(form, linearization, moving)
 
 
-def _confirm_straight(form: NormalForm, linearization: Linearization, rates: Sequence[sp.Expr], shape: Shape) -> None:
+def _confirm_straight(
+    form: NormalForm, linearization: Linearization, rates: Sequence[sp.Expr], shape: Shape
+) -> None:
     """Compare the rates, 1/s, with straight runs, forward and in reverse."""
     run = _Run(linearization, form, DIRECTION if shape.turns else 0.0)
     for V in (1.0, -1.0):
@@ -83,16 +88,27 @@ def _confirm_that_it_stands(form: NormalForm, linearization: Linearization) -> N
     for _ in range(STATES):
         state = np.concatenate([draw.uniform(-1, 1, n), np.zeros(linearization.system.dof)])
         at_rest, slopes = (part.full() for part in function(state, run.parameters, run.config))
-        if np.isfinite(slopes).all() and np.linalg.matrix_rank(slopes) == len(slopes) and np.abs(at_rest).max() > AT_REST:
-            raise _contradiction(form, "it rests while the outputs do", f"outputs change at {np.abs(at_rest).max():.1e} at rest")
+        if (
+            np.isfinite(slopes).all()
+            and np.linalg.matrix_rank(slopes) == len(slopes)
+            and np.abs(at_rest).max() > AT_REST
+        ):
+            raise _contradiction(
+                form,
+                "it rests while the outputs do",
+                f"outputs change at {np.abs(at_rest).max():.1e} at rest",
+            )
 
 
 def _confirm_on_the_path(form: NormalForm, linearization: Linearization, moving: StraightMotion) -> None:
-    """Compare l s' = -V (s - l chi) with the motion at random places of the path: s by the law's own distance."""
+    """Compare l s' = -V (s - l chi) with the motion at random places of the path:
+    s by the law's own distance."""
     run, system = _Run(linearization, form), linearization.system
     (through, *_), q = [row.through for row in linearization.output.rows if row.through], system.mechanism.q
     vehicle = system.mechanism.required_vehicle
-    normal = ca.gradient(through.outer, through.symbols) / ca.norm_2(ca.gradient(through.outer, through.symbols))
+    normal = ca.gradient(through.outer, through.symbols) / ca.norm_2(
+        ca.gradient(through.outer, through.symbols)
+    )
     bend = ca.trace(ca.jacobian(normal, through.symbols))
     (normal, bend) = ca.substitute([normal, bend], [through.symbols], [through.inner])
     heading = ca.vertcat(ca.cos(vehicle.heading), ca.sin(vehicle.heading))
@@ -126,8 +142,11 @@ def _on_a_line(linearization: Linearization) -> Linearization:
 class _Run:
     """The robot under the second feedback of a law with v = 0, at default parameters."""
 
-    def __init__(self, linearization: Linearization, form: NormalForm, direction: float = 0.0, size: float = SIZE):
-        """`direction`, rad: of straight driving, and of the line of a law along one; `size`: of parameters whose default is 0."""
+    def __init__(
+        self, linearization: Linearization, form: NormalForm, direction: float = 0.0, size: float = SIZE
+    ):
+        """`direction`, rad: of straight driving, and of the line of a law along one; `size`:
+        of parameters whose default is 0."""
         self.form, self.linearization, self.direction = form, linearization, direction
         system, output = linearization.system, linearization.output
         self.x = ca.vertcat(system.mechanism.q, system.nu, *[q.symbol for q in linearization.extension])
@@ -138,8 +157,14 @@ class _Run:
         own = dict(zip([q.name for q in output.parameters], self.config, strict=True))
         renamed = {new: own.get(about.partition(" ")[0]) for new, about in form.decoupling.renamed.items()}
         self._numbers = own | robot | renamed
-        self.arguments = [self.x, system.mechanism.p, ca.vertcat(ca.SX(0, 1), *[q.symbol for q in output.parameters])]
-        u, rates = linearization.accelerations(linearization.second_feedback(ca.SX.zeros(linearization.h.numel())))
+        self.arguments = [
+            self.x,
+            system.mechanism.p,
+            ca.vertcat(ca.SX(0, 1), *[q.symbol for q in output.parameters]),
+        ]
+        u, rates = linearization.accelerations(
+            linearization.second_feedback(ca.SX.zeros(linearization.h.numel()))
+        )
         self.z = ca.vertcat(linearization.h, linearization.rate)
         self._motion = ca.Function("motion", self.arguments, [ca.densify(ca.vertcat(system.qdot, u, rates))])
 
@@ -180,11 +205,13 @@ class _Run:
     def numbers_of(self, rates: Sequence[sp.Expr], V: float) -> list[float]:
         """Return the values of rates at the speed V."""
         numbers = self._numbers | {self.form.decoupling.names["V"]: V}
-        return [float(rate.subs({symbol: numbers[str(symbol)] for symbol in rate.free_symbols})) for rate in rates]
+        return [
+            float(rate.subs({symbol: numbers[str(symbol)] for symbol in rate.free_symbols})) for rate in rates
+        ]
 
     def compare(self, state: np.ndarray, rates: np.ndarray, where: str, decided: bool = True) -> None:
-        """Raise Contradiction unless the rates of the zero dynamics are these and the others zero; or if not all are `decided`,
-        unless these are among them.
+        """Raise Contradiction unless the rates of the zero dynamics are these and the others zero; or if not
+        all are `decided`, unless these are among them.
         """
         slopes = ca.Function("slopes", self.arguments, [ca.densify(ca.jacobian(self.z, self.x))])
         free = null_space(slopes(state, self.parameters, self.config).full())
@@ -199,7 +226,8 @@ class _Run:
         stated = np.concatenate([rates, np.zeros(max(0, count - len(rates)) * decided)])
         off = np.abs(seen[:, None] - stated)
         if decided and len(stated) == count:
-            off = off[linear_sum_assignment(off)]  # sorted, rates whose real parts are equal would be those of rounding
+            # Sorted, rates whose real parts are equal would be those of rounding
+            off = off[linear_sum_assignment(off)]
         else:
             off = np.array([np.inf]) if decided else off.min(axis=0, initial=np.inf)
         if not off.max(initial=0.0) <= AGREE * fastest:
@@ -208,4 +236,6 @@ class _Run:
 
 def _contradiction(form: NormalForm, stated: str, seen: str) -> Contradiction:
     where = form.decoupling.functions.name
-    return Contradiction(f"{where}: its zero dynamics are derived as: {stated}; a run of the robot shows: {seen}")
+    return Contradiction(
+        f"{where}: its zero dynamics are derived as: {stated}; a run of the robot shows: {seen}"
+    )

@@ -1,7 +1,9 @@
-"""The exact decoupling matrix (15) of an output map: its determinant in factors, and where it vanishes, as formulas and text.
+"""The exact decoupling matrix (15) of an output map: its determinant in factors, and where it vanishes, as
+formulas and text.
 
-The gradient of a path's distance is represented by two symbols n_x, n_y, so that the vehicle is separate from the path: det Phi
-is then a product of a lookahead, of the component of n across the heading, and of constants of the vehicle.
+The gradient of a path's distance is represented by two symbols n_x, n_y, so that the vehicle is separate from
+the path: det Phi is then a product of a lookahead, of the component of n across the heading, and of constants
+of the vehicle.
 """
 
 import contextlib
@@ -30,15 +32,16 @@ from .planar import Arm, Planar, arm, arm_quantities, motion_quantities, planar,
 
 Slope = tuple[sp.Expr, sp.Expr]  # derivative by a point in the plane
 
-OWN = ("s", "chi", "V", "v", "psi", "along_path")  # names of symbols in the answers, if the robot does not have them
+# Names of symbols in the answers, if the robot does not have them
+OWN = ("s", "chi", "V", "v", "psi", "along_path")
 SHORT = 30  # operations of a formula with n_x, n_y expanded; longer formulas keep the symbols
 SEEDS = 3  # points tried on each condition
 
 
 @dataclass(frozen=True)
 class SingularCondition:
-    """`formula` = 0, and its meaning. `confirmed`: Phi, or S'E, was found singular, with many digits, at real points where it
-    holds.
+    """`formula` = 0, and its meaning. `confirmed`: Phi, or S'E, was found singular, with many digits, at real
+    points where it holds.
     """
 
     formula: sp.Expr
@@ -55,8 +58,9 @@ class SingularCondition:
 class Normal:
     """The gradient of a path's distance h at P_l, as symbols and in the coordinates of P_l.
 
-    `unit`: its length is 1, proved. `chi`: the curvature of the path, 1/m, positive if the gradient points away from the
-    centre, if it is constant, proved. `point`: the coordinates of P_l, and their expressions in q.
+    `unit`: its length is 1, proved. `chi`: the curvature of the path, 1/m, positive if the gradient points
+    away from the centre, if it is constant, proved. `point`: the coordinates of P_l, and their expressions in
+    q.
     """
 
     x: sp.Symbol
@@ -71,13 +75,14 @@ class Normal:
 class Decoupling:
     """An output map in exact symbols.
 
-    `gradients`, r x n: of the r outputs with respect to q, zero for those of relative degree 1. `rates`: for outputs of relative
-    degree 1, the output itself. `S`, n x p; `Phi`, p x p. `inputs` is S'E, p x r, of an underactuated robot its rows that are
-    inverted, r x r; 0 x 0 if it is constant. `inertias`, which are positive, are those by which the passive
-    equations of an underactuated robot are divided. `arms`: for each row, the vector to its point of the vehicle. `slopes`: for
-    each row, its constant gradient with respect to that point. `renamed`: symbols of the output map's own parameters that have
-    the same name as others of the robot. `names`: of each symbol in OWN the name that it has here. `motion`: see
-    `motion_quantities`, 3 x p; `effect`: that of the integrators of a dynamic extension; both empty without one.
+    `gradients`, r x n: of the r outputs with respect to q, zero for those of relative degree 1. `rates`: for
+    outputs of relative degree 1, the output itself. `S`, n x p; `Phi`, p x p. `inputs` is S'E, p x r, of an
+    underactuated robot its rows that are inverted, r x r; 0 x 0 if it is constant. `inertias`, which are
+    positive, are those by which the passive equations of an underactuated robot are divided. `arms`: for each
+    row, the vector to its point of the vehicle. `slopes`: for each row, its constant gradient with respect to
+    that point. `renamed`: symbols of the output map's own parameters that have the same name as others of the
+    robot. `names`: of each symbol in OWN the name that it has here. `motion`: see `motion_quantities`, 3 x p;
+    `effect`: that of the integrators of a dynamic extension; both empty without one.
     """
 
     linearization: Linearization
@@ -138,13 +143,23 @@ class Decoupling:
 
     @cached_property
     def conditions(self) -> tuple[SingularCondition, ...]:
-        """Conditions for det Phi = 0, poles of what an extension integrates, and S'E of lower rank. Empty: never."""
+        """Conditions for det Phi = 0, poles of what an extension integrates,
+        and S'E of lower rank. Empty: never."""
         of_Phi = self._vanishing(self._ratio[0])
         of_inputs = [f for f in self._inputs_vanish if f not in of_Phi]
         found = [SingularCondition(*self._described(f), self._singular_on(f, self.Phi)) for f in of_Phi]
-        poles = [f for entry in self.effect for f in self._vanishing(self.functions.ratio(entry)[1]) if f not in of_Phi]
+        poles = [
+            f
+            for entry in self.effect
+            for f in self._vanishing(self.functions.ratio(entry)[1])
+            if f not in of_Phi
+        ]
         for formula, about in (self._described(f) for f in dict.fromkeys(poles)):
-            found.append(SingularCondition(formula, f"what is integrated has a pole{f': {about}' if about else ''}", True))
+            found.append(
+                SingularCondition(
+                    formula, f"what is integrated has a pole{f': {about}' if about else ''}", True
+                )
+            )
         for formula, about, factor in ((*self._described(f), f) for f in of_inputs):
             about = f"inputs lose a direction{f': {about}' if about else ''}"
             found.append(SingularCondition(formula, about, self._singular_on(factor, self.inputs)))
@@ -156,13 +171,16 @@ class Decoupling:
         expressions = list(self.poles)
         meaning, point = (self.normal.meaning, set(self.normal.point)) if self.normal else ((), set())
         for component in meaning:
-            below = [part.as_base_exp()[0] for part in sp.Mul.make_args(sp.fraction(sp.together(component))[1])]
+            below = [
+                part.as_base_exp()[0] for part in sp.Mul.make_args(sp.fraction(sp.together(component))[1])
+            ]
             expressions += [base for base in below if base.free_symbols & point and base not in expressions]
         return tuple(expressions)
 
     @cached_property
     def poles(self) -> tuple[sp.Expr, ...]:
-        """Expressions at whose zeros quasi-velocities or outputs are undefined, for any path, and det Phi with them."""
+        """Expressions at whose zeros quasi-velocities or outputs are undefined, for any path,
+        and det Phi with them."""
         return tuple(self.functions.expression(factor) for factor in self._vanishing(self._ratio[1]))
 
     @property
@@ -170,7 +188,10 @@ class Decoupling:
         """The symbols introduced for a path's gradient and for P_l, with their meaning."""
         if self.normal is None:
             return {}
-        return {**dict(zip((self.normal.x, self.normal.y), self.normal.meaning, strict=True)), **self.normal.point}
+        return {
+            **dict(zip((self.normal.x, self.normal.y), self.normal.meaning, strict=True)),
+            **self.normal.point,
+        }
 
     def written_out(self, expression: sp.Expr) -> sp.Expr:
         """Return the expression with the path's gradient in the coordinates of P_l."""
@@ -186,19 +207,22 @@ class Decoupling:
         return readable(sp.Mul(*parts))
 
     def in_coordinates(self, expression: sp.Expr) -> sp.Expr:
-        """Return the expression with P_l in coordinates; sums in which its position on the vehicle cancels are shortened."""
+        """Return the expression with P_l in coordinates; sums in which its position on the vehicle cancels
+        are shortened."""
         point = self.normal.point if self.normal else {}
         parts = []
         for part in sp.Mul.make_args(expression):
             inserted = part.xreplace(point)
             if inserted != part and part.is_Add:
                 expanded = sp.expand(inserted)
-                reduced = sp.expand(expanded.subs({wave**2: 1 - sp.cos(wave.args[0]) ** 2 for wave in expanded.atoms(sp.sin)}))
+                reduced = sp.expand(
+                    expanded.subs({wave**2: 1 - sp.cos(wave.args[0]) ** 2 for wave in expanded.atoms(sp.sin)})
+                )
                 inserted = min((inserted, readable(expanded), readable(reduced)), key=sp.count_ops)
             parts.append(inserted)
         return sp.Mul(*parts)
 
-    # -- internal ---------------------------------------------------------------------------------------------------
+    # -- internal --------------------------------------------------------------------------------------------
 
     @cached_property
     def _ratio(self) -> Ratio:
@@ -206,11 +230,14 @@ class Decoupling:
 
     @cached_property
     def _inputs_vanish(self) -> list[PolyElement]:
-        """Return polynomials at whose zeros S'E loses rank, because all its minors vanish: their common factors, or if these are
-        none, the sum of their squares unless it is proved not to vanish.
+        """Return polynomials at whose zeros S'E loses rank, because all its minors vanish: their common
+        factors, or if these are none, the sum of their squares unless it is proved not to vanish.
         """
         p, r = self.inputs.shape
-        minors = [self.functions.ratio(self.inputs[:, list(c)].det(method="berkowitz"))[0] for c in combinations(range(r), p)]
+        minors = [
+            self.functions.ratio(self.inputs[:, list(c)].det(method="berkowitz"))[0]
+            for c in combinations(range(r), p)
+        ]
         vanishing = [self._vanishing(minor) for minor in minors if minor]
         if not p or not all(vanishing):
             return []
@@ -218,7 +245,9 @@ class Decoupling:
             return common
         if no_common_zero(self.functions, [halved(self.functions, minor) for minor in minors if minor]):
             return []
-        return [self.functions.normal(sum((self.functions.times(m, m) for m in minors), self.functions.ring.zero))]
+        return [
+            self.functions.normal(sum((self.functions.times(m, m) for m in minors), self.functions.ring.zero))
+        ]
 
     def _vanishing(self, polynomial: PolyElement) -> list[PolyElement]:
         """Return its irreducible factors that may vanish, with positive leading terms."""
@@ -228,7 +257,11 @@ class Decoupling:
     @cached_property
     def _positive(self) -> set[PolyElement]:
         """The factors of `inertias`."""
-        return {f for inertia in self.inertias for f, _ in self.functions.factors(self.functions.ratio(inertia)[0])[1]}
+        return {
+            f
+            for inertia in self.inertias
+            for f, _ in self.functions.factors(self.functions.ratio(inertia)[0])[1]
+        }
 
     def _never_zero(self, factor: PolyElement) -> bool:
         if {factor, -factor} & self._positive:
@@ -239,7 +272,11 @@ class Decoupling:
         """Return a factor as a formula, and the meaning of its zeros."""
         formula = unsigned(self.functions.expression(factor))
         gradient = self.functions.gradient(factor)
-        cyclic = [q for q, slope in zip(self.functions.coordinates, gradient, strict=True) if formula.has(q) and not slope]
+        cyclic = [
+            q
+            for q, slope in zip(self.functions.coordinates, gradient, strict=True)
+            if formula.has(q) and not slope
+        ]
         shown = formula = unsigned(formula.subs(dict.fromkeys(cyclic, 0))) if cyclic else formula
         if self.det_for_people != self.det:
             shown = unsigned(sp.factor_terms(sp.fraction(sp.together(self.written_out(formula)))[0]))
@@ -251,7 +288,8 @@ class Decoupling:
 
     @cached_property
     def _catalogue(self) -> list[tuple[list[PolyElement], str]]:
-        """Return quantities of a vehicle in the plane, as factors that may vanish, and the meaning of their zeros."""
+        """Return quantities of a vehicle in the plane, as factors that may vanish,
+        and the meaning of their zeros."""
         if self.planar is None:
             return []
         cosine, sine, nu = self.planar.cosine, self.planar.sine, sp.Matrix(self.nu)
@@ -262,7 +300,10 @@ class Decoupling:
             ((self.planar.yaw * nu)[0], "the yaw rate is zero"),
         ]
         if self.normal:
-            along, across = self.normal.x * cosine + self.normal.y * sine, self.normal.y * cosine - self.normal.x * sine
+            along, across = (
+                self.normal.x * cosine + self.normal.y * sine,
+                self.normal.y * cosine - self.normal.x * sine,
+            )
             flat = "" if self.normal.unit else ", or the gradient of the distance vanishes at P_l"
             quantities.append((across, f"the heading is normal to the path{flat}"))
             quantities.append((along, "the heading is along the path"))
@@ -274,7 +315,8 @@ class Decoupling:
         return [(self._vanishing(self.functions.ratio(quantity)[0]), about) for quantity, about in quantities]
 
     def _singular_on(self, factor: PolyElement, matrix: sp.Matrix) -> bool:
-        """Return whether a matrix loses rank at real points where the factor vanishes, and not at one in general position."""
+        """Return whether a matrix loses rank at real points where the factor vanishes,
+        and not at one in general position."""
         linearization, form = self.linearization, halved(self.functions, factor)
         parameters = (*linearization.system.mechanism.parameters, *linearization.output.parameters)
         ranks = []
@@ -282,7 +324,11 @@ class Decoupling:
             with contextlib.suppress(NoPoint):
                 rank = self._rank(real_point(self.functions, parameters, form, seed), matrix)
                 ranks += [] if rank is None else [rank]
-        return self._rank(random_point(self.functions, 0), matrix) == matrix.rows and bool(ranks) and max(ranks) < matrix.rows
+        return (
+            self._rank(random_point(self.functions, 0), matrix) == matrix.rows
+            and bool(ranks)
+            and max(ranks) < matrix.rows
+        )
 
     def _rank(self, point: Point | RealPoint, matrix: sp.Matrix) -> int | None:
         """Return the rank of a matrix at a point; None at a pole."""
@@ -305,11 +351,17 @@ def decouple(linearization: Linearization) -> Decoupling:
     state = (*system.state, *linearization.extension)
     where = f"{system.mechanism.name}, output {output.name}"
     followed = next((row for row in output.rows if output.path is not None and _is_followed(row)), None)
-    own = _distinct([*state, *system.mechanism.parameters], output.parameters, output.path.kind if output.path else "output")
+    own = _distinct(
+        [*state, *system.mechanism.parameters],
+        output.parameters,
+        output.path.kind if output.path else "output",
+    )
     used = {q.name for q in (*state, *system.mechanism.parameters, *system.mechanism.inputs, *own)}
     normals = [_fresh(name, used) for name in ("n_x", "n_y")] if followed else []
     quantities = [*state, *normals, *system.mechanism.parameters, *own]
-    gradients = [_gradient(linearization, k, normals if row is followed else []) for k, row in enumerate(output.rows)]
+    gradients = [
+        _gradient(linearization, k, normals if row is followed else []) for k, row in enumerate(output.rows)
+    ]
     rows = [
         _extended_row(linearization, k, normals if row is followed else [])
         if linearization.integrators
@@ -332,7 +384,10 @@ def decouple(linearization: Linearization) -> Decoupling:
         "motion": motion_quantities(linearization),
         "effect": linearization.integrators.effect if linearization.integrators else ca.SX(0, 1),
     }
-    entries = {name: symbolic(part, quantities, f"{where}: {name}") if part.numel() else [] for name, part in parts.items()}
+    entries = {
+        name: symbolic(part, quantities, f"{where}: {name}") if part.numel() else []
+        for name, part in parts.items()
+    }
     fixed = (*system.mechanism.parameters, *own)
     functions = Functions(
         where,
@@ -356,7 +411,9 @@ def decouple(linearization: Linearization) -> Decoupling:
         planar=vehicle,
         arms=tuple(arm(entries[f"arm {k}"], vehicle, functions) for k in range(len(output.rows))),
         slopes=tuple(_constant_slope(row) for row in output.rows),
-        normal=_normal(followed.through, normals, quantities, fixed, where) if followed and followed.through else None,
+        normal=_normal(followed.through, normals, quantities, fixed, where)
+        if followed and followed.through
+        else None,
         renamed={
             new.name: f"{old.name} of the output map: {old.about}"
             for new, old in zip(own, output.parameters, strict=True)
@@ -369,7 +426,8 @@ def decouple(linearization: Linearization) -> Decoupling:
 
 
 def _varying_inputs(linearization: Linearization) -> ca.SX:
-    """Return S'E, of an underactuated robot the rows that (12) inverts; 0 x 0 unless the law uses it and it changes with q."""
+    """Return S'E, of an underactuated robot the rows that (12) inverts;
+    0 x 0 unless the law uses it and it changes with q."""
     if not linearization.measures[1:]:
         return ca.SX(0, 0)
     system = linearization.system
@@ -377,7 +435,8 @@ def _varying_inputs(linearization: Linearization) -> ca.SX:
 
 
 def _is_followed(row: OutputRow) -> bool:
-    """Return whether it is a function of a point in the plane, other than a fixed combination of its coordinates."""
+    """Return whether it is a function of a point in the plane,
+    other than a fixed combination of its coordinates."""
     return row.through is not None and row.through.symbols.shape == (2, 1) and _constant_slope(row) is None
 
 
@@ -405,8 +464,9 @@ def _gradient(linearization: Linearization, k: int, normals: Sequence[Quantity])
 
 
 def _extended_row(linearization: Linearization, k: int, normals: Sequence[Quantity]) -> ca.SX:
-    """Return row k of Phi after a dynamic extension, 1 x (n-m), with the gradient `normals` of a path if there is one: the
-    highest derivative of a function of a point contains that of the point times the gradient.
+    """Return row k of Phi after a dynamic extension, 1 x (n-m), with the gradient `normals` of a path if
+    there is one: the highest derivative of a function of a point contains that of the point times the
+    gradient.
     """
     integrators, through = linearization.integrators, linearization.output.rows[k].through
     if integrators is None or through is None or not normals:
@@ -420,24 +480,33 @@ def _extended_row(linearization: Linearization, k: int, normals: Sequence[Quanti
 
 
 def _normal(
-    through: Through, normals: Sequence[Quantity], quantities: Sequence[Quantity], fixed: Sequence[Quantity], where: str
+    through: Through,
+    normals: Sequence[Quantity],
+    quantities: Sequence[Quantity],
+    fixed: Sequence[Quantity],
+    where: str,
 ) -> Normal:
     used = {q.name for q in quantities}
     point = [replace(_fresh(str(s), used), symbol=s) for s in ca.vertsplit(through.symbols)]
     slope = _slope(through)
     bend = through.bend if through.bend is not None else ca.trace(ca.jacobian(slope, through.symbols))
     x, y, bend, distance = symbolic(ca.vertcat(slope.T, bend, through.outer), (*point, *fixed), where)
-    functions = Functions(where, [symbol(q) for q in point], [symbol(q) for q in fixed], (x, y, bend, distance))
+    functions = Functions(
+        where, [symbol(q) for q in point], [symbol(q) for q in fixed], (x, y, bend, distance)
+    )
     refuse_dependent_roots(functions)
     unit = not functions.ratio(x**2 + y**2 - 1)[0]
     places = dict(zip(map(symbol, point), symbolic(through.inner, quantities, where), strict=True))
     meaning = (_shortest(x, functions), _shortest(y, functions))
     n_x, n_y = map(symbol, normals)
-    return Normal(n_x, n_y, meaning, unit, _constant_curvature(bend, distance, functions) if unit else None, places)
+    return Normal(
+        n_x, n_y, meaning, unit, _constant_curvature(bend, distance, functions) if unit else None, places
+    )
 
 
 def _constant_curvature(bend: sp.Expr, distance: sp.Expr, functions: Functions) -> sp.Expr | None:
-    """Return the curvature of the path if all parallel curves have one centre: then 1/bend - distance is the constant radius."""
+    """Return the curvature of the path if all parallel curves have one centre:
+    then 1/bend - distance is the constant radius."""
     if not functions.ratio(bend)[0]:
         return sp.Integer(0)
     above, below = functions.lowest(*functions.ratio(1 / bend - distance))

@@ -1,9 +1,11 @@
 """Normal-form coordinates T(x) = (h, rates of h, h~), the zero dynamics, and their stability.
 
-Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) or z1' = v (relative degree 1). The remaining
-z3 = h~(q) obeys z3' = J_h~ S Phi^-1 w, where w are the rates z2 and the outputs of relative degree 1: it is driven by w only.
+Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) or z1' = v (relative degree 1).
+The remaining z3 = h~(q) obeys z3' = J_h~ S Phi^-1 w, where w are the rates z2 and the outputs of relative
+degree 1: it is driven by w only.
 
-With a dynamic extension z2 has all derivatives below the relative degrees, and T is a function of q, nu and the extension's xi.
+With a dynamic extension z2 has all derivatives below the relative degrees, and T is a function of q, nu and
+the extension's xi.
 """
 
 import re
@@ -32,7 +34,8 @@ CHOICES = 200  # largest number of h~ tried
 
 @dataclass(frozen=True)
 class Chart:
-    """h~ = the coordinates `kept`; T is regular if Phi is and `minor` is not zero: det J_T = +-minor det Phi."""
+    """h~ = the coordinates `kept`; T is regular if Phi is and `minor` is not zero:
+    det J_T = +-minor det Phi."""
 
     kept: tuple[sp.Symbol, ...]
     minor: sp.Expr
@@ -41,11 +44,12 @@ class Chart:
 
 @dataclass(frozen=True)
 class StraightMotion:
-    """The zero dynamics while the reference moves at the speed V: the equation, and the steady state if it is stable.
+    """The zero dynamics while the reference moves at the speed V: the equation, and the steady state if it is
+    stable.
 
-    `stable_when` is empty if it is never stable; it applies to the heading and all of `shape`, or to the heading alone if the
-    shape is unknown. `rate`, 1/s, is that of the linearized heading; the sign of `lookahead` (m) determines the stability of the
-    heading. `names`: those of the symbols.
+    `stable_when` is empty if it is never stable; it applies to the heading and all of `shape`, or to the
+    heading alone if the shape is unknown. `rate`, 1/s, is that of the linearized heading; the sign of
+    `lookahead` (m) determines the stability of the heading. `names`: those of the symbols.
     """
 
     reference: str
@@ -60,7 +64,10 @@ class StraightMotion:
     def __str__(self) -> str:
         """A line."""
         decided = self.shape.decided
-        stable = f"{'' if decided else 'the heading is '}stable if and only if {self.stable_when}, then {self.settles}"
+        stable = (
+            f"{'' if decided else 'the heading is '}stable if and only if {self.stable_when}, then "
+            f"{self.settles}"
+        )
         settled = f"; {stable}" if self.stable_when else f": {self.settles}"
         return f"{self.reference}: {self.equation}{settled}{'' if decided else f'; {self.shape}'}"
 
@@ -68,7 +75,11 @@ class StraightMotion:
     def symbols(self) -> dict[str, str]:
         """The symbols of SYMBOLS that occur in it, by their names here, with their meaning."""
         text = f"{self.equation} {self.settles}"
-        used = {key: name for key, name in self.names.items() if key in SYMBOLS and re.search(rf"\b{name}\b", text)}
+        used = {
+            key: name
+            for key, name in self.names.items()
+            if key in SYMBOLS and re.search(rf"\b{name}\b", text)
+        }
         return {name: SYMBOLS[key].format(**self.names) for key, name in used.items()}
 
 
@@ -82,9 +93,11 @@ SYMBOLS = {  # in the equations of StraightMotion
 
 @dataclass(frozen=True, eq=False)
 class NormalForm:
-    """`charts`: choices of h~; where Phi is regular, the rows of J_h are independent, so that one of them is regular.
+    """`charts`: choices of h~; where Phi is regular, the rows of J_h are independent, so that one of them is
+    regular.
 
-    `offset`: the outputs of relative degree 1 at nu = 0; None if one is not affine in nu with derivatives in q only.
+    `offset`: the outputs of relative degree 1 at nu = 0; None if one is not affine in nu with derivatives in
+    q only.
     """
 
     decoupling: Decoupling
@@ -107,10 +120,13 @@ class NormalForm:
 
     @cached_property
     def equations(self) -> dict[str, sp.Expr]:
-        """z3' in closed form, by coordinate, in z2 and the outputs of relative degree 1; empty if there is none."""
+        """z3' in closed form, by coordinate, in z2 and the outputs of relative degree 1;
+        empty if there is none."""
         linearization = self.decoupling.linearization
         names = zip(linearization.output.rows, linearization.relative_degree, strict=True)
-        return self._rates([sp.Symbol(f"{row.name}_dot" if degree == 2 else row.name) for row, degree in names])
+        return self._rates(
+            [sp.Symbol(f"{row.name}_dot" if degree == 2 else row.name) for row, degree in names]
+        )
 
     @cached_property
     def zero_dynamics(self) -> str:
@@ -132,7 +148,11 @@ class NormalForm:
     def shape(self) -> Shape:
         """The coordinates besides the heading on which the motion depends; empty without an axle."""
         decoupling = self.decoupling
-        return shape_of(decoupling) if decoupling.planar and decoupling.planar.ahead is not None else Shape((), ())
+        return (
+            shape_of(decoupling)
+            if decoupling.planar and decoupling.planar.ahead is not None
+            else Shape((), ())
+        )
 
     @cached_property
     def moving(self) -> tuple[StraightMotion, ...]:
@@ -148,7 +168,10 @@ class NormalForm:
         if self.offset is None:
             return {}
         driving = [entry - self.offset.get(k, 0) for k, entry in enumerate(w)]
-        return {name: sp.Add(*[a * b for a, b in zip(row, driving, strict=True)]) for name, row in self._driven.items()}
+        return {
+            name: sp.Add(*[a * b for a, b in zip(row, driving, strict=True)])
+            for name, row in self._driven.items()
+        }
 
     @cached_property
     def _driven(self) -> dict[str, list[sp.Expr]]:
@@ -156,15 +179,20 @@ class NormalForm:
         decoupling = self.decoupling
         rows = decoupling.S * decoupling.Phi.adjugate()
         kept = {str(name): decoupling.q.index(name) for name in self.charts[0].kept}
-        return {name: [decoupling.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()}
+        return {
+            name: [decoupling.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()
+        }
 
 
 @dataclass(frozen=True, eq=False)
 class ExtendedForm(NormalForm):
-    """The normal form after a dynamic extension. Wherever Phi is regular the derivatives in z1 and z2 are independent; h~ is
+    """The normal form after a dynamic extension. Wherever Phi is regular the derivatives in z1 and z2 are
+    independent; h~ is
 
-    - `cyclic`: coordinates on which neither the motion nor the outputs depend. Their rates are functions of z1 and z2;
-    - for a path, `along`, the length of it behind P_l: with the distance at rest P_l moves along it at the reference's speed;
+    - `cyclic`: coordinates on which neither the motion nor the outputs depend. Their rates are functions of
+      z1 and z2;
+    - for a path, `along`, the length of it behind P_l: with the distance at rest P_l moves along it at the
+      reference's speed;
     - `others`: coordinates of joints. They are the zero dynamics.
     """
 
@@ -194,7 +222,11 @@ class ExtendedForm(NormalForm):
         """Stability of `others`."""
         if not self.others:
             return "nothing is left that could diverge"
-        return f"stable while driving straight if and only if {stable}" if (stable := self._stable_when) else "not decided"
+        return (
+            f"stable while driving straight if and only if {stable}"
+            if (stable := self._stable_when)
+            else "not decided"
+        )
 
     @cached_property
     def moving(self) -> tuple[StraightMotion, ...]:  # type: ignore[override]
@@ -205,7 +237,9 @@ class ExtendedForm(NormalForm):
         settles = ", ".join(each.settles(names["psi"]) for each in self.shape.followers)
         equation = f"P_l moves in the direction {names['psi']}"
         reference = f"{names['V']} straight ahead"
-        return (StraightMotion(reference, equation, settles, self._stable_when, shape=self.shape, names=names),)
+        return (
+            StraightMotion(reference, equation, settles, self._stable_when, shape=self.shape, names=names),
+        )
 
     @property
     def _stable_when(self) -> str:
@@ -215,8 +249,9 @@ class ExtendedForm(NormalForm):
 
 @dataclass(frozen=True, eq=False)
 class PartialForm(NormalForm):
-    """The normal form of outputs of an underactuated robot: h~ is the rest of the state [q; nu]. Its zero dynamics are judged at
-    rest, by numbers: `zero_dynamics` are their `modes` (None: not judged), `stability` the verdict.
+    """The normal form of outputs of an underactuated robot: h~ is the rest of the state [q; nu]. Its zero
+    dynamics are judged at rest, by numbers: `zero_dynamics` are their `modes` (None: not judged), `stability`
+    the verdict.
     """
 
     modes: np.ndarray | None = None
@@ -241,14 +276,19 @@ def normal_form(decoupling: Decoupling) -> NormalForm:
     if decoupling.linearization.system.underactuated:
         return _partial_form(decoupling)
     degree = decoupling.linearization.relative_degree
-    gradients = decoupling.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(decoupling.q))))
+    gradients = decoupling.gradients.extract(
+        [k for k in range(len(degree)) if degree[k] == 2], list(range(len(decoupling.q)))
+    )
     offset = {k: decoupling.lowest(_offset(decoupling, k, rate)) for k, rate in decoupling.rates.items()}
-    moves = {s for expression in (*decoupling.Phi, *offset.values()) for s in expression.free_symbols} & set(decoupling.nu)
+    moves = {s for expression in (*decoupling.Phi, *offset.values()) for s in expression.free_symbols} & set(
+        decoupling.nu
+    )
     return NormalForm(decoupling, _charts(decoupling, gradients), None if moves else offset)
 
 
 def _offset(decoupling: Decoupling, k: int, rate: sp.Expr) -> sp.Expr:
-    """Return rate - Phi_k nu, where Phi_k is the gradient of the rate by nu: its value at rest if Phi_k does not depend on nu."""
+    """Return rate - Phi_k nu, where Phi_k is the gradient of the rate by nu:
+    its value at rest if Phi_k does not depend on nu."""
     row = decoupling.Phi.row(k)
     if row.has(*decoupling.nu):
         return rate - (row * sp.Matrix(decoupling.nu))[0]
@@ -280,20 +320,28 @@ def _extended_form(decoupling: Decoupling) -> ExtendedForm:
             names = tuple(c.name for c in cyclic), tuple(c.name for c in reversed(others))
             return ExtendedForm(decoupling, (chart,), None, *names, bool(along))
     raise ModelError(
-        f"{decoupling.functions.name}: the dynamic extension leaves {left} states besides the outputs' derivatives, whose "
-        f"zero dynamics are not decided: they are not {', '.join(c.name for c in (*cyclic, *joints)) or 'cyclic'} alone"
+        f"{decoupling.functions.name}: the dynamic extension leaves {left} states besides the outputs' "
+        "derivatives, whose zero dynamics are not decided: they are not "
+        f"{', '.join(c.name for c in (*cyclic, *joints)) or 'cyclic'} alone"
     )
 
 
 def _partial_form(decoupling: Decoupling) -> PartialForm:
     """Choose h~ among the states, coordinates first, and judge the zero dynamics at rest."""
     linearization = decoupling.linearization
-    system, chosen, kept = linearization.system, ca.vertcat(linearization.h, linearization.rate), list[sp.Symbol]()
+    system, chosen, kept = (
+        linearization.system,
+        ca.vertcat(linearization.h, linearization.rate),
+        list[sp.Symbol](),
+    )
     state = ca.vertcat(system.mechanism.q, system.nu)
     parameters = (*system.mechanism.parameters, *linearization.output.parameters)
     for quantity in system.state:
         longer = ca.vertcat(chosen, quantity.symbol)
-        if Sampled(ca.jacobian(longer, state), state, parameters, decoupling.functions.name).rank() == longer.numel():
+        if (
+            Sampled(ca.jacobian(longer, state), state, parameters, decoupling.functions.name).rank()
+            == longer.numel()
+        ):
             chosen = longer
             kept.append(sp.Symbol(quantity.name))
     try:
@@ -307,7 +355,8 @@ def _partial_form(decoupling: Decoupling) -> PartialForm:
 
 
 def _charts(decoupling: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
-    """Return the simplest choices first: those regular everywhere, then by the minor of the coordinates omitted."""
+    """Return the simplest choices first: those regular everywhere,
+    then by the minor of the coordinates omitted."""
     n, count = len(decoupling.q), gradients.rows
     general = random_point(decoupling.functions, 0)
     charts = []
@@ -322,23 +371,30 @@ def _charts(decoupling: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
     return tuple(chart for *_, chart in sorted(charts, key=lambda each: each[:3]))
 
 
-# -- moving references ------------------------------------------------------------------------------------------------
+# -- moving references ---------------------------------------------------------------------------------------
 #
-# A point P_l of the vehicle, (l, w) from the middle of the axle, moves at v e + omega (l e_left - w e), where e is the heading
-# vector, v the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked exactly.
+# A point P_l of the vehicle, (l, w) from the middle of the axle, moves at v e + omega (l e_left - w e), where
+# e is the heading vector, v the forward speed of the vehicle's point and omega the yaw rate. That an output
+# obeys this is checked exactly.
 
 
 def _along_a_path(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
     """Distance from a path and forward speed, held at 0 and V.
 
-    With n the unit normal at P_l, e_n = n . e and chi the curvature of the path (positive where n points away from the
-    centre), h1' = 0 gives omega = -V e_n / (l n . e_left) for w = 0; n turns with P_l, and s = e_n obeys
-    l s' = -V (s - l chi).
+    With n the unit normal at P_l, e_n = n . e and chi the curvature of the path (positive where n points away
+    from the centre), h1' = 0 gives omega = -V e_n / (l n . e_left) for w = 0; n turns with P_l, and s = e_n
+    obeys l s' = -V (s - l chi).
     """
     if decoupling.normal is None:
         return ()
-    followed = _points(decoupling, vehicle, [slope or (decoupling.normal.x, decoupling.normal.y) for slope in decoupling.slopes])
-    speed = next((k for k in decoupling.rates if _same(decoupling, decoupling.Phi.row(k), vehicle.forward)), None)
+    followed = _points(
+        decoupling,
+        vehicle,
+        [slope or (decoupling.normal.x, decoupling.normal.y) for slope in decoupling.slopes],
+    )
+    speed = next(
+        (k for k in decoupling.rates if _same(decoupling, decoupling.Phi.row(k), vehicle.forward)), None
+    )
     if not followed or speed is None or decoupling.slopes[followed[0].row] is not None:
         return ()
     arm, names = followed[0].arm, decoupling.names
@@ -351,21 +407,26 @@ def _along_a_path(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
         reference, settles = f"{V} along a straight path", "the heading is along it"
         equation = f"small deviations of the heading change at the rate {written(rate)}"
     else:
-        reference = f"{V} along a path of small curvature" if shape.followers and chi != 0 else f"{V} along the path"
+        reference = (
+            f"{V} along a path of small curvature" if shape.followers and chi != 0 else f"{V} along the path"
+        )
         equation = f"{lookahead}*{s}' = -{V}*({s} - {lookahead}*{bent})"
         if chi is None:
             settles = f"{s} follows {lookahead}*{bent}, and |{s}| < 1 while |{lookahead}*{bent}| < 1"
         elif not chi:
             settles = f"{s} -> 0 ({bent} = 0)"
         else:
-            settles = f"{s} -> {written(arm.ahead * chi)} ({bent} = {written(chi)}), which must be below 1 in size"
+            settles = (
+                f"{s} -> {written(arm.ahead * chi)} ({bent} = {written(chi)}), which must be below 1 in size"
+            )
     if not stable_when:
         settles = "never stable"
     return (StraightMotion(reference, equation, settles, stable_when, rate, arm.ahead, shape, names),)
 
 
 def _point_moving(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
-    """Both coordinates of P_l, moving at (V cos psi, V sin psi): its component across the vehicle is l omega."""
+    """Both coordinates of P_l, moving at (V cos psi, V sin psi):
+    its component across the vehicle is l omega."""
     points = _points(decoupling, vehicle, decoupling.slopes)
     if len(points) != 2 or points[0].arm != points[1].arm:
         return ()
@@ -375,7 +436,10 @@ def _point_moving(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
     V, psi = decoupling.names["V"], decoupling.names["psi"]
     equation = f"{_factor(ahead)}*{factor}' = {V}*sin({psi} - {factor})"
     forward, backward = map(_losing, map(shape.lost, (1, -1)))
-    settles = f"{heading} -> {psi}, driving forward{forward}; else {heading} -> {psi} + pi, driving in reverse{backward}"
+    settles = (
+        f"{heading} -> {psi}, driving forward{forward}; else {heading} -> {psi} + pi, driving in "
+        f"reverse{backward}"
+    )
     stable_when = f"{written(ahead)} > 0"
     if forward:
         stable_when, settles = "", f"for {stable_when} {settles}"
@@ -384,7 +448,8 @@ def _point_moving(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
 
 
 def _heading_held(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
-    """Return the motion with one coordinate of P_l and the heading held: the other coordinate is not controlled."""
+    """Return the motion with one coordinate of P_l and the heading held:
+    the other coordinate is not controlled."""
     points = _points(decoupling, vehicle, decoupling.slopes)
     second_degree = [k for k in range(decoupling.Phi.rows) if k not in decoupling.rates]
     turns = any(_same(decoupling, decoupling.Phi.row(k), vehicle.yaw) for k in second_degree)
@@ -392,17 +457,28 @@ def _heading_held(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
         return ()
     (g_x, g_y), name = points[0].slope, decoupling.linearization.output.rows[points[0].row].name
     V = decoupling.names["V"]
-    equation = f"forward speed = {written(sp.Symbol(V) / readable(g_x * vehicle.cosine + g_y * vehicle.sine))}"
+    equation = (
+        f"forward speed = {written(sp.Symbol(V) / readable(g_x * vehicle.cosine + g_y * vehicle.sine))}"
+    )
     settles = "the other coordinate of P_l drifts, neither controlled nor bounded"
-    return (StraightMotion(f"{name} at {V}, heading held", equation, settles, shape=shape, names=decoupling.names),)
+    return (
+        StraightMotion(
+            f"{name} at {V}, heading held", equation, settles, shape=shape, names=decoupling.names
+        ),
+    )
 
 
 def _stable_when(shape: Shape, V: sp.Symbol, lookahead: sp.Expr) -> str:
-    """Return the condition that all rates of straight driving are negative: -V/lookahead and those of the shape. Empty: never."""
+    """Return the condition that all rates of straight driving are negative:
+    -V/lookahead and those of the shape. Empty: never."""
     ways = {each.way for each in shape.followers}
     if not ways:
         return f"{written(V * lookahead)} > 0"
-    return "" if len(ways) > 1 else " and ".join(f"{written(e)} {'>' if ways == {1} else '<'} 0" for e in (V, lookahead))
+    return (
+        ""
+        if len(ways) > 1
+        else " and ".join(f"{written(e)} {'>' if ways == {1} else '<'} 0" for e in (V, lookahead))
+    )
 
 
 def _losing(names: Sequence[str]) -> str:
@@ -424,14 +500,17 @@ class _MovingPoint:
 
 
 def _points(decoupling: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -> list[_MovingPoint]:
-    """Return the outputs that move like a point of the vehicle, each in the direction given for its row, exactly."""
+    """Return the outputs that move like a point of the vehicle,
+    each in the direction given for its row, exactly."""
     points = []
     for row, (arm, slope) in enumerate(zip(decoupling.arms, slopes, strict=True)):
         if arm and slope:
             along = slope[0] * vehicle.cosine + slope[1] * vehicle.sine
             left = slope[1] * vehicle.cosine - slope[0] * vehicle.sine
             moves = vehicle.forward * along + vehicle.yaw * (arm.ahead * left - arm.left * along)
-            points += [_MovingPoint(row, arm, slope)] if _same(decoupling, decoupling.Phi.row(row), moves) else []
+            points += (
+                [_MovingPoint(row, arm, slope)] if _same(decoupling, decoupling.Phi.row(row), moves) else []
+            )
     return points
 
 

@@ -1,4 +1,5 @@
-"""Exact description of a vehicle in the plane: heading, axle and points, derived from the equations, not from names."""
+"""Exact description of a vehicle in the plane: heading, axle and points, derived from the equations,
+not from names."""
 
 from dataclasses import dataclass
 
@@ -16,8 +17,8 @@ from ..exact.functions import Functions
 class Planar:
     """Heading, and forward speed and yaw rate as rows in nu, 1 x (n-m).
 
-    `ahead`: distance of the vehicle's point ahead of the axle, m, in parameters only; None without an axle, a line
-    across the vehicle whose points do not move along it.
+    `ahead`: distance of the vehicle's point ahead of the axle, m, in parameters only; None without an axle, a
+    line across the vehicle whose points do not move along it.
     """
 
     heading: sp.Expr
@@ -38,14 +39,16 @@ class Planar:
 
 @dataclass(frozen=True)
 class Arm:
-    """Vector from the middle of the axle to a point: `ahead` along the heading, `left` of it, m, in parameters only."""
+    """Vector from the middle of the axle to a point: `ahead` along the heading, `left` of it, m,
+    in parameters only."""
 
     ahead: sp.Expr
     left: sp.Expr
 
 
 def planar_quantities(system: ReducedSystem) -> ca.SX:
-    """Return heading, and the rows of forward speed, speed to the left and yaw rate, as one column; empty without a vehicle."""
+    """Return heading, and the rows of forward speed, speed to the left and yaw rate, as one column;
+    empty without a vehicle."""
     vehicle = system.mechanism.vehicle
     if vehicle is None:
         return ca.SX(0, 1)
@@ -64,7 +67,8 @@ def planar(entries: list[sp.Expr], functions: Functions) -> Planar | None:
 
 
 def arm_quantities(system: ReducedSystem, row: OutputRow) -> ca.SX:
-    """Return the distances of an output's point ahead and to the left of the vehicle's point, as a column; empty without one."""
+    """Return the distances of an output's point ahead and to the left of the vehicle's point,
+    as a column; empty without one."""
     vehicle, through = system.mechanism.vehicle, row.through
     if vehicle is None or through is None or through.inner.shape != (2, 1):
         return ca.SX(0, 1)
@@ -74,7 +78,8 @@ def arm_quantities(system: ReducedSystem, row: OutputRow) -> ca.SX:
 
 
 def arm(entries: list[sp.Expr], vehicle: Planar | None, functions: Functions) -> Arm | None:
-    """Return the vector from `arm_quantities`, in exact symbols; None without an axle, or if the point moves on the vehicle."""
+    """Return the vector from `arm_quantities`, in exact symbols; None without an axle,
+    or if the point moves on the vehicle."""
     if not entries or vehicle is None or vehicle.ahead is None:
         return None
     ahead, left = (_lowest(functions, entry) for entry in (entries[0] + vehicle.ahead, entries[1]))
@@ -83,9 +88,9 @@ def arm(entries: list[sp.Expr], vehicle: Planar | None, functions: Functions) ->
 
 
 def motion_quantities(linearization: Linearization) -> ca.SX:
-    """Return how the outputs of a law with a dynamic extension move, 3 x (n-m): the derivatives by nu of the velocity of their
-    point, 2 x (n-m), and of the speed that is held, zero if it is the point's. 0 x 0 unless these are two functions of q, or the
-    distance of a point from a path and a speed.
+    """Return how the outputs of a law with a dynamic extension move, 3 x (n-m): the derivatives by nu of the
+    velocity of their point, 2 x (n-m), and of the speed that is held, zero if it is the point's. 0 x 0 unless
+    these are two functions of q, or the distance of a point from a path and a speed.
     """
     system, rows = linearization.system, linearization.output.rows
     first, last = rows[0], rows[-1]
@@ -102,13 +107,18 @@ def motion_quantities(linearization: Linearization) -> ca.SX:
 
 
 def _axle(functions: Functions, sideways: sp.Matrix, yaw: sp.Matrix) -> sp.Expr | None:
-    """Return `ahead` such that the speed to the left is due to turning: sideways = ahead * yaw in every quasi-velocity."""
+    """Return `ahead` such that the speed to the left is due to turning:
+    sideways = ahead * yaw in every quasi-velocity."""
     turning = [k for k, entry in enumerate(yaw) if entry]
     if not turning:
         return None
     ahead = _lowest(functions, sideways[turning[0]] / yaw[turning[0]])
     fixed = all(functions.is_constant(part) for part in functions.ratio(ahead))
-    return ahead if fixed and not any(functions.ratio(a - ahead * b)[0] for a, b in zip(sideways, yaw, strict=True)) else None
+    return (
+        ahead
+        if fixed and not any(functions.ratio(a - ahead * b)[0] for a, b in zip(sideways, yaw, strict=True))
+        else None
+    )
 
 
 def _lowest(functions: Functions, expression: sp.Expr) -> sp.Expr:

@@ -12,7 +12,8 @@ COUNT = 256
 SEED = 1992
 REGULAR = 0.1  # smallest |det Phi| over the product of its row norms, so that no program leaves at a guard
 QUANTITIES = ("tau", "Phi", "Phidot")
-TOLERANCE = {"double": 1e-9, "float": 3e-3}  # relative to 1 + |expected|: rejects a wrong program; rounding is tested elsewhere
+# Relative to 1 + |expected|: rejects a wrong program; rounding is tested elsewhere
+TOLERANCE = {"double": 1e-9, "float": 3e-3}
 
 
 @dataclass
@@ -27,7 +28,8 @@ class Cases:
 
 
 def make_cases(law: ControlLaw) -> Cases:
-    """COUNT states within 5 m and pi rad, wheel rates within 10 rad/s, references within 2, none near the singular set."""
+    """COUNT states within 5 m and pi rad, wheel rates within 10 rad/s, references within 2,
+    none near the singular set."""
     fixed = {
         "params": np.array([q.default for q in law.parameters]),
         "config": np.array([0.2 if q.name == "L" else q.default for q in law.config]),
@@ -38,14 +40,18 @@ def make_cases(law: ControlLaw) -> Cases:
     function = law.function({"tau": law.tau, "Phi": found.Phi.T, "Phidot": found.Phidot.T, "sine": sine})
     states, references, rows = [], [], []
     for state, reference in _random(law):
-        *row, size = (np.array(value).ravel(order="F") for value in function(*fixed.values(), state, reference))
+        *row, size = (
+            np.array(value).ravel(order="F") for value in function(*fixed.values(), state, reference)
+        )
         if abs(size) > REGULAR and np.abs(row[0]).max() < 1e3:
             states.append(state)
             references.append(reference)
             rows.append(row)
         if len(states) == COUNT:
             break
-    expected = {name: np.array(values) for name, values in zip(QUANTITIES, zip(*rows, strict=True), strict=True)}
+    expected = {
+        name: np.array(values) for name, values in zip(QUANTITIES, zip(*rows, strict=True), strict=True)
+    }
     return Cases(law, fixed, np.array(states), np.array(references), expected)
 
 
@@ -76,4 +82,6 @@ def source(case: Cases, scalar: str) -> str:
 def _arrays(case: Cases) -> list[tuple[str, str, np.ndarray]]:
     law = case.law.name
     named = {**case.fixed, "state": case.state, "reference": case.reference, **case.expected}
-    return [(f"{law}_{key}", "".join(f"[{n}]" for n in values.shape), values) for key, values in named.items()]
+    return [
+        (f"{law}_{key}", "".join(f"[{n}]" for n in values.shape), values) for key, values in named.items()
+    ]

@@ -21,8 +21,11 @@ TOP = 1000  # higher bars are cut off and labelled with their number
 
 
 def draw(panels: dict[str, dict], laws: list[str], path: Path) -> None:
-    """Write a PNG with a panel for each title -> {law: results}; its "Description" has the numbers of these laws, as JSON."""
-    figure, axes = plt.subplots(len(panels), 1, figsize=(13, 4.4 * len(panels)), squeeze=False, layout="constrained")
+    """Write a PNG with a panel for each title -> {law: results};
+    its "Description" has the numbers of these laws, as JSON."""
+    figure, axes = plt.subplots(
+        len(panels), 1, figsize=(13, 4.4 * len(panels)), squeeze=False, layout="constrained"
+    )
     for axis, (title, results) in zip(axes[:, 0], panels.items(), strict=True):
         _panel(axis, {law: results[law] for law in laws})
         axis.set_title(f"{title}: instructions per call of the feedback law", loc="left", fontsize=11)
@@ -44,11 +47,33 @@ def _panel(axis, results: dict[str, dict]) -> None:
             strong = key == "instructions"
             if strong:
                 axis.bar(at, result["guards"], width * 0.94, bottom=value, color="#f0c5ca", zorder=0)
-                axis.text(at, value + result["guards"] + 12, f"+{result['guards']:.0f}", ha="center", fontsize=9, color="#b0707a")
+                axis.text(
+                    at,
+                    value + result["guards"] + 12,
+                    f"+{result['guards']:.0f}",
+                    ha="center",
+                    fontsize=9,
+                    color="#b0707a",
+                )
             text = f"{value:.0f}" if value <= TOP else f"{value / 1000:.1f}k \u2191"
-            axis.text(at, min(value, TOP) + 12, text, ha="center", fontsize=9, fontweight="bold" if strong else "normal")
+            axis.text(
+                at,
+                min(value, TOP) + 12,
+                text,
+                ha="center",
+                fontsize=9,
+                fontweight="bold" if strong else "normal",
+            )
         if "hand" in result:
-            axis.hlines(result["hand"], place - 0.45, place + 0.45, color="#444444", linewidth=0.8, linestyle=":", zorder=0)
+            axis.hlines(
+                result["hand"],
+                place - 0.45,
+                place + 0.45,
+                color="#444444",
+                linewidth=0.8,
+                linestyle=":",
+                zorder=0,
+            )
     axis.set_xticks(range(len(results)), [_title(law) for law in results])
     axis.set_ylim(0, TOP * 1.08)
     axis.spines[["top", "right"]].set_visible(False)

@@ -14,7 +14,9 @@ Symbols = Mapping[str, tuple[int, int]]  # function -> address, bytes
 
 def run(command: Sequence[str], folder: Path, check: bool = True) -> subprocess.CompletedProcess:
     """Run a tool without input, for TIMEOUT at most."""
-    done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
+    done = subprocess.run(
+        command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT
+    )
     if check and done.returncode:
         raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
     return done
@@ -35,11 +37,12 @@ def count_calls(
     folder: Path,
     costs: Path | None = None,
 ) -> tuple[subprocess.CompletedProcess, dict[str, tuple[int, int, int, int, int]]]:
-    """Run an image on a machine (the command of the emulator) and count functions called by given callers: (function, caller).
+    """Run an image on a machine (the command of the emulator) and count functions called by given callers:
+    (function, caller).
 
-    Returns the exit status, and function -> calls, instructions of all, of the shortest and of the longest call, including
-    callees, and cycles of all calls by the costs of cycles.py, 0 without them. If one of the functions calls another, only the
-    outer one is counted. The plugin is built in the folder.
+    Returns the exit status, and function -> calls, instructions of all, of the shortest and of the longest
+    call, including callees, and cycles of all calls by the costs of cycles.py, 0 without them. If one of the
+    functions calls another, only the outer one is counted. The plugin is built in the folder.
     """
     log = image.with_suffix(".count")
     asked = []

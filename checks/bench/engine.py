@@ -1,5 +1,5 @@
-"""The physics engine: how far a path moves when its step is halved, how far it is from rolling and from that of the same robot
-in a scene, and how long a run takes.
+"""The physics engine: how far a path moves when its step is halved, how far it is from rolling and from that
+of the same robot in a scene, and how long a run takes.
 
 python checks/bench/engine.py
 """
@@ -20,13 +20,20 @@ from noslip.simulation.specification.vary import read_varied
 
 SPECS = Path(noslip.__file__).parent / "examples/specs"
 STEPS = (1e-3, 5e-4, 2.5e-4)  # s
-START: dict[str, Any] = {"initial": {"point": [0.0, 2.0], "heading": np.pi / 2, "speed": 0.0}, "simulation.period": 0.01}
+START: dict[str, Any] = {
+    "initial": {"point": [0.0, 2.0], "heading": np.pi / 2, "speed": 0.0},
+    "simulation.period": 0.01,
+}
 SOFT: dict[str, Any] = START | {"gains": {"kp": 0.1, "kd": 0.8, "kv": 0.5}}
 PAPER: dict[str, Any] = START | {"gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0}}
-RUNS: Mapping[str, tuple[Mapping[str, Any], float]] = {  # changes of line.toml, and what the first halving may change, m
+# Changes of line.toml, and what the first halving may change, m
+RUNS: Mapping[str, tuple[Mapping[str, Any], float]] = {
     "slowly (0.3 m/s), mu 5": (SOFT | {"reference.speed": 0.3, "contact": {"mu": 5.0}}, 2.5e-4),
     "paper's speed, mu 0.7, a castor with 30 %": (SOFT | {"contact": {"mu": 0.7, "share": 0.7}}, 1e-3),
-    "the same, centre of mass 0.15 m high": (SOFT | {"contact": {"mu": 0.7, "share": 0.7, "height": 0.15}}, 1e-3),
+    "the same, centre of mass 0.15 m high": (
+        SOFT | {"contact": {"mu": 0.7, "share": 0.7, "height": 0.15}},
+        1e-3,
+    ),
     "paper's gains, torque cut at 4 N m": (
         PAPER | {"contact": {"mu": 0.7, "share": 0.7}, "limits": {"torque": [4.0], "mode": "cut"}},
         1e-3,
@@ -68,19 +75,23 @@ def from_rolling(changes: Mapping[str, Any]) -> float:
 
 
 def brought_back(spec: str, changes: Mapping[str, Any], step: float) -> float:
-    """Return how far the path of a robot that is written as a scene is from that in its own engine at most, in 5 s, m."""
+    """Return how far the path of a robot that is written as a scene is from that in its own engine at most,
+    in 5 s, m."""
     file, changes = SPECS / f"{spec}.toml", {**changes, "simulation.duration": 5.0, "floor": {"step": step}}
     own = simulate(read_varied(file, changes), engine="mujoco")
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.xml"
         scene.write_text(scene_of(own.plant, own.spec.contact or ContactSection(), Floor()), encoding="utf-8")
         other = simulate(read_varied(file, {**changes, "scene": {"file": str(scene)}}), engine="mujoco")
-    places = [k for k, coordinate in enumerate(own.law.system.mechanism.coordinates) if coordinate.unit == "m"]
+    places = [
+        k for k, coordinate in enumerate(own.law.system.mechanism.coordinates) if coordinate.unit == "m"
+    ]
     return float(np.abs(own.q[:, places] - other.q[:, places]).max())
 
 
 def seconds(robot: str) -> float:
-    """Return the time of a processor (s) for a second of the robot's own run at 100 Hz, without what is made once."""
+    """Return the time of a processor (s) for a second of the robot's own run at 100 Hz,
+    without what is made once."""
     file = SPECS / ("line.toml" if robot == "labmate" else f"robots/{robot}.toml")
     times = []
     for duration in (0.1, *(0.1, 2.1) * REPEATS):  # the first makes what is kept
@@ -108,9 +119,13 @@ def measure() -> dict[str, Any]:
 def table(measured: Mapping[str, Any]) -> str:
     """Return what was measured, as text."""
     lines = ["physics engine: change of the path in mm when the step is halved, from 1 ms and from 0.5 ms"]
-    lines += [f"  {name}: {first:.3f}, {second:.3f}" for name, (first, second) in measured["halving_mm"].items()]
+    lines += [
+        f"  {name}: {first:.3f}, {second:.3f}" for name, (first, second) in measured["halving_mm"].items()
+    ]
     lines.append(f"  from the rolling model ({ROLLING}): {measured['from_rolling_mm']:.3f} mm")
-    lines.append("from the same robot in a scene with MuJoCo's own friction, in mm, steps of 1 ms and of 0.25 ms")
+    lines.append(
+        "from the same robot in a scene with MuJoCo's own friction, in mm, steps of 1 ms and of 0.25 ms"
+    )
     lines += [f"  {name}: {coarse:.2f}, {fine:.2f}" for name, (coarse, fine) in measured["scene_mm"].items()]
     lines.append("seconds of a processor for a second of a run")
     lines += [f"  {robot}: {time_taken:.2f}" for robot, time_taken in measured["seconds_per_second"].items()]

@@ -2,8 +2,9 @@
 
     python checks/bench/firmware.py [--json] [--build DIR] [--optimize=-Os]
 
-A tick is a call of labmate_follower_tick_f; every one is counted of the run that the image makes in QEMU, from the start of its
-path until it stands at the end. These are instructions, not cycles. Exit code 1 where the run does not arrive.
+A tick is a call of labmate_follower_tick_f; every one is counted of the run that the image makes in QEMU,
+from the start of its path until it stands at the end. These are instructions, not cycles. Exit code 1 where
+the run does not arrive.
 """
 
 import argparse
@@ -20,7 +21,8 @@ from noslip.simulation.controllers.targets import QUIET, SEMIHOSTING, TARGETS, m
 
 FIRMWARE = Path(noslip.__file__).parent / "firmware"
 TARGET, PREFIX = "cortex-m4f", "arm-none-eabi-"
-CLOCK = ("-icount", "shift=5,sleep=off")  # time advances with the instructions, and immediately while the processor sleeps
+# Time advances with the instructions, and immediately while the processor sleeps
+CLOCK = ("-icount", "shift=5,sleep=off")
 PARTS = {  # function -> its caller; odometry, path and motors are inline in the first
     "labmate_follower_tick_f": "main",
     "labmate_type_iv_segment_follow_f": "act",
@@ -33,8 +35,9 @@ ENTRIES = ("labmate_follower_tick_f", "labmate_follower_init_f", "main")
 def measure(folder: Path, optimize: str = "-O2") -> dict:
     """Build the image in a folder and run it.
 
-    Returns `instructions`: function -> calls, mean, minimum and maximum of a call; `stack_bytes`: entry point -> worst chain of
-    calls; `text_bytes`: of the image and of the part of each source. Raises RuntimeError if the run does not arrive.
+    Returns `instructions`: function -> calls, mean, minimum and maximum of a call; `stack_bytes`: entry
+    point -> worst chain of calls; `text_bytes`: of the image and of the part of each source. Raises
+    RuntimeError if the run does not arrive.
     """
     make = ["make", "-s", "-C", str(FIRMWARE), f"TARGET={TARGET}", f"BUILD={folder}", f"OPTIMIZE={optimize}"]
     run(make, folder)
@@ -48,7 +51,12 @@ def measure(folder: Path, optimize: str = "-O2") -> dict:
         if done.returncode:
             raise RuntimeError(f"{image}: exit {done.returncode} {done.stdout}{done.stderr}")
         calls, total, least, most, _ = found[function]
-        instructions[function] = {"calls": calls, "mean": round(total / calls, 1), "least": least, "most": most}
+        instructions[function] = {
+            "calls": calls,
+            "mean": round(total / calls, 1),
+            "least": least,
+            "most": most,
+        }
     graph = call_graph(sorted(built.glob("*.ci")))
     return {
         "instructions": instructions,
@@ -76,16 +84,23 @@ def text(result: dict) -> str:
     lines = [f"{'function':32}{'calls':>7}{'mean':>9}{'least':>7}{'most':>7}   instructions, {TARGET}"]
     for name, row in result["instructions"].items():
         lines.append(f"{name:32}{row['calls']:7}{row['mean']:9.1f}{row['least']:7}{row['most']:7}")
-    lines += ["", "bytes of stack: " + ", ".join(f"{name} {size}" for name, size in result["stack_bytes"].items())]
+    lines += [
+        "",
+        "bytes of stack: " + ", ".join(f"{name} {size}" for name, size in result["stack_bytes"].items()),
+    ]
     lines += ["bytes of code: " + ", ".join(f"{name} {size}" for name, size in result["text_bytes"].items())]
     return "\n".join(lines)
 
 
 def main() -> int:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--json", action="store_true", help="as JSON")
-    parser.add_argument("--build", metavar="DIR", type=Path, help="where images are built, and kept (default: nowhere)")
+    parser.add_argument(
+        "--build", metavar="DIR", type=Path, help="where images are built, and kept (default: nowhere)"
+    )
     parser.add_argument("--optimize", default="-O2", metavar="FLAG", help="how GCC optimizes (default: -O2)")
     args = parser.parse_args()
     if absent := missing("make", "gcc", f"{PREFIX}gcc", TARGETS[TARGET].machine[0]):

@@ -1,15 +1,18 @@
-"""Path following compared with what mobile robots usually have: pure pursuit, regulated pure pursuit, and cascaded PID.
+"""Path following compared with what mobile robots usually have: pure pursuit, regulated pure pursuit, and
+cascaded PID.
 
-All drive the Pioneer 3-DX in the physics engine on the same path, floors, torque limits and period, from the same start, and
-see the true pose and the rates of the wheels. The usual ones give velocities, which a PI controller of each wheel turns into
-torques; the law of noslip is the generated C. Each has its parameters by the same search: of SAMPLES points of Sobol's sequence
-in its box, those with the least `cost` on the tuning run. Distances are those of the middle of the axle. Writes following.json
-and following.png.
+All drive the Pioneer 3-DX in the physics engine on the same path, floors, torque limits and period, from the
+same start, and see the true pose and the rates of the wheels. The usual ones give velocities, which a PI
+controller of each wheel turns into torques; the law of noslip is the generated C. Each has its parameters by
+the same search: of SAMPLES points of Sobol's sequence in its box, those with the least `cost` on the tuning
+run. Distances are those of the middle of the axle. Writes following.json and following.png.
 
-- Pure pursuit: R. C. Coulter, Implementation of the pure pursuit path tracking algorithm, CMU-RI-TR-92-01 (1992).
-- Regulated pure pursuit: S. Macenski et al., Regulated pure pursuit for robot path tracking, Autonomous Robots 47 (2023); its
-  limits of radius and speed are its authors' defaults.
-- Cascaded PID: distance -> heading -> yaw rate -> wheels, with the yaw rate of the path's curvature fed forward.
+- Pure pursuit: R. C. Coulter, Implementation of the pure pursuit path tracking algorithm, CMU-RI-TR-92-01
+  (1992).
+- Regulated pure pursuit: S. Macenski et al., Regulated pure pursuit for robot path tracking, Autonomous
+  Robots 47 (2023); its limits of radius and speed are its authors' defaults.
+- Cascaded PID: distance -> heading -> yaw rate -> wheels, with the yaw rate of the path's curvature fed
+  forward.
 """
 
 import argparse
@@ -41,15 +44,17 @@ PERIOD, TORQUE = 0.01, 1.5  # s; N m, assumed
 OFFSET = 0.1  # m, of the start from the path
 SPEEDS, FLOORS = (0.3, 0.5, 0.7, 0.9, 1.1), (0.7, 0.3)  # m/s, of 1.2 that the robot can do; friction
 TUNING, SAMPLES = (0.7, 0.7), 32  # speed and friction of the tuning run
-PATH = ((1.5, 0.0), (math.pi / 2, 1.0), (1.0, 0.0), (1.57, -1 / 0.75), (1.0, 0.0))  # length (m), curvature (1/m)
+# Length (m), curvature (1/m)
+PATH = ((1.5, 0.0), (math.pi / 2, 1.0), (1.0, 0.0), (1.57, -1 / 0.75), (1.0, 0.0))
 TAIL = 1.5  # m beyond the path, where nothing is measured
 SPACING = 0.005  # m
 ROUGH = 0.05  # m per N m: what a change of the torques costs in tuning, against the distance
-REGULATED = {"radius": 0.9, "least": 0.25, "nearest": 0.3, "furthest": 0.9}  # m, m/s: defaults of regulated pure pursuit
+# m, m/s: defaults of regulated pure pursuit
+REGULATED = {"radius": 0.9, "least": 0.25, "nearest": 0.3, "furthest": 0.9}
 SLIPS = 0.01  # m/s
 
 
-# -- the path ------------------------------------------------------------------------------------------------------------
+# -- the path ------------------------------------------------------------------------------------------------
 
 
 def path_points() -> np.ndarray:
@@ -58,7 +63,9 @@ def path_points() -> np.ndarray:
     curvature = np.concatenate([np.full(round(length / SPACING), kappa) for length, kappa in pieces])
     heading = np.concatenate([[0.0], np.cumsum(curvature * SPACING)])
     middle = (heading[1:] + heading[:-1]) / 2
-    places = np.vstack([[0.0, 0.0], np.cumsum(SPACING * np.column_stack([np.cos(middle), np.sin(middle)]), axis=0)])
+    places = np.vstack(
+        [[0.0, 0.0], np.cumsum(SPACING * np.column_stack([np.cos(middle), np.sin(middle)]), axis=0)]
+    )
     return np.column_stack([places, heading, np.append(curvature, 0.0)])
 
 
@@ -80,12 +87,13 @@ class Nearest:
         return self.k, float(-np.sin(heading) * (place[0] - x) + np.cos(heading) * (place[1] - y))
 
 
-# -- the usual controllers: from pose and wheel rates to forward speed and yaw rate --------------------------------------
+# -- the usual controllers: from pose and wheel rates to forward speed and yaw rate --------------------------
 
 
 @dataclass(frozen=True)
 class Pose:
-    """The middle of the axle, m, its heading, rad, the nearest point of the path and the distance to its left, m."""
+    """The middle of the axle, m, its heading, rad, the nearest point of the path and the distance to its
+    left, m."""
 
     place: np.ndarray
     heading: float
@@ -93,7 +101,9 @@ class Pose:
     distance: float
 
 
-def pure_pursuit(pose: Pose, speed: float, p: Mapping[str, float], least: float = 0.05, most: float = math.inf) -> float:
+def pure_pursuit(
+    pose: Pose, speed: float, p: Mapping[str, float], least: float = 0.05, most: float = math.inf
+) -> float:
     """The yaw rate of the arc through the point a lookahead distance ahead on the path."""
     lookahead = min(max(p["lookahead"] * speed, least), most)
     ahead = POINTS[pose.nearest :, :2] - pose.place
@@ -129,7 +139,13 @@ class RegulatedPurePursuit(PurePursuit):
 class CascadedPid:
     """The distance asks for a heading, at most 60 degrees from the path, and the heading for a yaw rate."""
 
-    box = {"distance": (0.3, 6.0), "heading": (1.0, 12.0), "integral": (0.0, 6.0), "rate": (0.0, 0.3), "bandwidth": (1.0, 10.0)}
+    box = {
+        "distance": (0.3, 6.0),
+        "heading": (1.0, 12.0),
+        "integral": (0.0, 6.0),
+        "rate": (0.0, 0.3),
+        "bandwidth": (1.0, 10.0),
+    }
 
     def __init__(self, p: Mapping[str, float]):
         self.p, self.sum = p, 0.0
@@ -137,7 +153,9 @@ class CascadedPid:
 
     def __call__(self, pose: Pose, speed: float) -> tuple[float, float]:
         """Return forward speed (m/s) and yaw rate (rad/s)."""
-        wanted = POINTS[pose.nearest, 2] - float(np.clip(self.p["distance"] * pose.distance, -math.pi / 3, math.pi / 3))
+        wanted = POINTS[pose.nearest, 2] - float(
+            np.clip(self.p["distance"] * pose.distance, -math.pi / 3, math.pi / 3)
+        )
         error = math.remainder(wanted - pose.heading, 2 * math.pi)
         slope = 0.0 if self.last is None else (error - self.last) / PERIOD
         self.last, self.sum = error, float(np.clip(self.sum + error * PERIOD, -1.0, 1.0))
@@ -163,11 +181,12 @@ class Wheels:
         return torque
 
 
-# -- runs ----------------------------------------------------------------------------------------------------------------
+# -- runs ----------------------------------------------------------------------------------------------------
 
 ROBOT: Mechanism = find_robot("pioneer_3dx")
 SIZES = {parameter.name: parameter.default for parameter in ROBOT.parameters}
-OURS = {"kp": (0.5, 12.0), "kd": (1.0, 8.0), "kv": (0.5, 6.0), "ahead": (0.05, 0.4)}  # 1/s^2, 1/s, 1/s; m, of P_l from the axle
+# 1/s^2, 1/s, 1/s; m, of P_l from the axle
+OURS = {"kp": (0.5, 12.0), "kd": (1.0, 8.0), "kv": (0.5, 6.0), "ahead": (0.05, 0.4)}
 USUAL: dict[str, type[PurePursuit] | type[CascadedPid]] = {
     "pure pursuit": PurePursuit,
     "regulated pure pursuit": RegulatedPurePursuit,
@@ -179,7 +198,9 @@ NOSLIP = {"noslip, Type IV": "cut", "noslip, Type IV, grip limiter": "grip"}
 def spec_of(speed: float, mu: float, p: Mapping[str, float], mode: str) -> Spec:
     """The run as a SPEC: the middle of the axle starts OFFSET beside the path, at its speed."""
     first, *rest = (
-        {"kind": "arc", "radius": abs(1 / k), "angle": length * k} if k else {"kind": "line", "length": length}
+        {"kind": "arc", "radius": abs(1 / k), "angle": length * k}
+        if k
+        else {"kind": "line", "length": length}
         for length, k in (*PATH[:-1], (PATH[-1][0] + TAIL + 1.0, 0.0))
     )
     first = {"kind": "line", "from": [0.0, 0.0], "to": [PATH[0][0], 0.0]}
@@ -187,10 +208,19 @@ def spec_of(speed: float, mu: float, p: Mapping[str, float], mode: str) -> Spec:
         "pioneer_3dx",
         {
             "gains": {name: p[name] for name in ("kp", "kd", "kv")},
-            "output": {"type": "IV", "L": p["ahead"] - SIZES["d"], "path": {"kind": "composite", "segments": [first, *rest]}},
+            "output": {
+                "type": "IV",
+                "L": p["ahead"] - SIZES["d"],
+                "path": {"kind": "composite", "segments": [first, *rest]},
+            },
             "reference": {"speed": speed},
             "initial": {"point": [p["ahead"], OFFSET], "heading": 0.0, "speed": speed},
-            "simulation": {"duration": 1.5 * LENGTH / speed, "period": PERIOD, "output_step": PERIOD, "backend": "c"},
+            "simulation": {
+                "duration": 1.5 * LENGTH / speed,
+                "period": PERIOD,
+                "output_step": PERIOD,
+                "backend": "c",
+            },
             "limits": {"torque": [TORQUE], "mode": mode},
             "contact": {"mu": mu},
             "floor": {"mu": mu},
@@ -232,9 +262,12 @@ def axle(q: np.ndarray) -> np.ndarray:
     return q[:, :2] - SIZES["d"] * np.column_stack([np.cos(q[:, 2]), np.sin(q[:, 2])])
 
 
-def measured(t: np.ndarray, q: np.ndarray, tau: np.ndarray, slip: np.ndarray, stopped: str | None) -> dict[str, Any]:
-    """RMS and, after the first metre, largest distance of the axle's middle from the path (m); RMS torque and its RMS change
-    between calls (N m); largest slip (m/s) and how long a wheel slips (s); the mean speed (m/s); None where it did not arrive.
+def measured(
+    t: np.ndarray, q: np.ndarray, tau: np.ndarray, slip: np.ndarray, stopped: str | None
+) -> dict[str, Any]:
+    """RMS and, after the first metre, largest distance of the axle's middle from the path (m); RMS torque and
+    its RMS change between calls (N m); largest slip (m/s) and how long a wheel slips (s); the mean speed
+    (m/s); None where it did not arrive.
     """
     nearest = Nearest()
     found = [nearest(place) for place in axle(q)]
@@ -254,7 +287,7 @@ def measured(t: np.ndarray, q: np.ndarray, tau: np.ndarray, slip: np.ndarray, st
     }
 
 
-# -- tuning, table, picture ----------------------------------------------------------------------------------------------
+# -- tuning, table, picture ----------------------------------------------------------------------------------
 
 
 def candidates(controller: str) -> list[dict[str, float]]:
@@ -262,7 +295,13 @@ def candidates(controller: str) -> list[dict[str, float]]:
     box = OURS if controller in NOSLIP else USUAL[controller].box
     unit = qmc.Sobol(len(box), seed=1992).random(SAMPLES)
     return [
-        dict(zip(box, (float(lo + u * (hi - lo)) for u, (lo, hi) in zip(row, box.values(), strict=True)), strict=True))
+        dict(
+            zip(
+                box,
+                (float(lo + u * (hi - lo)) for u, (lo, hi) in zip(row, box.values(), strict=True)),
+                strict=True,
+            )
+        )
         for row in unit
     ]
 
@@ -275,7 +314,8 @@ def tuned(controller: str, carry_out: Callable) -> dict[str, float]:
 
 
 def cost(result: Mapping[str, Any]) -> float:
-    """RMS distance and, so that nobody gets gains that rattle, RMS change of the torques; infinite if it did not arrive."""
+    """RMS distance and, so that nobody gets gains that rattle, RMS change of the torques;
+    infinite if it did not arrive."""
     return math.inf if result["rms"] is None else result["rms"] + ROUGH * result["change"]
 
 
@@ -294,23 +334,41 @@ def draw(found: list[dict[str, Any]]) -> Figure:
     names = list(dict.fromkeys(one["controller"] for one in found))
     for panel, (key, factor, mu, _, label) in zip(axes, PANELS, strict=True):
         for name, colour in zip(names, COLOURS, strict=False):
-            here = [one for one in found if (one["controller"], one["mu"]) == (name, mu) and one["rms"] is not None]
+            here = [
+                one
+                for one in found
+                if (one["controller"], one["mu"]) == (name, mu) and one["rms"] is not None
+            ]
             style = "--" if "limiter" in name else "-"
             values = [factor * one[key] for one in here]
-            panel.plot([one["desired"] for one in here], values, style, marker="o", markersize=4, color=colour, label=name)
+            panel.plot(
+                [one["desired"] for one in here],
+                values,
+                style,
+                marker="o",
+                markersize=4,
+                color=colour,
+                label=name,
+            )
         panel.set(xlabel="desired speed (m/s)", ylabel=label, xlim=(SPEEDS[0] - 0.05, SPEEDS[-1] + 0.05))
         panel.set_ylim(bottom=0.0)
     axes[3].set(yscale="log", ylim=(1e-4, 2.0))
     axes[3].axhline(SLIPS, color="#444444", linestyle=":", linewidth=1.0)
     axes[3].text(SPEEDS[-1], SLIPS, "slips", ha="right", va="bottom", fontsize=9)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(names), frameon=False)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(names), frameon=False
+    )
     return figure
 
 
 def main() -> int:
     """Tune, run, print the table, write the files; return 0."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", dest="out", metavar="DIR", default="build", help="output folder (default: build)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "-o", dest="out", metavar="DIR", default="build", help="output folder (default: build)"
+    )
     parser.add_argument("--jobs", type=int, metavar="N", default=2, help="number of processes (default: 2)")
     args = parser.parse_args()
     names, found = [*USUAL, *NOSLIP], []
@@ -323,7 +381,13 @@ def main() -> int:
         cases = [(name, speed, mu, parameters[name]) for name in names for mu in FLOORS for speed in SPEEDS]
         for (name, speed, mu, _), result in zip(cases, pool.map(run, *zip(*cases, strict=True)), strict=True):
             found.append({"controller": name, "desired": speed, "mu": mu, **result})
-            print(name, speed, mu, {k: round(v, 4) if isinstance(v, float) else v for k, v in result.items()}, flush=True)
+            print(
+                name,
+                speed,
+                mu,
+                {k: round(v, 4) if isinstance(v, float) else v for k, v in result.items()},
+                flush=True,
+            )
     out = Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "following.json", json.dumps({"parameters": parameters, "runs": found}, indent=1))

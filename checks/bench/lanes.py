@@ -1,4 +1,5 @@
-"""The batch law compared with a loop over the step, on this processor: time of the loop as a multiple of that of the batch."""
+"""The batch law compared with a loop over the step, on this processor:
+time of the loop as a multiple of that of the batch."""
 
 from pathlib import Path
 
@@ -20,7 +21,8 @@ MAIN = """
 #include <time.h>
 #include "{prefix}_steps{suffix}.h"
 #include "cases_{real}.h"
-static {real} state[{states}][{count}], reference[{references}][{count}], batch[2][{count}], single[{count}][2];
+static {real} state[{states}][{count}], reference[{references}][{count}], batch[2][{count}], \
+single[{count}][2];
 static int statuses[{count}];
 static double now(void)
 {{
@@ -33,7 +35,8 @@ int main(void)
     static {prefix}{suffix} law;
     double least[2] = {{1e9, 1e9}};
     int i, k, round, call;
-    if ({prefix}_init{suffix}(&law, (void *){law}_params, (void *){law}_config, (void *){law}_gains, NULL) != 0) return 1;
+    if ({prefix}_init{suffix}(&law, (void *){law}_params, (void *){law}_config, (void *){law}_gains, NULL) \
+!= 0) return 1;
     for (i = 0; i < {count}; i++) {{
         for (k = 0; k < {states}; k++) state[k][i] = {law}_state[i][k];
         for (k = 0; k < {references}; k++) reference[k][i] = {law}_reference[i][k];
@@ -48,10 +51,12 @@ int main(void)
         for (call = 0; call < {calls}; call++)
             {prefix}_steps{suffix}(&law, {count}, state[0], reference[0], batch[0], statuses);
         time[2] = now();
-        for (k = 0; k < 2; k++) least[k] = time[k + 1] - time[k] < least[k] ? time[k + 1] - time[k] : least[k];
+        for (k = 0; k < 2; k++) least[k] = time[k + 1] - time[k] < least[k] ? time[k + 1] - time[k] : \
+least[k];
     }}
     for (i = 0; i < {count}; i++)
-        if (memcmp(&batch[0][i], &single[i][0], sizeof({real})) || memcmp(&batch[1][i], &single[i][1], sizeof({real}))) return 2;
+        if (memcmp(&batch[0][i], &single[i][0], sizeof({real})) || memcmp(&batch[1][i], &single[i][1], \
+sizeof({real}))) return 2;
     printf("%.17g\\n", least[0] / least[1]);
     return 0;
 }}
@@ -59,7 +64,8 @@ int main(void)
 
 
 def measure(laws: list[ControlLaw], shared: Path, work: Path) -> dict[str, dict[str, float]]:
-    """Return law -> scalar -> ratio; nothing if this processor does not have the instructions. `shared`: laws and cases."""
+    """Return law -> scalar -> ratio; nothing if this processor does not have the instructions. `shared`:
+    laws and cases."""
     work.mkdir(parents=True, exist_ok=True)
     found: dict[str, dict[str, float]] = {}
     for law in laws:
@@ -67,7 +73,13 @@ def measure(laws: list[ControlLaw], shared: Path, work: Path) -> dict[str, dict[
             lanes = LanesC(law_program(law), scalar, ["for the bench"])
             for file, text in lanes.files().items():
                 (work / Path(file).name).write_text(text, encoding="utf-8")
-            sizes = {"states": len(law.state), "references": len(law.reference), "count": COUNT, "rounds": ROUNDS, "calls": CALLS}
+            sizes = {
+                "states": len(law.state),
+                "references": len(law.reference),
+                "count": COUNT,
+                "rounds": ROUNDS,
+                "calls": CALLS,
+            }
             names = {"prefix": lanes.prefix, "suffix": scalar.suffix, "law": law.name, "real": name}
             (work / "main.c").write_text(MAIN.format(**sizes, **names), encoding="utf-8")
             given = (lanes.type, scalar.name(lanes.robot), f"cases_{law.name}_{name}")
@@ -90,5 +102,8 @@ def table(result: dict[str, dict[str, float]]) -> str:
     """Return the ratios as text."""
     wanted = ", ".join(f"{scalar} {ratio:g}" for scalar, ratio in WANTED.items())
     lines = [f"batch law, AVX2, one core: a loop over step takes so many times as long (wanted: {wanted})"]
-    lines += [f"  {law}: " + ", ".join(f"{scalar} {ratio:.2f}" for scalar, ratio in one.items()) for law, one in result.items()]
+    lines += [
+        f"  {law}: " + ", ".join(f"{scalar} {ratio:.2f}" for scalar, ratio in one.items())
+        for law, one in result.items()
+    ]
     return "\n".join(lines)

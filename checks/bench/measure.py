@@ -23,13 +23,14 @@ LANGUAGE = {"c": [STANDARD[0]], "c++": ["-std=c++14", "-fno-exceptions", "-fno-r
 M4F = flags("cortex-m4f")
 
 
-Executed = tuple[float, int | None, int | None, float | None]  # mean, least, most instructions of a call; its cycles
+# Mean, least, most instructions of a call; its cycles
+Executed = tuple[float, int | None, int | None, float | None]
 
 
 @dataclass(frozen=True)
 class Count:
-    """Per call of a function: mean, minimum and maximum of instructions (with callgrind only the mean), mean of the cycles that
-    cycles.py estimates (None for this machine); bytes."""
+    """Per call of a function: mean, minimum and maximum of instructions (with callgrind only the mean), mean
+    of the cycles that cycles.py estimates (None for this machine); bytes."""
 
     instructions: float
     least: int | None
@@ -41,7 +42,11 @@ class Count:
     @property
     def mean(self) -> float | int:
         """The mean, as an integer if it is one."""
-        return int(self.instructions) if self.instructions == int(self.instructions) else round(self.instructions, 2)
+        return (
+            int(self.instructions)
+            if self.instructions == int(self.instructions)
+            else round(self.instructions, 2)
+        )
 
 
 class Host:
@@ -65,7 +70,9 @@ class Host:
         tools = [*(self.prefix + tool for tool in ("gcc", "g++", "nm", "objcopy")), *self.runner]
         return next((tool for tool in tools if not shutil.which(tool)), "")
 
-    def measure(self, label: str, programs: Sequence[MeasuredProgram], scalar: str, shared: Path) -> dict[str, Count]:
+    def measure(
+        self, label: str, programs: Sequence[MeasuredProgram], scalar: str, shared: Path
+    ) -> dict[str, Count]:
         """Return program name -> count. `shared`: generated headers, cases and the source of the robot."""
         folder = self.folder / scalar / label
         folder.mkdir(parents=True, exist_ok=True)
@@ -73,11 +80,18 @@ class Host:
         (folder / "main.c").write_text(main_text(programs), encoding="utf-8")
         laws = dict.fromkeys(program.law for program in programs)
         suffix = "_f" if scalar == "float" else ""
-        plain = [folder / "main.c", *(shared / f"cases_{law}_{scalar}.c" for law in laws), shared / f"labmate{suffix}.c"]
+        plain = [
+            folder / "main.c",
+            *(shared / f"cases_{law}_{scalar}.c" for law in laws),
+            shared / f"labmate{suffix}.c",
+        ]
         plain += self.startup
         image = folder / "image"
         flags = [self.level, *COMMON, *LANGUAGE["c"], *self.flags, f"-I{RUNTIME}", f"-I{shared}"]
-        run([self.prefix + "gcc", *flags, *map(str, plain + objects), *self.link, "-lm", "-o", str(image)], folder)
+        run(
+            [self.prefix + "gcc", *flags, *map(str, plain + objects), *self.link, "-lm", "-o", str(image)],
+            folder,
+        )
         symbols = symbols_of(image, self.prefix)
         counts = self.count(image, programs, symbols)
         graph = call_graph(sorted(folder.glob("*.ci")))
@@ -93,7 +107,13 @@ class Host:
     def count(self, image: Path, programs: Sequence[MeasuredProgram], symbols: dict) -> dict[str, Executed]:
         """MeasuredProgram name -> mean, least, most, cycles."""
         out = image.with_suffix(".callgrind")
-        command = ["valgrind", "--tool=callgrind", "-q", f"--callgrind-out-file={out}", "--compress-strings=no"]
+        command = [
+            "valgrind",
+            "--tool=callgrind",
+            "-q",
+            f"--callgrind-out-file={out}",
+            "--compress-strings=no",
+        ]
         _checked(run([*command, "--compress-pos=no", str(image)], image.parent, check=False), programs, image)
         inclusive = _inclusive(out.read_text(encoding="utf-8"))
         return {p.name: (inclusive[p.measured] / cases.COUNT, None, None, None) for p in programs}
@@ -125,13 +145,19 @@ class Host:
 
 
 class CortexM4F(Host):
-    """Cortex-M4F with its single-precision FPU, in QEMU; a plugin counts every executed instruction, and its estimated cycles."""
+    """Cortex-M4F with its single-precision FPU, in QEMU; a plugin counts every executed instruction,
+    and its estimated cycles."""
 
     name = "cortex-m4f"
     prefix = "arm-none-eabi-"
     flags = M4F
     startup = (ROOT / "firmware/boards/start_cortex_m.c",)
-    link = ("-nostartfiles", "--specs=nosys.specs", f"-T{ROOT / 'firmware/boards/mps2-an386.ld'}", "-Wl,--gc-sections")
+    link = (
+        "-nostartfiles",
+        "--specs=nosys.specs",
+        f"-T{ROOT / 'firmware/boards/mps2-an386.ld'}",
+        "-Wl,--gc-sections",
+    )
     runner = ("qemu-system-arm", "gcc")
     machine = ("qemu-system-arm", "-M", "mps2-an386", *"-display none -monitor none -serial none".split())
     machine += ("-semihosting-config", "enable=on,target=native")
@@ -139,7 +165,9 @@ class CortexM4F(Host):
     def count(self, image: Path, programs: Sequence[MeasuredProgram], symbols: dict) -> dict[str, Executed]:
         """MeasuredProgram name -> mean, least, most, cycles."""
         calls = [(p.measured, p.driver) for p in programs]
-        done, found = count_calls(self.machine, image, symbols, calls, self.folder, write_costs(image, self.prefix))
+        done, found = count_calls(
+            self.machine, image, symbols, calls, self.folder, write_costs(image, self.prefix)
+        )
         _checked(done, programs, image)
         for name, (number, *_) in found.items():
             if number != cases.COUNT:
@@ -160,7 +188,8 @@ class CortexM4FSmall(CortexM4F):
 
 
 class CortexM0Plus(CortexM4F):
-    """The code of a Cortex-M0+, which has no FPU: each operation is a call of GCC's library, whose instructions are counted too.
+    """The code of a Cortex-M0+, which has no FPU: each operation is a call of GCC's library, whose
+    instructions are counted too.
 
     It runs on the same emulated machine; the cycles would be those of another processor.
     """
@@ -175,11 +204,14 @@ class CortexM0Plus(CortexM4F):
         return {name: (mean, least, most, None) for name, (mean, least, most, _) in counted.items()}
 
 
-def measure_all(target: Host, jobs: Sequence[tuple[str, Sequence[MeasuredProgram], str]], shared: Path) -> dict:
+def measure_all(
+    target: Host, jobs: Sequence[tuple[str, Sequence[MeasuredProgram], str]], shared: Path
+) -> dict:
     """Return (label, scalar) -> program name -> count; with one job per processor."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         futures = {
-            (label, scalar): pool.submit(target.measure, label, programs, scalar, shared) for label, programs, scalar in jobs
+            (label, scalar): pool.submit(target.measure, label, programs, scalar, shared)
+            for label, programs, scalar in jobs
         }
         return {key: future.result() for key, future in futures.items()}
 

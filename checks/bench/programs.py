@@ -1,4 +1,5 @@
-"""The programs to measure: for each implementation of a law, a C file that calls one of its functions at all states."""
+"""The programs to measure: for each implementation of a law,
+a C file that calls one of its functions at all states."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -46,7 +47,9 @@ class Unguarded(LawC):
         return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super().leave(condition, answer)
 
 
-def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True, kind: type[LawC] = Unguarded) -> MeasuredProgram:
+def ours(
+    law: ControlLaw, scalar: str, quantity: str, optimize: bool = True, kind: type[LawC] = Unguarded
+) -> MeasuredProgram:
     """Return our law without guards: the body of the generated function."""
     text = kind(compile_law(law, optimize), SCALARS[scalar], ["for the bench, without guards"])
     core = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}") + "_law"
@@ -100,7 +103,8 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     given = [(f"const {name(what)} *", "self"), (f"const {state} *", "state")]
     given += [(f"const {reference} *", "wanted")] if quantity == "tau" else []
     types = (
-        ", ".join(f"{kind}{argument}" for kind, argument in given) + f", {scalar} answer[2]{'' if quantity == 'tau' else '[2]'}"
+        ", ".join(f"{kind}{argument}" for kind, argument in given)
+        + f", {scalar} answer[2]{'' if quantity == 'tau' else '[2]'}"
     )
     arguments = ", ".join([*(argument for _, argument in given), "answer"])
     casts = [f"(const {name(f'{robot}_params')} *){law.name}_params"]
@@ -108,7 +112,9 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     casts += [f"(const {name(f'{robot}_{law.name}_gains')} *){law.name}_gains"] if quantity == "tau" else []
     call = f"MEASURED(&law, (const {state} *){law.name}_state[i]"
     call += (
-        f", (const {reference} *){law.name}_reference[i], answer[i]);" if quantity == "tau" else f", ({scalar}(*)[2])answer[i]);"
+        f", (const {reference} *){law.name}_reference[i], answer[i]);"
+        if quantity == "tau"
+        else f", ({scalar}(*)[2])answer[i]);"
     )
     return _program(
         law,
@@ -121,9 +127,11 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> MeasuredProgram:
     )
 
 
-def flat(law: ControlLaw, scalar: str, quantity: str, text: str, call: str, language: str = "c") -> MeasuredProgram:
-    """Return another tool's function of plain arrays, without precomputed constants; `call` is C in terms of `arrays` and
-    answer[i]."""
+def flat(
+    law: ControlLaw, scalar: str, quantity: str, text: str, call: str, language: str = "c"
+) -> MeasuredProgram:
+    """Return another tool's function of plain arrays, without precomputed constants; `call` is C in terms of
+    `arrays` and answer[i]."""
     return _program(law, scalar, quantity, [text], "", "", call, language)
 
 
@@ -211,7 +219,9 @@ def main_text(programs: list[MeasuredProgram]) -> str:
     """Return a main that runs every program and returns the number of the first wrong one."""
     lines = [f"int check_{program.name}(void);" for program in programs]
     lines += ["int main(void)", "{"]
-    lines += [f"    if (check_{program.name}()) return {number};" for number, program in enumerate(programs, 1)]
+    lines += [
+        f"    if (check_{program.name}()) return {number};" for number, program in enumerate(programs, 1)
+    ]
     return "\n".join([*lines, "    return 0;", "}", ""])
 
 

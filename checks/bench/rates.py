@@ -20,11 +20,14 @@ REPEATS = 3  # the shortest time counts
 
 
 def generation(cold: bool) -> dict[str, float | dict[str, float]]:
-    """Return the time (s) from the start of the process until all laws of the LABMATE are written, float and double; if `cold`,
-    also the processor time (s) of ROBOTS with an empty cache, the C compiler's included."""
+    """Return the time (s) from the start of the process until all laws of the LABMATE are written, float and
+    double; if `cold`, also the processor time (s) of ROBOTS with an empty cache, the C compiler's
+    included."""
     with tempfile.TemporaryDirectory() as folder:
         seconds = round(_least(lambda: _checked(_generate("labmate", folder))), 2)
-        return {"seconds": seconds} | ({"cold_processor_seconds": {robot: _cold(robot) for robot in ROBOTS}} if cold else {})
+        return {"seconds": seconds} | (
+            {"cold_processor_seconds": {robot: _cold(robot) for robot in ROBOTS}} if cold else {}
+        )
 
 
 def _generate(robot: str, folder: str) -> list[str]:
@@ -33,7 +36,8 @@ def _generate(robot: str, folder: str) -> list[str]:
 
 
 def _cold(robot: str) -> float:
-    """Return the processor time (s) to generate the C of a robot, compare it with the model and write it, without a cache."""
+    """Return the processor time (s) to generate the C of a robot,
+    compare it with the model and write it, without a cache."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as folder:
         _checked(_generate(robot, folder), NOSLIP_CACHE=f"{folder}/cache")
@@ -42,9 +46,13 @@ def _cold(robot: str) -> float:
 
 
 def simulation() -> dict[str, float]:
-    """Return for shipped SPECs the time (s) that a second of their runs takes, imports and the compiler aside."""
+    """Return for shipped SPECs the time (s) that a second of their runs takes,
+    imports and the compiler aside."""
     specs = {name: read_spec(file_or_shipped(name, ".toml")) for name in RUNS}
-    return {name: round(_least(partial(simulate, spec)) / spec.simulation.duration, 4) for name, spec in specs.items()}
+    return {
+        name: round(_least(partial(simulate, spec)) / spec.simulation.duration, 4)
+        for name, spec in specs.items()
+    }
 
 
 def _least(action: Callable[[], object]) -> float:

@@ -1,8 +1,10 @@
-"""The bench: instructions, bytes and rates of the generated laws, compared with hand-written ones and those of other tools.
+"""The bench: instructions, bytes and rates of the generated laws, compared with hand-written ones and those
+of other tools.
 
-Instructions are counted by callgrind on this machine and by a plugin of QEMU on an emulated Cortex-M4F, whose cycles
-cycles.py estimates from them. Ours and the hand-written laws are also measured there with -Os, and as code of a Cortex-M0+, which
-has no FPU. Writes bench.json and bench.png; what a missing tool would measure is skipped and said.
+Instructions are counted by callgrind on this machine and by a plugin of QEMU on an emulated Cortex-M4F, whose
+cycles cycles.py estimates from them. Ours and the hand-written laws are also measured there with -Os, and as
+code of a Cortex-M0+, which has no FPU. Writes bench.json and bench.png; what a missing tool would measure is
+skipped and said.
 """
 
 import argparse
@@ -22,21 +24,41 @@ from noslip.model.outputs import OUTPUTS
 from noslip.readers.files import write_folder, write_whole
 from noslip.readers.robots import find_robot, law_of, system_of
 
-OURS = {"ours": programs.ours, "tested": programs.tested, "guarded": programs.guarded, "unoptimized": programs.unoptimized}
+OURS = {
+    "ours": programs.ours,
+    "tested": programs.tested,
+    "guarded": programs.guarded,
+    "unoptimized": programs.unoptimized,
+}
 OURS |= {"hand": programs.hand}
-PEERS = {"casadi": peers.casadi, "casadi_single": peers.casadi_single, "sympy": peers.sympy_cse, "symforce": peers.symforce}
+PEERS = {
+    "casadi": peers.casadi,
+    "casadi_single": peers.casadi_single,
+    "sympy": peers.sympy_cse,
+    "symforce": peers.symforce,
+}
 MATRICES = ("Phi", "Phidot")
 SCALARS = ("double", "float")
 
 
 def main() -> int:
     """Run all measurements; return 0."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
-        "-o", dest="out", metavar="DIR", default="build", help="where bench.json and bench.png go (default: build)"
+        "-o",
+        dest="out",
+        metavar="DIR",
+        default="build",
+        help="where bench.json and bench.png go (default: build)",
     )
     much = parser.add_mutually_exclusive_group()
-    much.add_argument("--quick", action="store_true", help="only ours and the hand-written laws; write nothing but the tables")
+    much.add_argument(
+        "--quick",
+        action="store_true",
+        help="only ours and the hand-written laws; write nothing but the tables",
+    )
     much.add_argument("--all", action="store_true", help="also generation without a cache")
     args = parser.parse_args()
     out = Path(args.out)
@@ -57,7 +79,9 @@ def main() -> int:
             print(f"{target.name}: skipped, {target.missing} is not installed")
             continue
         scalars = ("float",) if isinstance(target, CortexM4F) else SCALARS
-        measured = written if target.peers else {key: found for key, found in written.items() if key[0] in OURS}
+        measured = (
+            written if target.peers else {key: found for key, found in written.items() if key[0] in OURS}
+        )
         jobs = [(label, found, scalar) for (label, scalar), found in measured.items() if scalar in scalars]
         counts = measure_all(target, jobs, shared)
         for scalar in scalars:
@@ -90,11 +114,16 @@ def main() -> int:
 
 def _case_files(given: list[cases.Cases]) -> dict[str, str]:
     files = {f"cases_{scalar}.h": cases.header(given, scalar) for scalar in SCALARS}
-    return files | {f"cases_{c.law.name}_{scalar}.c": cases.source(c, scalar) for c in given for scalar in SCALARS}
+    return files | {
+        f"cases_{c.law.name}_{scalar}.c": cases.source(c, scalar) for c in given for scalar in SCALARS
+    }
 
 
-def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, str], list[programs.MeasuredProgram]]:
-    """Return (method, scalar) -> programs: ours for every law, others for laws with a hand-written version."""
+def _programs(
+    laws: list, ways: dict[str, programs.Writer]
+) -> dict[tuple[str, str], list[programs.MeasuredProgram]]:
+    """Return (method, scalar) -> programs: ours for every law,
+    others for laws with a hand-written version."""
     written: dict[tuple[str, str], list[programs.MeasuredProgram]] = {}
     for label, way in ways.items():
         if why := peers.missing(label):
@@ -106,7 +135,11 @@ def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, s
             ours = label in OURS and label != "hand"
             chosen = [law for law in laws if ours or law.name in programs.HAND]
             quantities = ("tau", *MATRICES) if label in ("ours", "hand") else ("tau",)
-            made = [(law, q, peers.capped(lambda w=way, a=(law, scalar, q): w(*a))) for law in chosen for q in quantities]
+            made = [
+                (law, q, peers.capped(lambda w=way, a=(law, scalar, q): w(*a)))
+                for law in chosen
+                for q in quantities
+            ]
             for law, _, _ in (one for one in made if one[2] is None):
                 print(f"{label}, {law.name}, {scalar}: given up after {peers.CAP} s")
             written[label, scalar] = [program for _, _, program in made if program is not None]
@@ -129,7 +162,9 @@ def _entry(law: str, scalar: str, counts: dict) -> dict:
     entry |= {label: count.mean for label, count in found.items()}
     entry |= {"text_bytes": ours.text_bytes, "stack_bytes": ours.stack_bytes}
     found = {"with_guards": guarded} | found
-    entry["bytes"] = {label: {"text": count.text_bytes, "stack": count.stack_bytes} for label, count in found.items()}
+    entry["bytes"] = {
+        label: {"text": count.text_bytes, "stack": count.stack_bytes} for label, count in found.items()
+    }
     for quantity in MATRICES:
         name = f"{law}_{quantity}"
         entry[quantity] = {"instructions": counts["ours", scalar][name].mean}
@@ -140,7 +175,11 @@ def _entry(law: str, scalar: str, counts: dict) -> dict:
 
 def _table(title: str, table: dict[str, dict]) -> str:
     """Return tables of instructions and bytes of all laws."""
-    columns = [key for key in ("instructions", "guards", *OURS, *PEERS) if any(key in entry for entry in table.values())]
+    columns = [
+        key
+        for key in ("instructions", "guards", *OURS, *PEERS)
+        if any(key in entry for entry in table.values())
+    ]
     rows = [["", *columns, "ours/hand", "Phi/hand", "Phidot/hand"]]
     for law, entry in table.items():
         ratios = [_ratio(entry["instructions"], entry.get("hand"))]
@@ -153,7 +192,9 @@ def _table(title: str, table: dict[str, dict]) -> str:
         cells = [f"{one['text']}+{one['stack']}" if one else "" for one in each]
         sizes.append([law, f"{entry['text_bytes']}+{entry['stack_bytes']}", *cells])
     note = "text + stack bytes, without libm"
-    counted = f"\n{title}: mean instructions of a call\n{_aligned(rows)}\n\n{title}: {note}\n{_aligned(sizes)}"
+    counted = (
+        f"\n{title}: mean instructions of a call\n{_aligned(rows)}\n\n{title}: {note}\n{_aligned(sizes)}"
+    )
     return counted + _cycles(title, table)
 
 
@@ -161,7 +202,9 @@ def _cycles(title: str, table: dict[str, dict]) -> str:
     """Return a table of the estimated cycles of all laws; nothing for a target without an estimate."""
     columns = {"cycles_unguarded": "law alone", "cycles": "+ singular test", "cycles_guarded": "+ all guards"}
     columns |= {f"cycles_{label}": label for label in ("unoptimized", "hand", *PEERS)}
-    columns = {key: heading for key, heading in columns.items() if any(key in entry for entry in table.values())}
+    columns = {
+        key: heading for key, heading in columns.items() if any(key in entry for entry in table.values())
+    }
     rows = [["", *columns.values()]]
     rows += [[law, *(_number(entry.get(key)) for key in columns)] for law, entry in table.items()]
     return f"\n\n{title}: estimated cycles of a call\n{_aligned(rows)}" if columns else ""
@@ -178,11 +221,15 @@ def _number(value: float | None) -> str:
 def _aligned(rows: list[list[str]]) -> str:
     full = [row + [""] * (max(map(len, rows)) - len(row)) for row in rows]
     widths = [max(len(row[k]) for row in full) for k in range(len(full[0]))]
-    return "\n".join("  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in full)
+    return "\n".join(
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in full
+    )
 
 
 def _rates(result: dict) -> str:
-    generated = f"generation of all laws, both scalars, from process start: {result['generation']['seconds']} s\n"
+    generated = (
+        f"generation of all laws, both scalars, from process start: {result['generation']['seconds']} s\n"
+    )
     if found := result["generation"].get("cold_processor_seconds"):
         cold = ", ".join(f"{robot} {seconds}" for robot, seconds in found.items())
         generated += f"without a cache, processor seconds: {cold}\n"

@@ -1,12 +1,15 @@
-"""Slip of robots in the physics engine where friction is not what is believed: given, earned, and without limiter.
+"""Slip of robots in the physics engine where friction is not what is believed: given, earned, and without
+limiter.
 
-    python checks/bench/starts_on_floors.py [--starts N] [--ratios R ...] [--seconds S] [--robot NAME|SPEC.toml ...]
+    python checks/bench/starts_on_floors.py [--starts N] [--ratios R ...] [--seconds S] [--robot
+    NAME|SPEC.toml ...]
 
-Prints, for each robot, each ratio of the true friction to the believed one and each limiter, of all starts: the largest slip of
-a wheel and for how long a run slips faster than SLIDES at most, the time from which on all errors in m stay within REACHED
-(median of the runs that end so, and their number), the runs that stopped: the wheels spin, or the loop is singular, and those of
-them that reach the path without limiter. The first start is that of the SPEC; others move the place by up to 0.5 m, turn the
-heading by up to 0.8 rad and multiply what the robot has of speed by up to 1. Starts that are singular are left out.
+Prints, for each robot, each ratio of the true friction to the believed one and each limiter, of all starts:
+the largest slip of a wheel and for how long a run slips faster than SLIDES at most, the time from which on
+all errors in m stay within REACHED (median of the runs that end so, and their number), the runs that stopped:
+the wheels spin, or the loop is singular, and those of them that reach the path without limiter. The first
+start is that of the SPEC; others move the place by up to 0.5 m, turn the heading by up to 0.8 rad and
+multiply what the robot has of speed by up to 1. Starts that are singular are left out.
 """
 
 import argparse
@@ -22,7 +25,16 @@ from pathlib import Path
 
 import noslip
 import numpy as np
-from noslip.examples.evidence.figures.floor import BARE, BELIEVED_MU, LIMITERS, PERIOD, ROBOTS, SLIDES, file_of, sliding
+from noslip.examples.evidence.figures.floor import (
+    BARE,
+    BELIEVED_MU,
+    LIMITERS,
+    PERIOD,
+    ROBOTS,
+    SLIDES,
+    file_of,
+    sliding,
+)
 from noslip.examples.evidence.framework import Case
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
@@ -45,7 +57,8 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Slipped:
-    """What a run shows: largest slip (m/s), time above SLIDES (s), when the path is reached (s; None: not), if it stopped."""
+    """What a run shows: largest slip (m/s), time above SLIDES (s), when the path is reached (s; None:
+    not), if it stopped."""
 
     slip: float
     slides: float
@@ -59,7 +72,10 @@ def moved(initial: dict, source: random.Random) -> dict:
     turn, part = source.uniform(-HEADING, HEADING), source.uniform(0, 1)
     if "point" not in initial:
         x, y, heading, *rest = initial["q"]
-        return {"q": [x + place[0], y + place[1], heading + turn, *rest], "nu": [part * rate for rate in initial["nu"]]}
+        return {
+            "q": [x + place[0], y + place[1], heading + turn, *rest],
+            "nu": [part * rate for rate in initial["nu"]],
+        }
     heading = initial["heading"]
     heading = math.radians(float(heading.split()[0])) if isinstance(heading, str) else heading
     point = [at + by for at, by in zip(initial["point"], place, strict=True)]
@@ -72,7 +88,8 @@ def spec_of(robot: str) -> str:
 
 
 def started(robot: str, initial: dict, ratio: float, limiter: str, seconds: float) -> Case:
-    """Return the run of a robot's SPEC from a start, on a floor whose friction is `ratio` times the believed one."""
+    """Return the run of a robot's SPEC from a start, on a floor whose friction is `ratio` times the believed
+    one."""
     times = {"simulation.period": PERIOD, "simulation.output_step": PERIOD, "simulation.duration": seconds}
     floor = {"contact": {"mu": BELIEVED_MU}, "floor": {"mu": ratio * BELIEVED_MU}}
     return Case(spec_of(robot), {"initial": initial, **times, **floor, **LIMITERS[limiter]}, engine="mujoco")
@@ -94,11 +111,18 @@ def outcome(case: Case) -> Slipped | None:
     return Slipped(float(run.floor.slip.max()), sliding(run), reached, bool(run.stopped))
 
 
-def row(robot: str, ratio: float, limiter: str, found: Sequence[Slipped | None], without: Sequence[Slipped | None]) -> str:
+def row(
+    robot: str, ratio: float, limiter: str, found: Sequence[Slipped | None], without: Sequence[Slipped | None]
+) -> str:
     """Return the row of a table for all starts; `without` are the same without limiter."""
     runs = [one for one in found if one is not None]
-    lost = sum(bool(a and b and a.stopped and b.reached is not None) for a, b in zip(found, without, strict=True))
-    times, stopped = [one.reached for one in runs if one.reached is not None], sum(one.stopped for one in runs)
+    lost = sum(
+        bool(a and b and a.stopped and b.reached is not None) for a, b in zip(found, without, strict=True)
+    )
+    times, stopped = (
+        [one.reached for one in runs if one.reached is not None],
+        sum(one.stopped for one in runs),
+    )
     slip, slides = max(one.slip for one in runs), max(one.slides for one in runs)
     median = f"{statistics.median(times):.2f}" if times else "-"
     counts = [f"{number} of {len(runs)}" for number in (len(times), stopped, lost)]
@@ -121,7 +145,9 @@ def main() -> None:
             starts = [first, *(moved(first, source) for _ in range(given.starts - 1))]
             for ratio in given.ratios:
                 found = {
-                    limiter: pool.map(outcome, [started(robot, start, ratio, limiter, given.seconds) for start in starts])
+                    limiter: pool.map(
+                        outcome, [started(robot, start, ratio, limiter, given.seconds) for start in starts]
+                    )
                     for limiter in LIMITERS
                 }
                 runs = {limiter: list(each) for limiter, each in found.items()}

@@ -2,8 +2,8 @@
 
     python -m noslip.checks.guarantees [NAME ...] [--short] [--update] [-o DIR]
 
-Exit code 0: all checks that could run hold; 1: at least one failed. A check whose tool is missing is skipped with a message; with
-NOSLIP_REQUIRE_FIRMWARE=1 in the environment it fails.
+Exit code 0: all checks that could run hold; 1: at least one failed. A check whose tool is missing is skipped
+with a message; with NOSLIP_REQUIRE_FIRMWARE=1 in the environment it fails.
 """
 
 import argparse
@@ -59,12 +59,18 @@ def checked(name: str, task: Task) -> tuple[str, str]:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the checks and return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m noslip.checks.guarantees", description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m noslip.checks.guarantees", description=__doc__.split("\n\n")[0]
+    )
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"any of {', '.join(CHECKS)} (default: all)")
     parser.add_argument("--short", action="store_true", help="run the short versions, as the tests do")
     parser.add_argument("--update", action="store_true", help="record the measured values as the new budget")
     parser.add_argument(
-        "-o", dest="out", metavar="DIR", default="build/guarantees", help="working folder (default: build/guarantees)"
+        "-o",
+        dest="out",
+        metavar="DIR",
+        default="build/guarantees",
+        help="working folder (default: build/guarantees)",
     )
     arguments = parser.parse_args(argv)
     if unknown := [name for name in arguments.names if name not in CHECKS]:

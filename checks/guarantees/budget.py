@@ -9,9 +9,11 @@ Numbers = dict[str, dict[str, int]]  # module -> quantity -> value
 
 
 def compare(task: Task, target: Machine, measured: Numbers) -> str:
-    """Compare measured numbers with the budget and return a summary of the differences; with task.update, record them instead.
+    """Compare measured numbers with the budget and return a summary of the differences; with task.update,
+    record them instead.
 
-    Raises Failed if a number exceeds the budget or is missing from it, unless the budget is of another compiler version.
+    Raises Failed if a number exceeds the budget or is missing from it, unless the budget is of another
+    compiler version.
     """
     budget = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
     mine = budget.setdefault(target.name, {"compiler": target.version, "modules": {}})
@@ -23,7 +25,10 @@ def compare(task: Task, target: Machine, measured: Numbers) -> str:
         return "recorded as the new budget"
     changed = dict(_changed(mine["modules"], measured))
     if mine["compiler"] != target.version:
-        return f"not compared: {target.version}, the budget is of {mine['compiler']}; {len(changed)} numbers differ"
+        return (
+            f"not compared: {target.version}, the budget is of {mine['compiler']}; {len(changed)} numbers "
+            "differ"
+        )
     above = [text for text, more in changed.items() if more]
     if above:
         raise Failed("\n".join([*above, "if this is intended: python -m noslip.checks.guarantees --update"]))
@@ -45,7 +50,13 @@ def _text(budget: dict) -> str:
     """Return the budget as JSON with a line for each module."""
     targets = []
     for name, target in sorted(budget.items()):
-        lines = [f"   {json.dumps(module)}: {json.dumps(numbers)}" for module, numbers in sorted(target["modules"].items())]
+        lines = [
+            f"   {json.dumps(module)}: {json.dumps(numbers)}"
+            for module, numbers in sorted(target["modules"].items())
+        ]
         modules = ",\n".join(lines)
-        targets.append(f' "{name}": {{\n  "compiler": {json.dumps(target["compiler"])},\n  "modules": {{\n{modules}\n  }}\n }}')
+        targets.append(
+            f' "{name}": {{\n  "compiler": {json.dumps(target["compiler"])},\n  "modules": {{\n{modules}\n  '
+            "}\n }"
+        )
     return "{\n" + ",\n".join(targets) + "\n}\n"

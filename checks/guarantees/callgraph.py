@@ -8,7 +8,8 @@ Graph = dict[str, tuple[int, set[str]]]
 
 
 def call_graph(files: Iterable[Path]) -> Graph:
-    """Return function -> bytes of its own frame, callees; for functions of the same name the largest frame and all callees.
+    """Return function -> bytes of its own frame, callees; for functions of the same name the largest frame
+    and all callees.
 
     Functions of libraries are callees only. Raises RuntimeError for a frame of variable size.
     """

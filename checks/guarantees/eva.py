@@ -1,7 +1,7 @@
 """Frama-C's EVA: no undefined behaviour for any bit pattern of the arguments, and results as asserted.
 
-Special floats are allowed (-warn-special-float none). An alarm is therefore an access outside an object, an integer overflow, a
-conversion without a defined result, or an assertion in c/eva/*.c that EVA cannot prove.
+Special floats are allowed (-warn-special-float none). An alarm is therefore an access outside an object, an
+integer overflow, a conversion without a defined result, or an assertion in c/eva/*.c that EVA cannot prove.
 """
 
 import re
@@ -18,7 +18,8 @@ PROGRAMS = HERE / "c" / "eva"
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
 GROUPED = re.compile(r"((?<=[{;])\s*){([^{}]*)}")  # members that Frama-C groups without a name
 FILES = {"HEADER": "h", "SOURCE": "c"}
-EXTENDED = ("type_i_extended", "type_iv_course_extended")  # laws with a dynamic extension that are generated to be analysed
+# Laws with a dynamic extension that are generated to be analysed
+EXTENDED = ("type_i_extended", "type_iv_course_extended")
 EXTENSION = {"law.extension", "law.extension_rate"}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
 ESTIMATED = {f"self.filter.{member}" for member in ("state", "rounded", "factors")}
@@ -53,7 +54,9 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "noslip_motor_step": {"command"},
     "noslip_motor_limit": {"torque"},
     "noslip_motor_set_supply": {"self.supply", "self.standing"},
-    "noslip_watchdog_step": {f"self.{member}" for member in ("state", "reason", "status", "strikes", "good", "stood")},
+    "noslip_watchdog_step": {
+        f"self.{member}" for member in ("state", "reason", "status", "strikes", "good", "stood")
+    },
     "noslip_telemetry_send": {"self.written", "self.dropped", "ring"},
     "noslip_telemetry_read": {"self.taken", "bytes", "count"},
     "noslip_image_save": {"image", "used"},
@@ -74,16 +77,36 @@ FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts a
 }
 # functions of which one interval says enough, so that no states are kept apart in them
 MERGED = {"noslip_limit": 0, "noslip_abs": 0}
-MERGED_IN_GRIP = {"noslip_earn": 0, "noslip_compare": 0, "noslip_shown": 0, "noslip_friction_ok": 0, "noslip_grip_init": 0}
-MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
+MERGED_IN_GRIP = {
+    "noslip_earn": 0,
+    "noslip_compare": 0,
+    "noslip_shown": 0,
+    "noslip_friction_ok": 0,
+    "noslip_grip_init": 0,
+}
+MOST_IN_PATH = {
+    "noslip_path_init": 2000,
+    "noslip_first_fault": 1000,
+    "noslip_path_look": 1000,
+    "noslip_path_update": 5000,
+}
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
 MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
-COURSE_NOT_SPLIT = tuple(f"noslip_course_{part}" for part in ("ends", "cusp_ok", "backward", "left"))  # by what they return
+# By what they return
+COURSE_NOT_SPLIT = tuple(f"noslip_course_{part}" for part in ("ends", "cusp_ok", "backward", "left"))
 MOST_IN_FOLLOWER = {"labmate_follower_init": 2000, "init_drives": 20, "set_params": 20} | dict.fromkeys(
-    ("init_encoders", "init_path", "init_laws", "init_law", "init_approach", "init_integrals", "set_wheels"), 0
+    ("init_encoders", "init_path", "init_laws", "init_law", "init_approach", "init_integrals", "set_wheels"),
+    0,
 )
-MOST_IN_FRAMES = {"noslip_crc32": 0, "noslip_frame_begin": 0, "noslip_frame_word": 20}  # the bytes are arbitrary
-MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_init": 2000, "check_update": 3000, "main": 10000}
+# The bytes are arbitrary
+MOST_IN_FRAMES = {"noslip_crc32": 0, "noslip_frame_begin": 0, "noslip_frame_word": 20}
+MOST_IN_PATH |= {
+    "noslip_path_advance": 2000,
+    "noslip_path_step": 20000,
+    "check_init": 2000,
+    "check_update": 3000,
+    "main": 10000,
+}
 
 
 @dataclass(frozen=True)
@@ -99,14 +122,16 @@ class AnalysedProgram:
 
     @property
     def extended(self) -> bool:
-        """Whether the law has a dynamic extension: its step takes the time since the last one, and it is without friction."""
+        """Whether the law has a dynamic extension: its step takes the time since the last one,
+        and it is without friction."""
         return self.law.endswith("_extended")
 
     def precision(self, task: Task) -> list[str]:
         """Options for the number of states kept apart (slevel), and the functions with another number.
 
-        Separate states are needed to distinguish limits that are absent and sizes that are infinite. The states at a return are
-        split by the returned value; the value -1 is not a size, so that states of a size are not split.
+        Separate states are needed to distinguish limits that are absent and sizes that are infinite. The
+        states at a return are split by the returned value; the value -1 is not a size, so that states of a
+        size are not split.
         """
         suffix = SCALARS[self.scalar][0]
         of_frames = MOST_IN_FRAMES if self.source == "telemetry" else {}
@@ -115,12 +140,21 @@ class AnalysedProgram:
         own = whole.get(self.source, {})
         in_grip = MERGED_IN_GRIP if self.source in ("law", "grip") and task.grips(self.law) else {}
         most = MERGED | in_grip | own
-        most = {f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()} | of_frames
+        most = {
+            f"{name}{suffix if name.startswith(('noslip', 'labmate')) else ''}": n for name, n in most.items()
+        } | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
         not_split = ("noslip_abs", *(COURSE_NOT_SPLIT if self.source in ("course", "tracker") else ()))
         kept = ",".join(f"{function}{suffix}:-1" for function in not_split)
         split = ["-eva-split-return", "full", "-eva-split-return-function", kept]
-        levels = {"path": "100", "slip": "20", "course": "20", "tracker": "20", "telemetry": "300", "follower": "100"}
+        levels = {
+            "path": "100",
+            "slip": "20",
+            "course": "20",
+            "tracker": "20",
+            "telemetry": "300",
+            "follower": "100",
+        }
         level = levels.get(self.source, "2000")
         return ["-eva-slevel", level, "-eva-slevel-function", each, *split]
 
@@ -132,7 +166,11 @@ class AnalysedProgram:
         more = [task.law_file(f"{task.robot_of(self.law)}{suffix}.c")] if self.law else []
         more += [task.law_file(f"{self.law}{suffix}.c")] if self.source == "law" else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
-        more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
+        more += (
+            [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")]
+            if self.source == "ekf"
+            else []
+        )
         more += [task.runtime / "noslip_watchdog.c"] if self.source in ("drives", "follower") else []
         if self.source == "telemetry":
             parts = [task.runtime / f"noslip_{part}.c" for part in ("telemetry", "image")]
@@ -168,12 +206,22 @@ class AnalysedProgram:
 
 
 def programs(task: Task) -> list[AnalysedProgram]:
-    """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
+    """Return the programs to analyse; the short version has the last law, with `follow`,
+    and all but the path, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", ""), ("tracker", "")]
+    parts = [
+        ("runtime", ""),
+        ("drives", ""),
+        ("path", ""),
+        ("slip", ""),
+        ("ekf", ""),
+        ("course", ""),
+        ("tracker", ""),
+    ]
     parts += [("balance", ""), ("telemetry", "")]
-    grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
+    # The first, without a speed, and the last, with follow
+    grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]
     named = [("law", law) for law in (*laws, *task.laws_of_others)]
     named += ([] if task.short else grips) + parts[: 2 if task.short else None]
     named += [("feedback", name) for name in task.feedback_names]
@@ -182,7 +230,8 @@ def programs(task: Task) -> list[AnalysedProgram]:
 
 
 def eva(task: Task) -> str:
-    """Check that no program has an alarm or an unproved assertion, and that functions write only to permitted objects."""
+    """Check that no program has an alarm or an unproved assertion,
+    and that functions write only to permitted objects."""
     need("frama-c", "frama-c-base")
     if not task.short:
         task = replace(task, folder=task.folder / "eva", more=(*task.more, *EXTENDED))
@@ -194,7 +243,8 @@ def eva(task: Task) -> str:
 
 
 def same_bits(task: Task) -> str:
-    """Check that the C for Frama-C, which differs in six places (`__FRAMAC__`), has the same digest of all laws and paths."""
+    """Check that the C for Frama-C, which differs in six places (`__FRAMAC__`),
+    has the same digest of all laws and paths."""
     need("gcc", "gcc")
     states, folder = "2000" if task.short else "20000", task.folder / "framac"
     folder.mkdir(parents=True, exist_ok=True)
@@ -204,7 +254,19 @@ def same_bits(task: Task) -> str:
     )
 
     def digest(name: str, flags: list[str]) -> str:
-        run(["gcc", *STANDARD, "-O0" if task.short else "-O2", *flags, *include, *sources, "-lm", "-o", folder / name])
+        run(
+            [
+                "gcc",
+                *STANDARD,
+                "-O0" if task.short else "-O2",
+                *flags,
+                *include,
+                *sources,
+                "-lm",
+                "-o",
+                folder / name,
+            ]
+        )
         return run([folder / name, states, states])
 
     digests = each(lambda way: digest(*way), [("shipped", []), ("analysed", ["-D__FRAMAC__"])])
@@ -218,7 +280,10 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
     code, text = attempt(command(task, program))
     if code or (shown := re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", text)) is None:
         return 0, [f"{program}: frama-c ended with {code}", *text.splitlines()[-10:]]
-    wrong = [f"{program}: {' '.join(each.split())}" for each in re.findall(r"\[eva:alarm\] (.*?)(?=\n\[|\n$|\Z)", text, re.S)]
+    wrong = [
+        f"{program}: {' '.join(each.split())}"
+        for each in re.findall(r"\[eva:alarm\] (.*?)(?=\n\[|\n$|\Z)", text, re.S)
+    ]
     if int(shown[2]) + int(shown[3]) and not wrong:
         wrong = [f"{program}: {shown[0]}"]
     if not re.search(r"^ +0 alarms generated", text, re.M) and not wrong:
@@ -233,7 +298,9 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
         if program.extended and name in ("step", "reset"):
             allowed = MAY_WRITE[name] | EXTENSION
         written = re.sub(r"\[[^]]*\]", "", written)
-        while (plain := re.sub(r"([\w.]+){([^{}]*)}", _members, re.sub(GROUPED, r"\1\2", written))) != written:
+        while (
+            plain := re.sub(r"([\w.]+){([^{}]*)}", _members, re.sub(GROUPED, r"\1\2", written))
+        ) != written:
             written = plain
         places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - NOT_OF_THE_C
         places = {place.split(".")[0] for place in places} if whole else places
@@ -256,7 +323,11 @@ def _members(braced: re.Match[str]) -> str:
 
 def command(task: Task, program: AnalysedProgram) -> list[str]:
     """Return the complete command line."""
-    places = [*task.include, f"-I{PROGRAMS}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
+    places = [
+        *task.include,
+        f"-I{PROGRAMS}",
+        *(f"-D{name}={value}" for name, value in program.defined(task).items()),
+    ]
     preprocess = " ".join(place.replace('"', '\\"') for place in places)
     options = [*OPTIONS, *program.precision(task), f"-cpp-extra-args={preprocess}"]
     return ["frama-c", *options, *map(str, program.sources(task))]

@@ -1,7 +1,8 @@
 """Response of the controller to faults: measures the tables of docs/faults.md.
 
-There are two tables. The first is for each law alone: every bit of every number of the state is flipped in turn. The second is
-for the vehicle of firmware/ on its path, with wrong or constant counters, missed ticks, a wrong clock, and motors without torque.
+There are two tables. The first is for each law alone: every bit of every number of the state is flipped in
+turn. The second is for the vehicle of firmware/ on its path, with wrong or constant counters, missed ticks, a
+wrong clock, and motors without torque.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ REASONS = ("runs", "stops: an error", "stops: too many strikes", "stops: a wheel
 
 TEXT = """# Response to faults
 
-Measured by `python -m noslip.checks.guarantees faults`, which fails if the measurements differ from this page;
+Measured by `python -m noslip.checks.guarantees faults`, which fails if the measurements differ from this \
+page;
 `--update` rewrites it.
 
 ## One flipped bit in the input of a law
@@ -62,16 +64,20 @@ mass matrix makes the law return torques that move nothing. A slipping or lifted
 """
 
 
-# -- a law, with each bit of its state flipped ---------------------------------------------------------------------------------
+# -- a law, with each bit of its state flipped ---------------------------------------------------------------
 
 
 def flipped(law_name: str, states: int) -> dict[str, int]:
-    """Count the results of a law (float, limits 20 N m) by kind after one bit of one number of the state has flipped.
+    """Count the results of a law (float, limits 20 N m) by kind after one bit of one number of the state has
+    flipped.
 
     Raises Failed if a torque is not finite or exceeds its limit, or is not zero with an error.
     """
     robot = find_robot("labmate")
-    law, counts = law_of(robot, law_name), dict.fromkeys(("same", "other", "nonfinite", "range", "singular"), 0)
+    law, counts = (
+        law_of(robot, law_name),
+        dict.fromkeys(("same", "other", "nonfinite", "range", "singular"), 0),
+    )
     for plant in random_plants(law, states, SEED):
         limits = Limits((LIMIT,) * len(robot.inputs))
         controller = CompiledController(law, plant.params, plant.config, plant.gains, "float", limits)
@@ -97,13 +103,14 @@ def _kind(law: str, status: str, tau: np.ndarray, good: np.ndarray) -> str:
     return status if error else "same" if np.abs(tau - good).max() <= SAME * LIMIT else "other"
 
 
-# -- the vehicle on its path ------------------------------------------------------------------------------------------------
+# -- the vehicle on its path ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault: `misread` changes the counters read at a tick, `missed` returns the number of ticks missed before it, `settings`
-    are changed before the start (member names as in labmate_follower_f.h, separated by `__`)."""
+    """A fault: `misread` changes the counters read at a tick, `missed` returns the number of ticks missed
+    before it, `settings` are changed before the start (member names as in labmate_follower_f.h, separated by
+    `__`)."""
 
     name: str
     misread: Callable[[int, np.random.Generator, list[int]], list[int]] = lambda tick, random, counts: counts
@@ -139,12 +146,18 @@ def _noisy(tick: int, random: np.random.Generator, counts: list[int]) -> list[in
 
 def faults() -> list[Fault]:
     """Return all faults, starting with a run without one."""
-    once, often = (lambda tick, random: tick == BEGIN), (lambda tick, random: tick >= BEGIN and random.random() < 0.01)
+    once, often = (
+        (lambda tick, random: tick == BEGIN),
+        (lambda tick, random: tick >= BEGIN and random.random() < 0.01),
+    )
     always = lambda tick, random: tick >= BEGIN and random.random() < 0.5  # noqa: E731
     later = lambda missed: lambda tick: missed if tick >= BEGIN else 0  # noqa: E731
     return [
         Fault("none"),
-        *(Fault(f"bit {bit} of the right counter flips once", _one_bit(bit, 0, once)) for bit in (0, 4, 8, 10, 12, 15)),
+        *(
+            Fault(f"bit {bit} of the right counter flips once", _one_bit(bit, 0, once))
+            for bit in (0, 4, 8, 10, 12, 15)
+        ),
         Fault("a random bit of the left counter flips in 1 % of the ticks", _one_bit(-1, 1, often)),
         Fault("a random bit of the left counter flips in half of the ticks", _one_bit(-1, 1, always)),
         Fault("the right counter stands still", _stuck(0)),
@@ -155,11 +168,25 @@ def faults() -> list[Fault]:
         Fault("4 ticks are missed, once", missed=lambda tick: 4 * (tick == BEGIN)),
         Fault("20 ticks are missed, once", missed=lambda tick: 20 * (tick == BEGIN)),
         Fault("every tick takes ten times too long, and the clock shows it", missed=later(9)),
-        Fault("every tick takes ten times too long, and the clock does not show it", missed=later(9), reported=False),
-        Fault("every tick takes twice as long, and the clock does not show it", missed=later(1), reported=False),
-        Fault("limits of 0 N m: those of the motors", settings=(("limits__limit__0", 0.0), ("limits__limit__1", 0.0))),
-        Fault("limits of 1e-6 N m: no torque", settings=(("limits__limit__0", 1e-6), ("limits__limit__1", 1e-6))),
-        Fault("supplies of 1e-6 V: no torque", settings=(("motors__0__supply", 1e-6), ("motors__1__supply", 1e-6))),
+        Fault(
+            "every tick takes ten times too long, and the clock does not show it",
+            missed=later(9),
+            reported=False,
+        ),
+        Fault(
+            "every tick takes twice as long, and the clock does not show it", missed=later(1), reported=False
+        ),
+        Fault(
+            "limits of 0 N m: those of the motors",
+            settings=(("limits__limit__0", 0.0), ("limits__limit__1", 0.0)),
+        ),
+        Fault(
+            "limits of 1e-6 N m: no torque", settings=(("limits__limit__0", 1e-6), ("limits__limit__1", 1e-6))
+        ),
+        Fault(
+            "supplies of 1e-6 V: no torque",
+            settings=(("motors__0__supply", 1e-6), ("motors__1__supply", 1e-6)),
+        ),
         Fault("no mass: m_c = 0", settings=(("params__m_c", 0.0),)),
         Fault("a singular mass matrix: all masses and inertias 1e-30", settings=NO_MASS),
         Fault("a wheel radius of NaN", settings=(("params__r", float("nan")),)),
@@ -168,8 +195,9 @@ def faults() -> list[Fault]:
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """Outcome of a run with a fault: error statuses, how the run ended and after how many ticks of the fault, distance rolled
-    from the first fault to the zero command (m; None if it did not stop), and error at the end (m; None unless it arrived)."""
+    """Outcome of a run with a fault: error statuses, how the run ended and after how many ticks of the fault,
+    distance rolled from the first fault to the zero command (m; None if it did not stop), and error at the
+    end (m; None unless it arrived)."""
 
     statuses: tuple[str, ...]
     end: str
@@ -179,7 +207,8 @@ class FaultOutcome:
 
 
 def outcome(c: Firmware, fault: Fault) -> FaultOutcome:
-    """Run the vehicle with a fault. Raises Failed if a command is not finite, exceeds its limit, or is not 0 after a stop."""
+    """Run the vehicle with a fault. Raises Failed if a command is not finite, exceeds its limit,
+    or is not 0 after a stop."""
     try:
         loop = FirmwareLoop(c, **dict(fault.settings))
     except SettingsRefused as refused:
@@ -210,7 +239,11 @@ def outcome(c: Firmware, fault: Fault) -> FaultOutcome:
     arrived = standing > 300
     return FaultOutcome(
         tuple(statuses),
-        REASONS[loop.vehicle.watchdog.reason] if stopped is not None else "arrives" if arrived else "runs, not there yet",
+        REASONS[loop.vehicle.watchdog.reason]
+        if stopped is not None
+        else "arrives"
+        if arrived
+        else "runs, not there yet",
         None if stopped is None else stopped - begin + 1,
         way if stopped is not None else None,
         float(np.hypot(guide.remaining, guide.foot.distance)) + loop.drift() if arrived else None,
@@ -226,20 +259,29 @@ def _check(c: Firmware, fault: Fault, loop: FirmwareLoop) -> None:
             raise Failed(f"{fault.name}: a command of {loop.command[k]} V after the watchdog has stopped")
 
 
-# -- the page --------------------------------------------------------------------------------------------------------------
+# -- the page ------------------------------------------------------------------------------------------------
 
 
 def page(laws: dict[str, dict[str, int]], runs: dict[str, FaultOutcome], states: int) -> str:
     """Return the page with both tables, in Markdown."""
     rows = [
-        f"| `{law}` | {' | '.join(_share(n, sum(counts.values())) for n in counts.values())} |" for law, counts in laws.items()
+        f"| `{law}` | {' | '.join(_share(n, sum(counts.values())) for n in counts.values())} |"
+        for law, counts in laws.items()
     ]
     ends = [
-        f"| {name} | {', '.join(o.statuses) or '-'} | {o.end} | {_number(o.after, 'd')} | {_number(o.rolled, '.2f')} | "
-        f"{_number(None if o.error is None else 1000 * o.error, '.1f')} |"
+        f"| {name} | {', '.join(o.statuses) or '-'} | {o.end} | {_number(o.after, 'd')} | "
+        f"{_number(o.rolled, '.2f')} | {_number(None if o.error is None else 1000 * o.error, '.1f')} |"
         for name, o in runs.items()
     ]
-    return TEXT.format(limit=LIMIT, states=states, bits=BITS, same=SAME, begin=BEGIN, rows="\n".join(rows), ends="\n".join(ends))
+    return TEXT.format(
+        limit=LIMIT,
+        states=states,
+        bits=BITS,
+        same=SAME,
+        begin=BEGIN,
+        rows="\n".join(rows),
+        ends="\n".join(ends),
+    )
 
 
 def _share(count: int, all_of_them: int) -> str:
@@ -267,5 +309,7 @@ def check(task: Task) -> str:
     if task.update:
         path.write_text(now, encoding="utf-8")
     if not path.exists() or path.read_text(encoding="utf-8") != now:
-        raise Failed(f"{PAGE} differs from the measurements; python -m noslip.checks.guarantees faults --update")
+        raise Failed(
+            f"{PAGE} differs from the measurements; python -m noslip.checks.guarantees faults --update"
+        )
     return f"{len(faults())} faults of the vehicle, each bit of the state of each law: as in {PAGE}"

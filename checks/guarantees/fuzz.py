@@ -8,7 +8,8 @@ from pathlib import Path
 from .tools import HERE, STANDARD, Failed, Missing, Task, attempt, each, need, run
 
 CHECKS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
-LANES_MAY = ["-fno-sanitize=float-divide-by-zero"]  # where its step would leave, a lane goes on, and the step computes it again
+# Where its step would leave, a lane goes on, and the step computes it again
+LANES_MAY = ["-fno-sanitize=float-divide-by-zero"]
 RUNTIME = (
     "odometry",
     "ekf",
@@ -33,8 +34,8 @@ LONGEST = 512  # maximum bytes of an input
 
 
 def sanitizers(task: Task) -> str:
-    """Check that calls of every function with seeded arguments, including arbitrary bits, give no report, and that the digest of
-    all laws is the same."""
+    """Check that calls of every function with seeded arguments, including arbitrary bits, give no report, and
+    that the digest of all laws is the same."""
     gcc = need("gcc", "gcc")
     folder = _folder(task, "sanitizers")
     (folder / "seeded.c").write_text(_drivers(task) + SEEDED_MAIN, encoding="utf-8")
@@ -48,7 +49,8 @@ def sanitizers(task: Task) -> str:
         return f"{len(counted)} functions, {SEEDED[True]} calls each"
     digest = task.root / "tests/c/law_digest.c"
     plain, checked = (
-        _program(task, _folder(task, name), gcc, more, digest) for name, more in (("plain", ["-O2"]), ("checked", flags))
+        _program(task, _folder(task, name), gcc, more, digest)
+        for name, more in (("plain", ["-O2"]), ("checked", flags))
     )
     if len({run([program, "20000", "20000"]) for program in (plain, checked)}) != 1:
         raise Failed("the digest differs with sanitizers")
@@ -73,17 +75,22 @@ def fuzz(task: Task) -> str:
         merged = _empty(folder / "merged")
         run([program, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", merged, corpus, new_inputs])
         inputs = [_packed(path.read_bytes(), names) for path in merged.iterdir()]
-        CORPUS.write_text("".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))), encoding="utf-8")
+        CORPUS.write_text(
+            "".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))),
+            encoding="utf-8",
+        )
         summary += f"; corpus of {len(inputs)} inputs"
     return summary
 
 
 def _fuzz(program: Path, options: list[str], new_inputs: Path, corpus: Path) -> str:
-    """Run libFuzzer: writes new inputs to `new_inputs`, and a failing one to the folder of the program; returns a summary."""
+    """Run libFuzzer: writes new inputs to `new_inputs`, and a failing one to the folder of the program;
+    returns a summary."""
     fixed = [f"-max_len={LONGEST}", "-print_final_stats=1", f"-artifact_prefix={program.parent}/"]
     code, text = attempt([program, *options, *fixed, new_inputs, corpus])
     if code:
-        report = re.search(r"^.*(: not |: runtime error: |ERROR: )", text, re.M)  # of a check, of UBSan, of the other sanitizers
+        # Of a check, of UBSan, of the other sanitizers
+        report = re.search(r"^.*(: not |: runtime error: |ERROR: )", text, re.M)
         raise Failed(text[report.start() :][:3000] if report else text[-3000:])
     runs = re.findall(r"number_of_executed_units: (\d+)", text)[-1]
     edges, features = re.findall(r"cov: (\d+) ft: (\d+)", text)[-1]
@@ -93,7 +100,8 @@ def _fuzz(program: Path, options: list[str], new_inputs: Path, corpus: Path) -> 
 def _unpacked(folder: Path, names: list[str]) -> Path:
     """Unpack the committed corpus into a folder: the inputs for the functions of these names.
 
-    The first byte of an input is the position of its function in the table, which another function may move: so the name is kept.
+    The first byte of an input is the position of its function in the table, which another function may move:
+    so the name is kept.
     """
     corpus = _empty(folder / "corpus")
     for number, line in enumerate(CORPUS.read_text(encoding="utf-8").splitlines()):
@@ -131,15 +139,22 @@ def _functions(task: Task) -> list[str]:
 
 
 def _drivers(task: Task) -> str:
-    """Return C with a driver function of the same type for each law and each part of the runtime, and a table of them."""
+    """Return C with a driver function of the same type for each law and each part of the runtime,
+    and a table of them."""
     names = {"angle", "reversing", *RUNTIME} - {"angles", "ekf"}
     runtime = [*(f"noslip_{name}.h" for name in sorted(names)), "labmate_ekf.h", "labmate_ekf_f.h"]
     parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
     for real, suffix in SCALARS.items():
         parts.append(f"#define SUFFIX {suffix}\n#define REAL {real}\n")
-        parts += [f'#include "lanes/{law}_steps{suffix}.h"\n' + task.driver(law, suffix, "law_fuzz.inc") for law in task.laws]
+        parts += [
+            f'#include "lanes/{law}_steps{suffix}.h"\n' + task.driver(law, suffix, "law_fuzz.inc")
+            for law in task.laws
+        ]
         parts.append('#include "runtime_fuzz.inc"\n#undef SUFFIX\n#undef REAL\n')
-    rows = [f'    {{"{name}", {"fuzz" if name.removesuffix("_f") in RUNTIME else "run"}_{name}}},\n' for name in _functions(task)]
+    rows = [
+        f'    {{"{name}", {"fuzz" if name.removesuffix("_f") in RUNTIME else "run"}_{name}}},\n'
+        for name in _functions(task)
+    ]
     return "".join(parts) + TABLE + "".join(rows) + "};\n"
 
 
@@ -149,7 +164,16 @@ def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: 
     command = [compiler, *STANDARD, *flags, *include]
 
     def compiled(path: Path) -> Path:
-        run([*command, *(LANES_MAY if path in task.lanes else []), "-c", path, "-o", folder / f"{path.stem}.o"])
+        run(
+            [
+                *command,
+                *(LANES_MAY if path in task.lanes else []),
+                "-c",
+                path,
+                "-o",
+                folder / f"{path.stem}.o",
+            ]
+        )
         return folder / f"{path.stem}.o"
 
     objects = each(compiled, [*task.sources, *task.lanes, source])
@@ -158,7 +182,8 @@ def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: 
 
 
 def _rows(text: str) -> dict[str, list[int]]:
-    """Return function -> number of calls by kind of result, for a law also of follow. Raises Failed if hardly any succeeded."""
+    """Return function -> number of calls by kind of result,
+    for a law also of follow. Raises Failed if hardly any succeeded."""
     rows: dict[str, list[int]] = {}
     for line in text.splitlines():
         name, *words = line.split()

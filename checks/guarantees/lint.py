@@ -7,8 +7,8 @@ from pathlib import Path
 from .tools import HERE, HOST, STANDARD, Failed, Machine, Task, attempt, each, hold, need
 
 STRICT = (
-    "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow "
-    "-Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
+    "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion "
+    "-Wfloat-equal -Wshadow -Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
 ).split()
 DEVIATIONS = HERE / "misra.md"
 # macros of gcc for Cortex-M4F, which cppcheck assumes; it reads no system headers
@@ -18,7 +18,8 @@ AS_M4F = [f"-D{name}" for name in ("__GNUC__=12", "__STDC_VERSION__=199901L", "_
 
 
 def warnings(task: Task, target: Machine = HOST) -> str:
-    """Check that gcc with its analyzer and clang (on a bare target: its gcc) give no warning for any source or header."""
+    """Check that gcc with its analyzer and clang (on a bare target:
+    its gcc) give no warning for any source or header."""
     sources = _sources(task)
     commands = [[target.compiler, *target.flags, "-fanalyzer"]]
     if target is HOST:
@@ -41,7 +42,8 @@ def tidy(task: Task) -> str:
 
 
 def misra(task: Task) -> str:
-    """Check that cppcheck and its MISRA addon have no findings except those listed in misra.md by rule and files."""
+    """Check that cppcheck and its MISRA addon have no findings except those listed in misra.md by rule and
+    files."""
     need("cppcheck", "cppcheck")
     allowed, used = _deviations(), set()
     findings = _findings(task)
@@ -58,17 +60,31 @@ def misra(task: Task) -> str:
     hold(undocumented)
     if not task.short:
         hold(f"misra.md: nothing deviates from {rule} any more" for rule in sorted(set(allowed) - used))
-    return f"0 undocumented, {len(findings)} places deviate from {len({rule for _, _, rule in findings})} rules with a reason"
+    return (
+        f"0 undocumented, {len(findings)} places deviate from {len({rule for _, _, rule in findings})} "
+        "rules with a reason"
+    )
 
 
 def _findings(task: Task) -> list[tuple[str, str, str]]:
-    """Return the findings (file, line, rule), each once. The exit code of cppcheck does not depend on those of the addon."""
+    """Return the findings (file, line, rule), each once. The exit code of cppcheck does not depend on those
+    of the addon."""
     build = task.folder / "misra"
-    shutil.rmtree(build, ignore_errors=True)  # what it keeps of headers that have changed would be found again
+    # What it keeps of headers that have changed would be found again
+    shutil.rmtree(build, ignore_errors=True)
     build.mkdir(parents=True)
     template = "--template={file}:{line}: {id}: {message}"
-    command = ["cppcheck", "--addon=misra", "--enable=style", "--std=c99", "--quiet", f"--cppcheck-build-dir={build}", template]
-    # findings that do not apply: functions of both scalars from one text, declarations at the start of a function, no memcpy here
+    command = [
+        "cppcheck",
+        "--addon=misra",
+        "--enable=style",
+        "--std=c99",
+        "--quiet",
+        f"--cppcheck-build-dir={build}",
+        template,
+    ]
+    # findings that do not apply: functions of both scalars from one text, declarations at the start of a
+    # function, no memcpy here
     command += ["--suppress=ctuArrayIndex", "--suppress=variableScope", "--suppress=useStandardLibrary"]
     code, text = attempt([*command, *AS_M4F, *task.include, *_sources(task)])
     if code:
@@ -79,7 +95,9 @@ def _findings(task: Task) -> list[tuple[str, str, str]]:
         if match is None:
             raise Failed(f"cppcheck: {line}")
         path = Path(match[1]).resolve()
-        findings.add((str(path.relative_to(task.root) if path.is_relative_to(task.root) else path), match[2], match[3]))
+        findings.add(
+            (str(path.relative_to(task.root) if path.is_relative_to(task.root) else path), match[2], match[3])
+        )
     return sorted(findings)
 
 
@@ -90,7 +108,8 @@ def _deviations() -> dict[str, list[str]]:
 
 
 def _sources(task: Task) -> list[Path]:
-    """Return all sources; in the short version a law, the inline functions of the headers, and the vehicle."""
+    """Return all sources; in the short version a law, the inline functions of the headers,
+    and the vehicle."""
     law = task.generated / f"{task.laws[-1]}_f.c" if task.laws else None
     if task.short and law:
         return [law, task.headers(), task.generated / "labmate_follower_f.c"]

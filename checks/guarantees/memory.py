@@ -12,16 +12,29 @@ MOST_STACK, MOST_OF_LARGE = 384, 512  # bytes; LARGE
 LARGE = ("_follower_", "_ekf_")
 EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
 MODULES = (
-    *("adaptation", "approach", "balance", "course", "disturbance", "ekf", "encoder", "integral", "motor", "nearest_angle"),
+    *(
+        "adaptation",
+        "approach",
+        "balance",
+        "course",
+        "disturbance",
+        "ekf",
+        "encoder",
+        "integral",
+        "motor",
+        "nearest_angle",
+    ),
     *("odometry", "profile", "reversing", "slip", "velocity"),
 )
 IN_HEADERS = tuple(f"noslip_{name}" for name in MODULES)
 
 
 def symbols(task: Task, target: Machine = HOST) -> str:
-    """Check that no symbol is undefined except those that compilers call, that no data is writable, that no library is needed.
+    """Check that no symbol is undefined except those that compilers call, that no data is writable, that no
+    library is needed.
 
-    On a bare target only the float sources are checked, since double needs the compiler's library; no symbol may be undefined.
+    On a bare target only the float sources are checked, since double needs the compiler's library; no symbol
+    may be undefined.
     """
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
     objects += target.compile(task, [task.headers()], EMIT_ALL) if target is HOST else []
@@ -39,14 +52,19 @@ def symbols(task: Task, target: Machine = HOST) -> str:
         _, data, bss = _size(target, path)
         if data or bss:
             findings.append(f"{path.name}: {data} bytes of data, {bss} of bss")
-    needed = set(undefined) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # exists in position-independent code; not a function
+    # Exists in position-independent code; not a function
+    needed = set(undefined) - defined - {"_GLOBAL_OFFSET_TABLE_"}
     hold([*findings, *(f"{undefined[name]} needs {name}" for name in sorted(needed - by_compilers))])
     _link(task, target, objects)
-    return f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, link with -nostdlib"
+    return (
+        f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, "
+        "link with -nostdlib"
+    )
 
 
 def stack(task: Task, target: Machine = M4F) -> str:
-    """Check the stack of the deepest call chain of each entry point: no recursion, variable frame or unknown function.
+    """Check the stack of the deepest call chain of each entry point: no recursion, variable frame or unknown
+    function.
 
     The compiler's library counts as unknown, so that a use of double in a float function is found.
     """
@@ -54,24 +72,38 @@ def stack(task: Task, target: Machine = M4F) -> str:
     own = (*IN_HEADERS, "noslip_path", "labmate", *task.feedback_names)
     entries = [name for name in sorted(graph) if name.endswith("_f") and name.startswith(own)]
     used = {entry: deepest(graph, entry) for entry in entries}
-    outside = {(entry, name) for entry in entries for name in reached(graph, entry) - set(graph) - BY_COMPILERS}
+    outside = {
+        (entry, name) for entry in entries for name in reached(graph, entry) - set(graph) - BY_COMPILERS
+    }
     hold(
         [f"{entry} calls {name}" for entry, name in sorted(outside)]
-        + [f"{entry}: {bytes_} bytes, more than {_most(entry)}" for entry, bytes_ in used.items() if bytes_ > _most(entry)]
+        + [
+            f"{entry}: {bytes_} bytes, more than {_most(entry)}"
+            for entry, bytes_ in used.items()
+            if bytes_ > _most(entry)
+        ]
     )
     measured: budget.Numbers = {}
     for entry, most in used.items():
         laws = sorted((*task.laws, *task.laws_of_others, *task.feedback_names), key=len, reverse=True)
         module = next((name for name in laws if entry.startswith(name)), "runtime")
-        measured.setdefault(f"{module}_f", {})[f"stack {entry.removeprefix(module + '_').removesuffix('_f')}"] = most
+        measured.setdefault(f"{module}_f", {})[
+            f"stack {entry.removeprefix(module + '_').removesuffix('_f')}"
+        ] = most
     worst = max(used, key=used.__getitem__)
-    return f"{len(used)} entry points, worst {worst} {used[worst]} bytes; {budget.compare(task, target, measured)}"
+    return (
+        f"{len(used)} entry points, worst {worst} {used[worst]} bytes; "
+        f"{budget.compare(task, target, measured)}"
+    )
 
 
 def sizes(task: Task, target: Machine = HOST) -> str:
-    """Compare the bytes of code and data of each object, and of the struct that the caller owns, with the budget."""
+    """Compare the bytes of code and data of each object, and of the struct that the caller owns,
+    with the budget."""
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
-    measured = {path.stem: dict(zip(("text", "data", "bss"), _size(target, path), strict=True)) for path in objects}
+    measured = {
+        path.stem: dict(zip(("text", "data", "bss"), _size(target, path), strict=True)) for path in objects
+    }
     for module, size in _structs(task, target).items():
         if module in measured:
             measured[module]["struct"] = size
@@ -103,7 +135,11 @@ def _structs(task: Task, target: Machine) -> dict[str, int]:
     scalars = ("", "_f")
     headers = [*(f"{law}{suffix}" for law in own[:-1] for suffix in scalars), "noslip_path", "noslip_balance"]
     lines = [f'#include "{header}.h"' for header in headers]
-    lines += [f"char size_of_{name}{end}[sizeof({kind}{end})] = {{1}};" for name, kind in kinds.items() for end in scalars]
+    lines += [
+        f"char size_of_{name}{end}[sizeof({kind}{end})] = {{1}};"
+        for name, kind in kinds.items()
+        for end in scalars
+    ]
     source = task.folder / "structs.c"
     source.write_text("\n".join(lines) + "\n", encoding="utf-8")
     listing = run([target.tool("nm"), "-S", *target.compile(task, [source])])

@@ -39,9 +39,10 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """Arguments of a check: the C, the working folder, short or complete version, whether to record a new budget; `more`: laws of
-    the shipped robot that are generated for the check, beside those of its committed C; `others`: laws of other robots, likewise:
-    robot and law, one of each robot; `feedbacks`: SPECs whose state feedback is generated, likewise.
+    """Arguments of a check: the C, the working folder, short or complete version, whether to record a new
+    budget; `more`: laws of the shipped robot that are generated for the check, beside those of its committed
+    C; `others`: laws of other robots, likewise: robot and law, one of each robot; `feedbacks`: SPECs whose
+    state feedback is generated, likewise.
     """
 
     folder: Path
@@ -99,8 +100,13 @@ class Task:
 
     @property
     def laws(self) -> list[str]:
-        """The laws' names in C, without the scalar; `more` are before the last, which has `follow` and is the follower's."""
-        own = [path.stem for path in _c_files(self.generated) if "_type_" in path.stem and not path.stem.endswith("_f")]
+        """The laws' names in C, without the scalar; `more` are before the last,
+        which has `follow` and is the follower's."""
+        own = [
+            path.stem
+            for path in _c_files(self.generated)
+            if "_type_" in path.stem and not path.stem.endswith("_f")
+        ]
         return [*own[:-1], *(f"{self.generated.name}_{name}" for name in self.more), *own[-1:]]
 
     @property
@@ -138,7 +144,10 @@ class Task:
         """Write a source that includes every header of the runtime, to compile the inline functions."""
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / "headers.c"
-        path.write_text("".join(f'#include "{header.name}"\n' for header in sorted(self.runtime.glob("*.h"))), encoding="utf-8")
+        path.write_text(
+            "".join(f'#include "{header.name}"\n' for header in sorted(self.runtime.glob("*.h"))),
+            encoding="utf-8",
+        )
         return path
 
 
@@ -169,7 +178,16 @@ class Machine:
         """Compile sources at -O2, with their call graphs, unless compiled before; return the objects."""
         folder = task.folder / self.name
         folder.mkdir(parents=True, exist_ok=True)
-        command = (self.compiler, *STANDARD, "-O2", "-fcallgraph-info=su,da", *self.flags, *flags, *task.include, "-c")
+        command = (
+            self.compiler,
+            *STANDARD,
+            "-O2",
+            "-fcallgraph-info=su,da",
+            *self.flags,
+            *flags,
+            *task.include,
+            "-c",
+        )
         return each(lambda source: _compiled(command, source, folder / f"{source.stem}.o"), sources)
 
 
@@ -189,11 +207,13 @@ def _c_files(folder: Path) -> list[Path]:
 
 @cache
 def _written(folder: Path, robot: str, names: tuple[str, ...]) -> Path:
-    """Write the C of laws of a robot into a folder, with that of their batch laws; what all of its laws share too unless that is
-    committed. Return the folder."""
+    """Write the C of laws of a robot into a folder, with that of their batch laws; what all of its laws share
+    too unless that is committed. Return the folder."""
     system = system_of(find_robot(robot))
     committed = (ROOT / "generated" / system.mechanism.name).exists()
-    for name, text in robot_files(system, [law_of(system, law) for law in names], dynamics=False, lanes=True).items():
+    for name, text in robot_files(
+        system, [law_of(system, law) for law in names], dynamics=False, lanes=True
+    ).items():
         if "_type_" in name or not committed:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text, encoding="utf-8")
@@ -202,13 +222,15 @@ def _written(folder: Path, robot: str, names: tuple[str, ...]) -> Path:
 
 @cache
 def _feedback(folder: Path, file: str) -> Path:
-    """Write the header of the state feedback of a SPEC, with sources that call it, into a folder of its own in `folder`, named as
-    in C. Return that folder."""
+    """Write the header of the state feedback of a SPEC, with sources that call it, into a folder of its own
+    in `folder`, named as in C. Return that folder."""
     spec = read_spec(file)
     robot = find_robot(spec.robot)
     made = folder / f"{robot.name}_lqr"
     made.mkdir(parents=True, exist_ok=True)
-    for name, text in callable_files(feedback_of(robot, spec, robot.parameter_values({})), list(SCALARS.values())).items():
+    for name, text in callable_files(
+        feedback_of(robot, spec, robot.parameter_values({})), list(SCALARS.values())
+    ).items():
         (made / name).write_text(text, encoding="utf-8")
     return made
 
@@ -227,7 +249,8 @@ def need(tool: str, package: str) -> str:
 
 
 def run(command: Sequence[str | Path], folder: Path | None = None, **more: str) -> str:
-    """Run a tool and return its output, stdout and stderr. `more`: environment variables. Raises Failed if it fails."""
+    """Run a tool and return its output, stdout and stderr. `more`:
+    environment variables. Raises Failed if it fails."""
     code, text = attempt(command, folder, **more)
     if code:
         raise Failed(f"{' '.join(map(str, command))}\n{text}".strip())

@@ -16,14 +16,21 @@ PERIOD = 0.01  # s, of firmware/robot.c
 RUN, HOLD, STOP = range(3)  # states of the watchdog
 
 # of generated/labmate
-LAW = ("labmate_f", "labmate_dynamics_f", "labmate_type_iv_segment_f", "labmate_follower_f", "labmate_telemetry_f")
+LAW = (
+    "labmate_f",
+    "labmate_dynamics_f",
+    "labmate_type_iv_segment_f",
+    "labmate_follower_f",
+    "labmate_telemetry_f",
+)
 
 LIBRARY = """
 #include "board.h"
 #include "clock.h"
 #include "robot.h"
 
-/* The simulated board, with a clock that does not wait and nobody to talk to; its memory is there to be looked at. */
+/* The simulated board, with a clock that does not wait and nobody to talk to; its memory is there to be \
+looked at. */
 enum { SEMIHOSTING_WRITE0, SEMIHOSTING_OPEN, SEMIHOSTING_WRITE, SEMIHOSTING_COMMAND_LINE };
 static int semihosting(int operation, const void *argument) { return operation + (argument != 0); }
 uint32_t late; /* ticks */
@@ -34,7 +41,8 @@ uint32_t clock_wait(void) { return late; }
 #undef static
 
 /* Writes the frames of a tick and of a correction, as a program does. */
-int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int status,
+int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int \
+status,
          const float *command, float dt, const float *turned)
 {
     noslip_record_f record;
@@ -50,7 +58,8 @@ int tell_correction(noslip_telemetry *to, const noslip_pose_f *truth, noslip_cor
     return noslip_telemetry_correct_f(to, truth, mode);
 }
 
-/* Drives laps of pieces, each so many ticks with so many counts of each wheel; answers how many ticks were refused. */
+/* Drives laps of pieces, each so many ticks with so many counts of each wheel; answers how many ticks were \
+refused. */
 int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps)
 {
     uint32_t at[2] = {0, 0};
@@ -69,7 +78,8 @@ int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int 
 }
 """
 OWN = """
-int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int status,
+int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int \
+status,
          const float *command, float dt, const float *turned);
 int tell_correction(noslip_telemetry *to, const noslip_pose_f *truth, noslip_correction mode);
 int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps);
@@ -157,12 +167,15 @@ class FirmwareLoop:
         c.lib.board_start(self.settings.period)
 
     def tick(self, misread: Callable = lambda counts: None, missed: int = 0, reported: bool = True) -> int:
-        """Run a tick and return its status; `misread` changes the counters, and missed ticks can be hidden from the vehicle."""
+        """Run a tick and return its status; `misread` changes the counters,
+        and missed ticks can be hidden from the vehicle."""
         self.c.lib.late = missed
         assert self.c.lib.board_wait() == missed
         self.c.lib.board_read(self.counts)
         misread(self.counts)
-        status = self.c.lib.labmate_follower_tick_f(self.vehicle, self.counts, missed if reported else 0, self.command)
+        status = self.c.lib.labmate_follower_tick_f(
+            self.vehicle, self.counts, missed if reported else 0, self.command
+        )
         self.c.lib.board_drive(self.command)
         return status
 
@@ -172,7 +185,9 @@ class FirmwareLoop:
 
     def drift(self) -> float:
         """Distance between the estimated and the true position of the simulated vehicle, m."""
-        ahead = self.settings.params.d * np.array([math.cos(self.c.lib.heading), math.sin(self.c.lib.heading)])
+        ahead = self.settings.params.d * np.array(
+            [math.cos(self.c.lib.heading), math.sin(self.c.lib.heading)]
+        )
         return np.abs(self.pose()[:2] - ahead - (self.c.lib.x, self.c.lib.y)).max()
 
     @property

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 SMALLEST = 1e-3  # errors are relative to the largest entry of the quantity, but at least to this (SI)
 MOST_STATES = 10_000_000
-TYPICAL = 0.1  # at random states at least to this part of the median size of the quantity: some entries cancel there
+# At random states at least to this part of the median size of the quantity: some entries cancel there
+TYPICAL = 0.1
 FEW = 16  # the median of fewer errors is shown but has no limit, because it is not significant
 
 
@@ -51,13 +52,15 @@ class ErrorSummary:
     count: int
 
     def within(self, limits: ErrorLimits) -> bool:
-        """Return whether both are at or below the limits; the median only if there are at least FEW errors."""
+        """Return whether both are at or below the limits; the median only if there are at least FEW
+        errors."""
         return self.worst <= limits.worst and (self.median <= limits.median or self.count < FEW)
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest difference between the entries of a quantity and those expected, the largest entry expected, and the case."""
+    """Largest difference between the entries of a quantity and those expected,
+    the largest entry expected, and the case."""
 
     difference: float
     size: float
@@ -69,7 +72,8 @@ Deviations = dict[str, list[Deviation]]  # by quantity
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of a comparison: its values, its table as text, and a line for each error above its limit."""
+    """The result of a comparison: its values, its table as text,
+    and a line for each error above its limit."""
 
     values: dict[str, Any]
     table: str
@@ -96,14 +100,22 @@ def check_files(paths: Sequence[str], backends: Sequence[str]) -> Comparison:
             raise BadInput(f"{path}: nothing to compare: no case has `expect`")
         table = {backend: summarized(_against_expected(cases, backend), typical=0.0) for backend in backends}
         answers.append({"file": path, "cases": len(cases), "backends": plain(table)})
-        failures += [line for backend, rows in table.items() for line in _exceeded(backend, rows, EXPECT_LIMITS[backend])]
-        tables.append(f"{path}: {len(cases)} cases, error relative to the largest entry of each quantity: worst (median)\n")
+        failures += [
+            line
+            for backend, rows in table.items()
+            for line in _exceeded(backend, rows, EXPECT_LIMITS[backend])
+        ]
+        tables.append(
+            f"{path}: {len(cases)} cases, error relative to the largest entry of each quantity: worst "
+            "(median)\n"
+        )
         tables.append(_file_table(cases, table))
     return Comparison({"files": answers}, "\n".join(tables), failures)
 
 
 def _against_expected(cases: Sequence[EvaluationCase], backend: str) -> Deviations:
-    """Return the deviations of the quantities of a backend; infinite if a case with expected values cannot be evaluated."""
+    """Return the deviations of the quantities of a backend;
+    infinite if a case with expected values cannot be evaluated."""
     deviations: Deviations = {}
     offered = (*QUANTITIES, *MODEL_QUANTITIES) if backend == "casadi" else QUANTITIES
     for case, evaluation in zip(cases, evaluate_cases(cases, backend), strict=True):
@@ -116,7 +128,10 @@ def _against_expected(cases: Sequence[EvaluationCase], backend: str) -> Deviatio
                 continue
             value = evaluation.values[name]
             if expected.shape != value.shape:
-                raise BadInput(f"{case.where}: expect.{name} has shape {list(expected.shape)}; it must be {list(value.shape)}")
+                raise BadInput(
+                    f"{case.where}: expect.{name} has shape {list(expected.shape)}; it must be "
+                    f"{list(value.shape)}"
+                )
             of_name.append(deviation_of(value, expected, case.where))
     return deviations
 
@@ -153,7 +168,9 @@ def check_random(
     system = system_of(find_robot(robot))
     names = [only] if only else find_laws(system)
     if not names:
-        raise BadInput(f"{robot}: this robot can have none of the laws; name one with --output LAW to see why")
+        raise BadInput(
+            f"{robot}: this robot can have none of the laws; name one with --output LAW to see why"
+        )
     laws = [law_of(system, name) for name in names]
     tables, failures, left_out = {}, [], []
     for k, law in enumerate(laws):
@@ -167,14 +184,19 @@ def check_random(
     head = f"{robot}: {states} random states per law, seed {seed}; {compared} compared\n"
     values = {"robot": robot, "states": states, "seed": seed, "laws": plain(tables), "left_out": left_out}
     note = "".join(f"  {line}\n" for line in left_out)
-    note = f"\nleft out, because the model itself changes as much where its inputs are rounded:\n{note}" if note else ""
+    note = (
+        f"\nleft out, because the model itself changes as much where its inputs are rounded:\n{note}"
+        if note
+        else ""
+    )
     return Comparison(values, f"{head}\n{_random_table(tables, backends)}{note}", failures)
 
 
 def _compare(
     law: ControlLaw, states: int, seed: int, backends: Sequence[str]
 ) -> tuple[dict[str, dict[str, ErrorSummary]], list[str]]:
-    """Compare c with casadi, and cf with c, both at numbers representable in float; also return what is left out."""
+    """Compare c with casadi, and cf with c, both at numbers representable in float;
+    also return what is left out."""
     from .sampling import as_held, random_plants
 
     deviations: dict[str, Deviations] = {backend: {} for backend in backends}
@@ -191,13 +213,21 @@ def _compare(
                 truth = double.evaluate(*at) if backend == "cf" else point.truth
                 _add(deviations[backend], law.quantities, ours.evaluate(*at), truth, f"state {point.number}")
                 inputs[backend].append([*numbers, *at])
-    left_out = [line for backend in backends for line in _leave_out(law, backend, deviations[backend], inputs[backend])]
-    return {backend: summarized(by_quantity, TYPICAL) for backend, by_quantity in deviations.items()}, left_out
+    left_out = [
+        line
+        for backend in backends
+        for line in _leave_out(law, backend, deviations[backend], inputs[backend])
+    ]
+    return {
+        backend: summarized(by_quantity, TYPICAL) for backend, by_quantity in deviations.items()
+    }, left_out
 
 
-def _leave_out(law: ControlLaw, backend: str, deviations: Deviations, inputs: Sequence[Sequence[np.ndarray]]) -> list[str]:
-    """Remove the deviations above the limit that are due to the condition of the model at that state, from the largest on up to
-    one that is not; return a line for each. `inputs` by group, for each state.
+def _leave_out(
+    law: ControlLaw, backend: str, deviations: Deviations, inputs: Sequence[Sequence[np.ndarray]]
+) -> list[str]:
+    """Remove the deviations above the limit that are due to the condition of the model at that state, from
+    the largest on up to one that is not; return a line for each. `inputs` by group, for each state.
     """
     from ...analysis.exact.extended import due_to_rounding
     from ...model.law import symbols
@@ -209,7 +239,9 @@ def _leave_out(law: ControlLaw, backend: str, deviations: Deviations, inputs: Se
         for k in np.argsort(errors)[::-1].tolist():
             if errors[k] <= RANDOM_LIMITS[backend].worst or not np.isfinite(errors[k]):
                 break
-            if not due_to_rounding(of_name[k].difference, law.quantities[name], groups, inputs[k], SCALAR[backend]):
+            if not due_to_rounding(
+                of_name[k].difference, law.quantities[name], groups, inputs[k], SCALAR[backend]
+            ):
                 break
             ill.append(k)
             lines.append(f"{backend}: {name} in {of_name[k].where}, error {errors[k]:.1e}")
@@ -217,12 +249,16 @@ def _leave_out(law: ControlLaw, backend: str, deviations: Deviations, inputs: Se
     return lines
 
 
-def _add(deviations: Deviations, quantities: Iterable[str], evaluation: Evaluation, truth: Evaluation, where: str) -> None:
+def _add(
+    deviations: Deviations, quantities: Iterable[str], evaluation: Evaluation, truth: Evaluation, where: str
+) -> None:
     for name in quantities:
         if evaluation.status == truth.status == "ok":
             deviation = deviation_of(evaluation.values[name], truth.values[name], where)
         else:
-            deviation = Deviation(float("inf"), 0.0, f"{where} (status {evaluation.status}, reference {truth.status})")
+            deviation = Deviation(
+                float("inf"), 0.0, f"{where} (status {evaluation.status}, reference {truth.status})"
+            )
         deviations.setdefault(name, []).append(deviation)
 
 
@@ -233,11 +269,17 @@ def _random_table(tables: dict[str, dict[str, dict[str, ErrorSummary]]], backend
         rows.append([name])
         for summaries in table.values():
             worst = max(summaries, key=lambda quantity: summaries[quantity].worst)
-            rows[-1] += [f"{summaries[worst].worst:.1e} {worst:6}", f"{max(s.median for s in summaries.values()):.1e}"]
+            rows[-1] += [
+                f"{summaries[worst].worst:.1e} {worst:6}",
+                f"{max(s.median for s in summaries.values()):.1e}",
+            ]
     rows.append(["limit"])
     for backend in backends:
         limits = RANDOM_LIMITS[backend]
-        rows[-1] += [f"{limits.worst:.1e} {'':6}", f"{limits.median:.1e}" if np.isfinite(limits.median) else ""]
+        rows[-1] += [
+            f"{limits.worst:.1e} {'':6}",
+            f"{limits.median:.1e}" if np.isfinite(limits.median) else "",
+        ]
     return "".join(f"  {line.rstrip()}\n" for line in columns(rows))
 
 
@@ -256,7 +298,8 @@ def deviations_of(values: np.ndarray, expected: np.ndarray) -> list[Deviation]:
 
 
 def relative(deviations: Sequence[Deviation], typical: float) -> list[float]:
-    """Return errors relative to the largest entry expected, but at least to SMALLEST and `typical` times the median of those."""
+    """Return errors relative to the largest entry expected,
+    but at least to SMALLEST and `typical` times the median of those."""
     least = max(SMALLEST, typical * float(np.median([deviation.size for deviation in deviations])))
     return [deviation.difference / max(deviation.size, least) for deviation in deviations]
 
@@ -267,7 +310,9 @@ def summarized(deviations: Deviations, typical: float) -> dict[str, ErrorSummary
     for name, of_name in deviations.items():
         errors = relative(of_name, typical)
         worst = int(np.argmax(errors))
-        summaries[name] = ErrorSummary(errors[worst], float(np.median(errors)), of_name[worst].where, len(of_name))
+        summaries[name] = ErrorSummary(
+            errors[worst], float(np.median(errors)), of_name[worst].where, len(of_name)
+        )
     return summaries
 
 

@@ -23,7 +23,8 @@ def _evaluated(controller: Controller, case: EvaluationCase) -> Evaluation:
 
 
 def evaluate_cases(cases: Sequence[EvaluationCase], backend: str) -> list[Evaluation]:
-    """Evaluate each case; a case with a parameter that the law rejects gets the status bad_parameter, or nonfinite."""
+    """Evaluate each case; a case with a parameter that the law rejects gets the status bad_parameter,
+    or nonfinite."""
     controllers: dict[tuple, Controller | None] = {}  # None: parameters rejected
     evaluations = []
     for case in cases:

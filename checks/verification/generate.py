@@ -25,12 +25,12 @@ def generate(
 ) -> dict[str, str]:
     """Return the C of control laws of a robot, compiled and compared with the model.
 
-    `scalars` are the precisions to generate, "double" and "float"; `dynamics` adds the plant, nudot(q, nu, tau), `lanes` the
-    batch laws, which have the bits of the laws; `scaled` adds the filter, and `adapted` what learns
-    parameters. Returns the text of each file by its name, `manifest.json` included; the files also need those of runtime_c/ to
-    compile. Units are SI. Every entry point is compared with the model at 200 random states, and
-    all files are compiled and linked; without a C compiler a warning on standard error says that nothing was compared. Raises
-    Mismatch where the C differs from the model, or is rejected.
+    `scalars` are the precisions to generate, "double" and "float"; `dynamics` adds the plant, nudot(q, nu,
+    tau), `lanes` the batch laws, which have the bits of the laws; `scaled` adds the filter, and `adapted`
+    what learns parameters. Returns the text of each file by its name, `manifest.json` included; the files
+    also need those of runtime_c/ to compile. Units are SI. Every entry point is compared with the model at
+    200 random states, and all files are compiled and linked; without a C compiler a warning on standard error
+    says that nothing was compared. Raises Mismatch where the C differs from the model, or is rejected.
     """
 
     def share(k: int) -> None:
@@ -50,8 +50,8 @@ def generate(
 
 
 def rejected(files: Mapping[str, str]) -> str:
-    """Return why the compiler or the linker rejects the C among `files`; empty if it does not, or if there is no compiler, of
-    which `differences` warns.
+    """Return why the compiler or the linker rejects the C among `files`; empty if it does not, or if there is
+    no compiler, of which `differences` warns.
     """
     try:
         check_links(files)

@@ -1,4 +1,5 @@
-"""A firmware project or a package of a robot's laws: its files, including golden vectors, and what they cost, measured."""
+"""A firmware project or a package of a robot's laws: its files, including golden vectors,
+and what they cost, measured."""
 
 from __future__ import annotations
 
@@ -39,10 +40,14 @@ TIMEOUT = 120  # s, of each tool
 
 
 def project_files(
-    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str, vehicle: VehicleNumbers | None = None
+    name: str,
+    sources: dict[str, str],
+    laws: Sequence[ControlLaw],
+    scalar: str,
+    vehicle: VehicleNumbers | None = None,
 ) -> tuple[dict[str, str], project.Board]:
-    """Return file name -> text of everything but README.md, for a target of FIRMWARE; `sources`: C of the laws and the
-    runtime; `vehicle`: the numbers of a follower, by default examples.
+    """Return file name -> text of everything but README.md, for a target of FIRMWARE; `sources`: C of the
+    laws and the runtime; `vehicle`: the numbers of a follower, by default examples.
     """
     target, robot = FIRMWARE[name], laws[0].system.mechanism.name
     board = _board(name, target)
@@ -62,21 +67,33 @@ def project_files(
     return files, board
 
 
-def package_files(manager: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str) -> dict[str, str]:
+def package_files(
+    manager: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str
+) -> dict[str, str]:
     """Return file name -> text of a package for a manager of PACKAGES; `sources` as for `project_files`."""
     files, _ = project_files("generic", sources, laws, scalar)
     return package(manager, files, laws, SCALARS[scalar])
 
 
-def readme(name: str, manifest: str, laws: Sequence[ControlLaw], scalar: str, board: project.Board, folder: Path) -> str:
+def readme(
+    name: str, manifest: str, laws: Sequence[ControlLaw], scalar: str, board: project.Board, folder: Path
+) -> str:
     """Return README.md of the project in a folder, with measured values if the tools are installed."""
     entries = json.loads(manifest)
     rows = [_operations(law, scalar, entries["laws"][law.name]["operations"]["feedback"]) for law in laws]
-    head = f"| law, {scalar} | bytes of its struct | + − | × | ÷ | √ | sine and cosine |\n|---|---|---|---|---|---|---|"
+    head = (
+        f"| law, {scalar} | bytes of its struct | + − | × | ÷ | √ | sine and cosine "
+        "|\n|---|---|---|---|---|---|---|"
+    )
     table = "\n".join([head, *rows])
-    costs = f"A step, apart from its checks, and the memory of one law (on a target with int of 4 bytes):\n\n{table}\n\n"
+    costs = (
+        "A step, apart from its checks, and the memory of one law (on a target with int of 4 "
+        f"bytes):\n\n{table}\n\n"
+    )
     names, drives = [law.name for law in laws], (folder / "vehicle.c").exists()
-    return project.readme(entries["robot"], names, board, entries["tools"], f"{costs}{_measured(name, folder)}\n", drives)
+    return project.readme(
+        entries["robot"], names, board, entries["tools"], f"{costs}{_measured(name, folder)}\n", drives
+    )
 
 
 def _board(name: str, target: Target) -> project.Board:
@@ -103,8 +120,8 @@ def _needed(files: dict[str, str]) -> dict[str, str]:
 def _golden(law: ControlLaw, scalar: str) -> Golden:
     """Return random regular steps of a law with random parameters, then one that is not finite.
 
-    The expected values are the model's, in extended precision; the digest is that of the C on this machine. Raises BadInput as
-    `random_plants` does.
+    The expected values are the model's, in extended precision; the digest is that of the C on this machine.
+    Raises BadInput as `random_plants` does.
     `random_plants` does.
     """
     plant = next(p for p in random_plants(law, 20 * STEPS, SEED) if len(p.points) >= STEPS)
@@ -112,7 +129,10 @@ def _golden(law: ControlLaw, scalar: str) -> Golden:
     points = [(as_held(p.state, scalar), as_held(p.reference, scalar)) for p in plant.points[:STEPS]]
     slope = law.slope if slows(law) else None
     taus, slopes = (
-        [_exact(expression, law, params, config, gains, *point) if expression is not None else np.zeros(0) for point in points]
+        [
+            _exact(expression, law, params, config, gains, *point) if expression is not None else np.zeros(0)
+            for point in points
+        ]
         for expression in (law.tau, slope)
     )
     sizes = [np.abs(tau).max() for tau in taus]
@@ -124,47 +144,63 @@ def _golden(law: ControlLaw, scalar: str) -> Golden:
     broken = np.array(points[0][0])
     broken[len(law.system.state) - 1] = np.nan
     points.append((broken, points[0][1]))
-    controller = CompiledController(law, params, config, gains, scalar, Limits(tuple(limits), "slow" if slows(law) else "cut"))
+    controller = CompiledController(
+        law, params, config, gains, scalar, Limits(tuple(limits), "slow" if slows(law) else "cut")
+    )
     if controller.refused:
         raise BadInput(f"{law.name}: the C rejects random parameters: {controller.refused}")
     codes = {library(law, scalar).status(n): n for n in range(-len(STATUS), len(STATUS))}
-    steps = [ExpectedStep(*point, codes[status], tau, off) for point, (status, tau, off) in zip(points, right, strict=True)]
+    steps = [
+        ExpectedStep(*point, codes[status], tau, off)
+        for point, (status, tau, off) in zip(points, right, strict=True)
+    ]
     answers = [controller.step(*point) for point in points]
     here = digest([(codes[status], tau) for status, tau in answers], SCALARS[scalar])
     return Golden(law, params, config, gains, steps, limits, here)
 
 
 def _exact(expression: ca.SX, law: ControlLaw, *numbers: np.ndarray) -> np.ndarray:
-    """Return the model's plain expression, rounded once; `numbers` are params, config, gains, state and reference."""
+    """Return the model's plain expression, rounded once; `numbers` are params, config, gains,
+    state and reference."""
     groups = [law.groups[name] for name in ("params", "config", "gains", "state", "reference")]
     places = [quantity.symbol for group in groups for quantity in group]
-    return np.array(evaluate(expression, places, np.concatenate([np.ravel(group) for group in numbers])), float)
+    return np.array(
+        evaluate(expression, places, np.concatenate([np.ravel(group) for group in numbers])), float
+    )
 
 
 def _limits(sizes: np.ndarray, off: float) -> np.ndarray:
-    """Return limits (r,) that about half of the inputs of these sizes (N, r) exceed; no size is within `off` of its limit.
+    """Return limits (r,) that about half of the inputs of these sizes (N, r) exceed; no size is within `off`
+    of its limit.
 
-    An input whose sizes leave no such place, for instance one that is always zero, has a limit above all of them.
+    An input whose sizes leave no such place, for instance one that is always zero, has a limit above all of
+    them.
     """
     return np.array([_limit(np.sort(column), off) for column in sizes.T], np.float32).astype(float)
 
 
 def _limit(sizes: np.ndarray, off: float) -> float:
     edges = np.append(sizes, 2 * sizes[-1] + 8 * off)
-    wide = np.flatnonzero(np.diff(edges) > 4 * off + 1e-6 * edges[1:])  # also once the limit is rounded to a float
+    # Also once the limit is rounded to a float
+    wide = np.flatnonzero(np.diff(edges) > 4 * off + 1e-6 * edges[1:])
     between = (edges[wide] + edges[wide + 1]) / 2
     return float(between[np.abs(between - np.median(sizes)).argmin()])
 
 
-def _limited(tau: np.ndarray, slope: np.ndarray, off: float, limits: np.ndarray) -> tuple[str, np.ndarray, float]:
-    """Return status, inputs within the limits, and the tolerance of these if tau and its gradient have the tolerance `off`."""
+def _limited(
+    tau: np.ndarray, slope: np.ndarray, off: float, limits: np.ndarray
+) -> tuple[str, np.ndarray, float]:
+    """Return status, inputs within the limits, and the tolerance of these if tau and its gradient have the
+    tolerance `off`."""
     if np.all(np.abs(tau) <= limits):
         return "ok", tau, off
     if not len(slope):
         return "saturated", np.clip(tau, -limits, limits), off
     exact = slowed(tau, slope, limits)
     steps = off * np.vstack([np.eye(len(tau)), -np.eye(len(tau))])
-    moved = [slowed(tau + step, slope, limits) for step in steps] + [slowed(tau, slope + step, limits) for step in steps]
+    moved = [slowed(tau + step, slope, limits) for step in steps] + [
+        slowed(tau, slope + step, limits) for step in steps
+    ]
     return "saturated", exact, off + sum(np.abs(other - exact).max() for other in moved)
 
 
@@ -189,31 +225,44 @@ def _operations(law: ControlLaw, scalar: str, count: dict[str, int]) -> str:
 
 
 def _measured(name: str, folder: Path) -> str:
-    """Return the output of `make test` and `make budget` in the folder, which is restored; or why they were not run.
+    """Return the output of `make test` and `make budget` in the folder, which is restored; or why they were
+    not run.
 
     Raises BadInput if the self-test fails.
     """
     absent = FIRMWARE[name].missing("make")
     if absent:
         return (
-            f"Bytes and instructions were not measured on the computer that exported this ({absent[0]} is missing): see "
-            "`make budget`.\n"
+            f"Bytes and instructions were not measured on the computer that exported this ({absent[0]} is "
+            "missing): see `make budget`.\n"
         )
     outputs = []
     for goal in ("test", "budget"):
         command = ["make", "-s", "-C", str(folder), goal]
         process = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace", timeout=TIMEOUT
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=TIMEOUT,
         )
         if process.returncode:
             lines = (process.stderr + process.stdout).strip().splitlines()
-            worst = next((line for line in lines if "rror:" in line or "FAIL" in line), lines[-1] if lines else "no output")
+            worst = next(
+                (line for line in lines if "rror:" in line or "FAIL" in line),
+                lines[-1] if lines else "no output",
+            )
             raise BadInput(f"the exported project does not pass `make {goal}`: {worst}")
         outputs.append(process.stdout.strip())
     subprocess.run(["make", "-s", "-C", str(folder), "clean"], capture_output=True, timeout=TIMEOUT)
     compiler = FIRMWARE[name].compiler or "cc"
-    asked = subprocess.run([compiler, "-dumpfullversion"], capture_output=True, encoding="utf-8", errors="replace")
+    asked = subprocess.run(
+        [compiler, "-dumpfullversion"], capture_output=True, encoding="utf-8", errors="replace"
+    )
     version = asked.stdout.strip()
     text = "\n".join(outputs).replace(str(folder), ".")
-    counted = "; instructions of a step with all its checks, as executed in QEMU" if FIRMWARE[name].bare else ""
+    counted = (
+        "; instructions of a step with all its checks, as executed in QEMU" if FIRMWARE[name].bare else ""
+    )
     return f"Measured with {compiler} {version} -O2{counted}:\n\n```\n{text}\n```\n"

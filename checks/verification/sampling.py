@@ -19,10 +19,12 @@ from ...simulation.controllers.direct import Direct
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
 REGULAR = 1e-2  # |det Phi| is above this times the product of Phi's row norms
-LARGEST = 5.0  # a row of S may have at most this times its median size: beyond lies a pole, as at a wheel steered across
+# a row of S may have at most this times its median size: beyond lies a pole, as at a wheel steered across
+LARGEST = 5.0
 TYPICAL = 99  # number of states for the median
 HEAVY = 1e-4  # smallest eigenvalue of S'MS scaled to a diagonal of ones
-SPECIAL = 4  # one of so many states has exact zeros and quarter turns, where a factor that should have cancelled shows
+# One of so many states has exact zeros and quarter turns, where a factor that should have cancelled shows
+SPECIAL = 4
 QUARTER = np.pi / 2  # rad
 DRAWS = 100  # random states per state needed, before giving up
 NEWTON_STEPS = 8  # to move a point onto a path
@@ -64,7 +66,8 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPla
     while accepted < states:
         if drawn > DRAWS * states:
             raise BadInput(
-                f"{law.name}: hardly any random state is regular: {accepted} of {drawn}; is the output singular everywhere?"
+                f"{law.name}: hardly any random state is regular: {accepted} of {drawn}; is the output "
+                "singular everywhere?"
             )
         params, config, gains = (_values(group, random) for group in (law.parameters, law.config, law.gains))
         drawn += STATES_PER_PLANT
@@ -79,21 +82,30 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPla
             if k % SPECIAL == SPECIAL - 1:
                 state = _special(law.state, state, random)
             truth = controller.evaluate(state, reference)
-            if truth.status == "ok" and _regular(inverted(state, truth)) and regular.moves(state) and regular.driven(state):
+            if (
+                truth.status == "ok"
+                and _regular(inverted(state, truth))
+                and regular.moves(state)
+                and regular.driven(state)
+            ):
                 points.append(RandomPoint(accepted + len(points), state, reference, truth))
         accepted += len(points)
         yield RandomPlant(params, config, gains, tuple(points))
 
 
 def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Motion]:
-    """Yield motions of a robot where S and S'MS are regular. Raises BadInput if hardly any random state is."""
+    """Yield motions of a robot where S and S'MS are regular. Raises BadInput if hardly any random state
+    is."""
     random = np.random.default_rng(seed)
     accepted = 0
     for drawn in range(DRAWS * count):
         if drawn % STATES_PER_PLANT == 0:
             params = _values(system.mechanism.parameters, random)
             regular = _Regular(system, params)
-        state, tau = _uniform(system, system.state, random), random.uniform(-5, 5, len(system.mechanism.inputs))
+        state, tau = (
+            _uniform(system, system.state, random),
+            random.uniform(-5, 5, len(system.mechanism.inputs)),
+        )
         if drawn % SPECIAL == SPECIAL - 1:
             state = _special(system.state, state, random)
         if regular.moves(state):
@@ -102,7 +114,9 @@ def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Mot
         if accepted == count:
             return
     regular_of = f"{accepted} of {DRAWS * count}"
-    raise BadInput(f"{system.mechanism.name}: the mass matrix S'MS is regular at hardly any random state: {regular_of}")
+    raise BadInput(
+        f"{system.mechanism.name}: the mass matrix S'MS is regular at hardly any random state: {regular_of}"
+    )
 
 
 class _Regular:
@@ -118,7 +132,8 @@ class _Regular:
         ranges = [_range(system, quantity) for quantity in system.mechanism.coordinates]
         some = np.random.default_rng(0).uniform(-1, 1, (TYPICAL, len(ranges))) * ranges
         S, _, SE = (
-            value.full().reshape(value.size1(), TYPICAL, -1).swapaxes(0, 1) for value in self._function(some.T, self._params)
+            value.full().reshape(value.size1(), TYPICAL, -1).swapaxes(0, 1)
+            for value in self._function(some.T, self._params)
         )
         typical = np.median(_rates(S), axis=0)
         self._largest = np.where(typical > 0, LARGEST * typical, np.inf)
@@ -141,7 +156,8 @@ class _Regular:
 
 
 def _values(quantities: Sequence[Quantity], random: np.random.Generator) -> tuple[float, ...]:
-    """Return values between half and twice the default, with either sign if allowed; up to 1 if the default is zero."""
+    """Return values between half and twice the default, with either sign if allowed;
+    up to 1 if the default is zero."""
     values = []
     for quantity in quantities:
         size = quantity.default * random.uniform(0.5, 2) if quantity.default else random.uniform(0, 1)
@@ -150,7 +166,8 @@ def _values(quantities: Sequence[Quantity], random: np.random.Generator) -> tupl
 
 
 def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator) -> np.ndarray:
-    """Return positions within 5 m, near the path if there is one; heading within pi, other angles 20, angular rates 15."""
+    """Return positions within 5 m, near the path if there is one; heading within pi, other angles 20,
+    angular rates 15."""
     state = _uniform(law.system, law.state, random)
     place = _vehicle_place(law)
     if law.output.path and place:
@@ -161,23 +178,33 @@ def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator
 def _special(quantities: Sequence[Quantity], state: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Return the state with some or all entries zero, and some angles at whole quarter turns."""
     zero, quarter = random.random((2, len(state))) < random.uniform(0.2, 1.2, 2)[:, None]
-    turned = np.where([quantity.unit == "rad" for quantity in quantities] & quarter, QUARTER * np.round(state / QUARTER), state)
+    turned = np.where(
+        [quantity.unit == "rad" for quantity in quantities] & quarter,
+        QUARTER * np.round(state / QUARTER),
+        state,
+    )
     return np.where(zero, 0.0, turned)
 
 
-def _uniform(system: ReducedSystem, quantities: Sequence[Quantity], random: np.random.Generator) -> np.ndarray:
+def _uniform(
+    system: ReducedSystem, quantities: Sequence[Quantity], random: np.random.Generator
+) -> np.ndarray:
     return np.array([random.uniform(-1, 1) * _range(system, quantity) for quantity in quantities])
 
 
 def _rates(S: np.ndarray) -> np.ndarray:
-    """Return the largest rate of each coordinate for quasi-velocities of size 1, (..., n), of S, (..., n, k)."""
+    """Return the largest rate of each coordinate for quasi-velocities of size 1, (..., n), of S, (...,
+    n, k)."""
     return np.linalg.norm(S, axis=-1)
 
 
 def _reached(SE: np.ndarray) -> np.ndarray:
-    """Return the smallest singular value of each S'E, (...), of (..., k, inputs); 0 if an entry is not finite."""
+    """Return the smallest singular value of each S'E, (...), of (..., k, inputs);
+    0 if an entry is not finite."""
     finite = np.isfinite(SE).all(axis=(-2, -1))
-    return np.where(finite, np.linalg.svd(np.where(finite[..., None, None], SE, 0.0), compute_uv=False)[..., -1], 0.0)
+    return np.where(
+        finite, np.linalg.svd(np.where(finite[..., None, None], SE, 0.0), compute_uv=False)[..., -1], 0.0
+    )
 
 
 def as_held(values: Sequence[float] | np.ndarray, scalar: str) -> np.ndarray:
@@ -227,7 +254,8 @@ def _onto_path(law: ControlLaw) -> ca.Function:
 def _inverted(
     law: ControlLaw, params: Sequence[float], config: Sequence[float]
 ) -> Callable[[np.ndarray, Evaluation], np.ndarray]:
-    """Return the function from a state and CasADi's result to what the law inverts there: Phi, or the Jacobian of P_l."""
+    """Return the function from a state and CasADi's result to what the law inverts there: Phi,
+    or the Jacobian of P_l."""
     if law.linearization.damping is None:
         return lambda state, truth: truth.values["Phi"]
     function = law.at_state(law.linearization.damping.J)

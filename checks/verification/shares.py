@@ -1,4 +1,5 @@
-"""Work shared by several processes, such as the laws of a robot. Its results are in the cache, where the caller finds them."""
+"""Work shared by several processes, such as the laws of a robot. Its results are in the cache,
+where the caller finds them."""
 
 import os
 import sys
@@ -15,8 +16,8 @@ WAIT = 0.2  # s between two reports of progress
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use by forking: 1 unless it runs on Linux, has one thread, may have
-    children, and has a cache."""
+    """Return the number of processors that this process may use by forking: 1 unless it runs on Linux, has
+    one thread, may have children, and has a cache."""
     if sys.platform != "linux" or threading.active_count() > 1 or current_process().daemon:
         return 1
     with suppress(BadInput):
@@ -26,16 +27,18 @@ def processors() -> int:
 
 
 def in_shares(work: Callable[[int], object], count: int, progress: Reported) -> None:
-    """Call work(0) to work(count - 1) in processes of which each takes every n-th, if there are n > 1 processors; otherwise do
-    nothing.
+    """Call work(0) to work(count - 1) in processes of which each takes every n-th, if there are n > 1
+    processors; otherwise do nothing.
 
-    What fails is silent here, also that a process is killed: it is missing in the cache, so that the caller meets it again.
+    What fails is silent here, also that a process is killed: it is missing in the cache, so that the caller
+    meets it again.
     """
     shared_by = min(processors(), count)
     if shared_by < 2:
         return
     shares = [range(first, count, shared_by) for first in range(shared_by)]
-    done = get_context("fork").RawArray("i", shared_by)  # each process counts for itself: a killed one leaves no lock behind
+    # Each process counts for itself: a killed one leaves no lock behind
+    done = get_context("fork").RawArray("i", shared_by)
 
     def process(share: Sequence[int]) -> None:
         nothing = os.open(os.devnull, os.O_WRONLY)

@@ -1,9 +1,9 @@
 """Compares generated C with the model before it is written.
 
-Every entry point, in double and in float, is compared with the plain expressions of the model (`ControlLaw`, `ReducedSystem`) at
-random states, and its status where Phi is singular. The expressions of codegen/derivation and codegen/dynamics.py are not used
-for the expected values. A difference is an error unless the model itself, in extended precision, changes as much if its inputs
-are rounded.
+Every entry point, in double and in float, is compared with the plain expressions of the model (`ControlLaw`,
+`ReducedSystem`) at random states, and its status where Phi is singular. The expressions of codegen/derivation
+and codegen/dynamics.py are not used for the expected values. A difference is an error unless the model
+itself, in extended precision, changes as much if its inputs are rounded.
 """
 
 import math
@@ -38,7 +38,13 @@ from ...readers.errors import BadInput
 from ...readers.kept import keep, kept
 from ...readers.progress import Reported, silent
 from ...simulation.controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity
-from ...simulation.controllers.compiled import BatchLibrary, CompiledController, CompiledDynamics, DynamicsLibrary, Library
+from ...simulation.controllers.compiled import (
+    BatchLibrary,
+    CompiledController,
+    CompiledDynamics,
+    DynamicsLibrary,
+    Library,
+)
 from ...simulation.controllers.controller import Limits
 from ...simulation.controllers.direct import Direct
 from ...simulation.controllers.estimation.ekf import Filter, FilterOptions, RobotPart
@@ -78,11 +84,12 @@ def differences(
     progress: Reported = silent,
     scaled: Sequence[str] | None = None,
 ) -> list[str]:
-    """Return lines that describe where the C of `files` (name -> text) differs from the model; empty if it does not.
+    """Return lines that describe where the C of `files` (name -> text) differs from the model; empty if it
+    does not.
 
     `scaled`: of what the filter estimates the scale; None: there is no filter.
-    Successful comparisons are cached. Without a C compiler for this machine, nothing is compared and a warning on standard error
-    says so. Raises BadInput if the robot is regular at hardly any random state.
+    Successful comparisons are cached. Without a C compiler for this machine, nothing is compared and a
+    warning on standard error says so. Raises BadInput if the robot is regular at hardly any random state.
     """
     try:
         parts = list(_not_compared_before(system, laws, files, scaled))
@@ -101,7 +108,8 @@ def differences(
 def is_compared(
     system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None
 ) -> bool:
-    """Return whether the comparison of all `files` with the model is cached; arguments as of `differences`."""
+    """Return whether the comparison of all `files` with the model is cached;
+    arguments as of `differences`."""
     try:
         return next(_not_compared_before(system, laws, files, scaled), None) is None
     except (BadInput, OSError):
@@ -111,15 +119,25 @@ def is_compared(
 def _not_compared_before(
     system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None
 ) -> Iterator[tuple["_InC", dict[str, str], tuple]]:
-    """Yield each law, the dynamics and the filter in each scalar of `files`, their files, and the key in the cache."""
+    """Yield each law, the dynamics and the filter in each scalar of `files`, their files,
+    and the key in the cache."""
     settings = (STATES, SEED, sorted(LIMIT.items()))
     for scalar in SCALARS:
         filters = [] if scaled is None else [_FilterInC(system, scaled, scalar)]
         of_laws = [kind(law, scalar) for law in laws for kind in (_LawInC, _LanesInC)]
         for part in (*of_laws, _DynamicsInC(system, scalar), *filters):
             if part.names <= files.keys():
-                own = {Path(name).name: files[name] for name in sorted({*part.names, *part.beside}) if name in files}
-                key = (*identity([*compiler(), *FLAGS, *QUICK]), settings, part.title, sorted({**runtime_files(), **own}.items()))
+                own = {
+                    Path(name).name: files[name]
+                    for name in sorted({*part.names, *part.beside})
+                    if name in files
+                }
+                key = (
+                    *identity([*compiler(), *FLAGS, *QUICK]),
+                    settings,
+                    part.title,
+                    sorted({**runtime_files(), **own}.items()),
+                )
                 if not kept(key, MARK):
                     yield part, own, key
 
@@ -141,7 +159,8 @@ def _compared(part: "_InC", files: Mapping[str, str], key: tuple) -> list[str]:
 
 
 class _InC(ABC):
-    """The C of a law or dynamics in one scalar, and the model's expressions with which it is compared, by quantity."""
+    """The C of a law or dynamics in one scalar, and the model's expressions with which it is compared,
+    by quantity."""
 
     def __init__(self, robot: str, own: str, scalar: str):
         name = SCALARS[scalar].name
@@ -182,7 +201,8 @@ class _InC(ABC):
         return as_held(values, self.scalar)
 
     def first_wrong(self, samples: Sequence[Sample]) -> Sample | None:
-        """Return the sample with the largest error that exceeds the limit and is not due to rounding; None if there is none."""
+        """Return the sample with the largest error that exceeds the limit and is not due to rounding;
+        None if there is none."""
         failed = next((s for s in samples if s.value is None or not np.isfinite(s.value).all()), None)
         if failed:
             return failed
@@ -197,25 +217,34 @@ class _InC(ABC):
         return None
 
     def _excused(self, sample: Sample, value: np.ndarray) -> bool:
-        """Return whether the error is explained by rounding: the model at rounded inputs, in extended precision, differs as
-        much.
+        """Return whether the error is explained by rounding: the model at rounded inputs, in extended
+        precision, differs as much.
         """
         if sample.quantity not in self.expressions:
             return False
         off = np.abs(value.ravel(order="F") - sample.expected.ravel(order="F")).max(initial=0.0)
         inputs = [sample.inputs[group] for group in self.groups]
-        return due_to_rounding(off, self.expressions[sample.quantity], list(self.groups.values()), inputs, self.scalar)
+        return due_to_rounding(
+            off, self.expressions[sample.quantity], list(self.groups.values()), inputs, self.scalar
+        )
 
     def about(self, sample: Sample) -> str:
         """Return the description of a difference: both values, and the inputs on which it depends."""
         from_c = f"status {sample.status}" if sample.value is None else _listed(sample.value)
         expected = _listed(sample.expected) if sample.quantity else f"status {SAYS_SINGULAR}"
-        return f"{sample.label} differs: the C gives {from_c}; the model gives {expected} (at {self.inputs_of(sample)})"
+        return (
+            f"{sample.label} differs: the C gives {from_c}; the model gives {expected} (at "
+            f"{self.inputs_of(sample)})"
+        )
 
     def inputs_of(self, sample: Sample) -> str:
         """Return the inputs on which a sample depends, with their values."""
         model = self.expressions.get(sample.quantity, ca.vertcat(*self.groups.values()))
-        used = [(name, group) for name, group in self.groups.items() if group.numel() and ca.depends_on(model, group)]
+        used = [
+            (name, group)
+            for name, group in self.groups.items()
+            if group.numel() and ca.depends_on(model, group)
+        ]
         return "; ".join(f"{name} {_named(name, group, sample.inputs[name])}" for name, group in used)
 
 
@@ -236,7 +265,8 @@ class _LawInC(_InC):
         self.law = law
         self.answer = "command" if law.kinematic else "tau"
         batch = SCALARS[scalar].name(f"{law.system.mechanism.name}_{law.name}_steps")
-        self.beside = {f"{LANES}/{batch}.{kind}" for kind in "ch"}  # one library is compiled for the law and its batch law
+        # One library is compiled for the law and its batch law
+        self.beside = {f"{LANES}/{batch}.{kind}" for kind in "ch"}
 
     @cached_property
     def groups(self) -> dict[str, ca.SX]:
@@ -248,7 +278,11 @@ class _LawInC(_InC):
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measures of singularity."""
         law, measure = self.law, _measures(self.law)
-        quantities = law.quantities | {f"{self.answer}_of_v": law.tau_of_v, "slope": law.slope, "measure": measure}
+        quantities = law.quantities | {
+            f"{self.answer}_of_v": law.tau_of_v,
+            "slope": law.slope,
+            "measure": measure,
+        }
         ground = {} if law.kinematic else plain_ground(law.system)
         return quantities | {str(name): expression for name, expression in ground.items()}
 
@@ -257,7 +291,9 @@ class _LawInC(_InC):
         library = _library(self.law, self.scalar, tuple(files.items()))
         random, singular = np.random.default_rng(SEED), 0
         for plant in _plants(self.law):
-            params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
+            params, config, gains = (
+                self.held(values) for values in (plant.params, plant.config, plant.gains)
+            )
             numbers = {"params": params, "config": config, "gains": gains}
             controller = CompiledController(self.law, params, config, gains, made_by=library)
             for point in plant.points:
@@ -286,13 +322,21 @@ class _LawInC(_InC):
             if entry.public and not entry.at_foot and entry not in (EVALUATE, STEP):
                 (name,) = body.quantities
                 outcome = controller.entry(entry, state, more=inputs[entry.takes] if entry.takes else ())
-                yield Sample(f"{name} by {entry.name}", outcome.status, outcome.values.get(name), right[name], name, inputs)
+                yield Sample(
+                    f"{name} by {entry.name}",
+                    outcome.status,
+                    outcome.values.get(name),
+                    right[name],
+                    name,
+                    inputs,
+                )
         yield from self._slowed(library, inputs, right, "step")
 
     def _slowed(
         self, library: Library, inputs: Mapping, right: Mapping, entry: str, foot: Sequence[float] = ()
     ) -> Iterator[Sample]:
-        """Yield the step with reduced acceleration: the input that is most sensitive is limited to nine tenths."""
+        """Yield the step with reduced acceleration: the input that is most sensitive is limited to nine
+        tenths."""
         tau, slope = right[self.answer].ravel(), right["slope"].ravel()
         if not len(slope) or not np.abs(slope).max() or self.law.speed_row is None:
             return
@@ -302,24 +346,35 @@ class _LawInC(_InC):
         torque = np.zeros(len(tau))
         torque[most] = self.held([0.9 * abs(tau[most])])[0]
         limits = np.where(torque > 0, torque, np.inf)
-        params, config, gains = inputs["made of"] if foot else (inputs[group] for group in ("params", "config", "gains"))
-        controller = CompiledController(self.law, params, config, gains, limits=Limits(tuple(torque), "slow"), made_by=library)
+        params, config, gains = (
+            inputs["made of"] if foot else (inputs[group] for group in ("params", "config", "gains"))
+        )
+        controller = CompiledController(
+            self.law, params, config, gains, limits=Limits(tuple(torque), "slow"), made_by=library
+        )
         which = next(e for e in library.text.program.entries if e.name == entry)
         outcome = controller.entry(which, inputs["state"], foot, inputs["reference"])
         value = next(iter(outcome.values.values()), None)
         expected = slowed(tau, slope, limits)[:, None]
-        yield Sample(f"{self.answer} by {entry}, slowed", outcome.status, value, expected, self.answer, inputs)
+        yield Sample(
+            f"{self.answer} by {entry}, slowed", outcome.status, value, expected, self.answer, inputs
+        )
 
     def _at_foot(
         self, controller: CompiledController, library: Library, inputs: Mapping, random: np.random.Generator
     ) -> Iterator[Sample]:
-        """Yield `follow` at a random foot of P_l, and the model with a path and a vehicle in that relative position."""
+        """Yield `follow` at a random foot of P_l, and the model with a path and a vehicle in that relative
+        position."""
         follow = FOLLOW if FOLLOW in library.text.program.entries else None
         if follow is None:
             return
         distance, heading, curvature = self.held(random.uniform(-1, 1, 3) * (1, np.pi, 0.5))
         foot = (distance, np.cos(heading), np.sin(heading), curvature)
-        place = _place_function(self.law)(inputs["config"], inputs["params"], distance, heading, curvature).full().ravel()
+        place = (
+            _place_function(self.law)(inputs["config"], inputs["params"], distance, heading, curvature)
+            .full()
+            .ravel()
+        )
         moved = dict(inputs) | {"state": np.array(inputs["state"]), "config": np.array(inputs["config"])}
         config = [q.name for q in self.law.groups["config"]]
         moved["state"][list(required_point(self.law.system).pose)] = *place[:2], heading
@@ -330,7 +385,9 @@ class _LawInC(_InC):
             return
         outcome = controller.entry(follow, moved["state"], foot, inputs["reference"])
         value = next(iter(outcome.values.values()), None)
-        yield Sample(f"{self.answer} by follow", outcome.status, value, right[self.answer], self.answer, moved)
+        yield Sample(
+            f"{self.answer} by follow", outcome.status, value, right[self.answer], self.answer, moved
+        )
         moved["made of"] = [inputs[group] for group in ("params", "config", "gains")]
         yield from self._slowed(library, moved, right, "follow", foot)
 
@@ -367,11 +424,14 @@ class _LawInC(_InC):
             ("evaluate", controller.evaluate(inputs["state"], inputs["reference"]).status),
         ):
             none = np.zeros((0, 1))
-            yield Sample(f"status of {entry}", status, none if status == SAYS_SINGULAR else None, none, "", inputs)
+            yield Sample(
+                f"status of {entry}", status, none if status == SAYS_SINGULAR else None, none, "", inputs
+            )
 
 
 class _LanesInC(_LawInC):
-    """A law's batch law, each lane compared with a step, bit by bit. In its samples the step has the place of the model."""
+    """A law's batch law, each lane compared with a step, bit by bit. In its samples the step has the place of
+    the model."""
 
     def __init__(self, law: ControlLaw, scalar: str):
         super().__init__(law, scalar)
@@ -379,10 +439,13 @@ class _LanesInC(_LawInC):
         self.title += ", batch law"
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
-        """Yield lanes at random regular states and at arbitrary bits, without limits and with limits that many of them exceed."""
+        """Yield lanes at random regular states and at arbitrary bits,
+        without limits and with limits that many of them exceed."""
         library, random = _library(self.law, self.scalar, tuple(files.items())), np.random.default_rng(SEED)
         for plant in _plants(self.law):
-            params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
+            params, config, gains = (
+                self.held(values) for values in (plant.params, plant.config, plant.gains)
+            )
             numbers = {"params": params, "config": config, "gains": gains}
             state, reference = self._lanes(plant, random)
             free = CompiledController(self.law, params, config, gains, made_by=library)
@@ -402,23 +465,31 @@ class _LanesInC(_LawInC):
         """Return states and references, a column for each lane, the last of them with arbitrary bits."""
         kind = np.dtype(np.float32 if self.scalar == "float" else np.float64)
         regular = np.array([np.concatenate([point.state, point.reference]) for point in plant.points], kind).T
-        any_bits = np.frombuffer(random.bytes(kind.itemsize * len(regular) * ANY_BITS), kind).reshape(len(regular), -1)
+        any_bits = np.frombuffer(random.bytes(kind.itemsize * len(regular) * ANY_BITS), kind).reshape(
+            len(regular), -1
+        )
         state, reference = np.split(np.hstack([regular, any_bits]), [len(self.law.state)])
         return state, reference
 
     def first_wrong(self, samples: Sequence[Sample]) -> Sample | None:
         """Return the first lane that differs from its step in status or in a bit; None if there is none."""
-        return next((s for s in samples if s.value is None or s.value.tobytes() != s.expected.tobytes()), None)
+        return next(
+            (s for s in samples if s.value is None or s.value.tobytes() != s.expected.tobytes()), None
+        )
 
     def about(self, sample: Sample) -> str:
         """Return the description of a difference: both values, and the inputs on which it depends."""
         from_c = f"status {sample.status}" if sample.value is None else _listed(sample.value)
-        return f"{sample.label} differs: it has {from_c}; the step gives {_listed(sample.expected)} (at {self.inputs_of(sample)})"
+        return (
+            f"{sample.label} differs: it has {from_c}; the step gives {_listed(sample.expected)} (at "
+            f"{self.inputs_of(sample)})"
+        )
 
 
 @lru_cache(maxsize=1)
 def _library(law: ControlLaw, scalar: str, files: tuple[tuple[str, str], ...]) -> Library:
-    """Return the law's compiled C of these files, with that of its batch law if it is there; one for both comparisons."""
+    """Return the law's compiled C of these files, with that of its batch law if it is there;
+    one for both comparisons."""
     kind = BatchLibrary if any(name.endswith(("_steps.c", "_steps_f.c")) for name, _ in files) else Library
     return kind(law, scalar, dict(files))
 
@@ -436,7 +507,8 @@ def _measures(law: ControlLaw) -> ca.SX:
 
 @cache
 def _inverted_function(law: ControlLaw) -> Direct:
-    """Return the function (params, config, state) to the measures, to Phi and, if it changes, to what (12) inverts."""
+    """Return the function (params, config, state) to the measures, to Phi and, if it changes,
+    to what (12) inverts."""
     groups = [symbols(law.groups[name]) for name in ("params", "config", "state")]
     inverted = [law.linearization.Phi, law.system.distribution][: len(law.linearization.measures)]
     return Direct(ca.Function("inverted", groups, [_measures(law), *map(ca.densify, inverted)]))
@@ -444,8 +516,8 @@ def _inverted_function(law: ControlLaw) -> Direct:
 
 @cache
 def _place_function(law: ControlLaw) -> ca.Function:
-    """Return the function (config, params, distance, heading, curvature) to the coordinates x and y of the vehicle, and the
-    path's parameters, in the frame of P_l's foot.
+    """Return the function (config, params, distance, heading, curvature) to the coordinates x and y of the
+    vehicle, and the path's parameters, in the frame of P_l's foot.
     """
     distance, heading, curvature = ca.SX.sym("distance"), ca.SX.sym("heading"), ca.SX.sym("curvature")
     arm = ca.vertsplit(required_point(law.system).arm)
@@ -453,7 +525,9 @@ def _place_function(law: ControlLaw) -> ca.Function:
     x = -ahead * ca.cos(heading) + left * ca.sin(heading)
     y = distance - ahead * ca.sin(heading) - left * ca.cos(heading)
     there = ca.vertcat(x, y, *law.output.required_path.from_foot(distance, curvature))
-    return ca.Function("place", [symbols(law.config), law.system.mechanism.p, distance, heading, curvature], [there])
+    return ca.Function(
+        "place", [symbols(law.config), law.system.mechanism.p, distance, heading, curvature], [there]
+    )
 
 
 class _DynamicsInC(_InC):
@@ -467,13 +541,22 @@ class _DynamicsInC(_InC):
     def groups(self) -> dict[str, ca.SX]:
         """All groups on which the dynamics depend."""
         mechanism = self.system.mechanism
-        return {"params": mechanism.p, "state": symbols(self.system.state), "input": symbols(mechanism.inputs)}
+        return {
+            "params": mechanism.p,
+            "state": symbols(self.system.state),
+            "input": symbols(mechanism.inputs),
+        }
 
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities (9) to (11)."""
         system = self.system
-        quantities = {"qdot": system.qdot, "Mbar": system.Mbar, "bias": system.bias, "input_map": system.input_map}
+        quantities = {
+            "qdot": system.qdot,
+            "Mbar": system.Mbar,
+            "bias": system.bias,
+            "input_map": system.input_map,
+        }
         return quantities | {"nudot": system.acceleration(self.groups["input"])}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
@@ -494,7 +577,8 @@ class _DynamicsInC(_InC):
 class _FilterInC(_InC):
     """A robot's extended Kalman filter: a tick from a random estimate and covariance.
 
-    The model estimates the errors of `turned` together with the states, with the full covariance and derivatives by CasADi.
+    The model estimates the errors of `turned` together with the states, with the full covariance and
+    derivatives by CasADi.
     """
 
     def __init__(self, system: ReducedSystem, scaled: Sequence[str], scalar: str):
@@ -518,7 +602,11 @@ class _FilterInC(_InC):
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
         """Estimate and variance of each state, and the correlations, after either tick."""
-        return {f"{name} by {tick}": value for tick in TICKS for name, value in self._after(tick == WITH_GYRO.name).items()}
+        return {
+            f"{name} by {tick}": value
+            for tick in TICKS
+            for name, value in self._after(tick == WITH_GYRO.name).items()
+        }
 
     def _after(self, by_gyro: bool) -> dict[str, ca.SX]:
         """Return the quantities after a tick."""
@@ -544,7 +632,10 @@ class _FilterInC(_InC):
 
     def _moved(self, joint: ca.SX, turned: ca.SX) -> ca.SX:
         """Return the change of the pose: its rate (6) at the heading in the middle of the tick."""
-        mechanism, scales = self.system.mechanism, dict(zip(self.scaled, ca.vertsplit(joint[4 : len(self.states)]), strict=False))
+        mechanism, scales = (
+            self.system.mechanism,
+            dict(zip(self.scaled, ca.vertsplit(joint[4 : len(self.states)]), strict=False)),
+        )
         factors = [scales.get(q.name, ca.SX(1)) for q in self.system.quasi_velocities]
         nominal = [p.symbol for p in mechanism.parameters]
         real = [scales.get(p.name, ca.SX(1)) * p.symbol for p in mechanism.parameters]
@@ -556,12 +647,23 @@ class _FilterInC(_InC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield both ticks at random estimates."""
-        library, random = RobotPart(self.system, SCALARS[self.scalar], FILTER_NAME, files), np.random.default_rng(SEED)
+        library, random = (
+            RobotPart(self.system, SCALARS[self.scalar], FILTER_NAME, files),
+            np.random.default_rng(SEED),
+        )
         n, dof, coordinates = len(self.states), self.system.dof, len(self.system.mechanism.coordinates)
         for motion in _motions(self.system):
-            dt, q, nu = 10 ** random.uniform(-3, -1), motion.state[:coordinates], np.array(motion.state[coordinates:])
+            dt, q, nu = (
+                10 ** random.uniform(-3, -1),
+                motion.state[:coordinates],
+                np.array(motion.state[coordinates:]),
+            )
             state = [*random.uniform(-5, 5, 2), *random.uniform(-3, 3, 1), *random.uniform(-0.1, 0.1, 1)]
-            factors = [random.uniform(-1, 1) if i < j else 10 ** random.uniform(-4, 0) for j in range(n) for i in range(j + 1)]
+            factors = [
+                random.uniform(-1, 1) if i < j else 10 ** random.uniform(-4, 0)
+                for j in range(n)
+                for i in range(j + 1)
+            ]
             numbers = (
                 motion.params,
                 10 ** random.uniform(-3, -1, dof + 2),
@@ -582,12 +684,16 @@ class _FilterInC(_InC):
         """Return status and quantities after a tick of the C."""
         *noise, gyro_noise, walk = inputs["noise"]
         scale_sd = dict.fromkeys(self.scaled, 1.0)
-        options = FilterOptions(noise=noise, gyro_noise=gyro_noise, bias_sd=1.0, bias_walk=walk, scale_sd=scale_sd)
+        options = FilterOptions(
+            noise=noise, gyro_noise=gyro_noise, bias_sd=1.0, bias_walk=walk, scale_sd=scale_sd
+        )
         ours = Filter(self.system, inputs["params"], options, self.scalar, library)
         ours.place(inputs["state"], inputs["factors"])
         *turned, gyro, dt = inputs["sensed"]
         places = {q.name: k for k, q in enumerate(self.system.mechanism.coordinates)}
-        measured = [inputs["q"][places[q.name]] for q in filter_program(self.system, self.scaled).motion.measured]
+        measured = [
+            inputs["q"][places[q.name]] for q in filter_program(self.system, self.scaled).motion.measured
+        ]
         status = ours.tick(turned, dt, gyro if tick == WITH_GYRO.name else None, measured)
         P = ours.covariance
         values = {name: ours.state[k] for k, name in enumerate(self.states)}

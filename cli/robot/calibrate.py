@@ -8,7 +8,8 @@ from .identify import add_options, columns, fitted_and_set, reduced, show_result
 EXAMPLE = """examples:
   noslip simulate circle --set 'plant={r=0.152,b=0.36}' --set simulation.period=0.05 -o run.csv
   noslip calibrate run.csv --robot labmate --fit r b
-  noslip calibrate cw.csv ccw.csv --robot labmate --fit r b scale_theta_l   # wheels of different size, driven both ways"""
+  noslip calibrate cw.csv ccw.csv --robot labmate --fit r b scale_theta_l   # wheels of different size, \
+driven both ways"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -17,11 +18,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "calibrate",
         help="fit wheel radii, track and sensors of a vehicle to a log of angles and poses",
         description=(
-            "Fit parameters so that the pose that follows from the logged angles of wheels and joints is the measured one. Poses "
-            "may be missing in most rows. Besides the robot's parameters there are scale_ANGLE and zero_ANGLE of each logged "
-            "angle, offset_x, offset_y and offset_heading of the pose sensor, and delay. Without --fit, all parameters of "
-            "the robot are fitted that the motion of its pose determines. The exit code is 1 if a parameter of "
-            "--fit is not identified."
+            "Fit parameters so that the pose that follows from the logged angles of wheels and joints is the "
+            "measured one. Poses may be missing in most rows. Besides the robot's parameters there are "
+            "scale_ANGLE and zero_ANGLE of each logged angle, offset_x, offset_y and offset_heading of the "
+            "pose sensor, and delay. Without --fit, all parameters of the robot are fitted that the motion "
+            "of its pose determines. The exit code is 1 if a parameter of --fit is not identified."
         ),
         epilog=EXAMPLE,
     )
@@ -33,7 +34,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip calibrate`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
+    """Run `noslip calibrate`. Return 0, or 1 if a parameter is not identified. Raises BadInput,
+    ModelError, OSError."""
     from ...analysis.identification.geometry import calibrate, pose_names, sensor_parameters
     from ...analysis.identification.log import read_poses
     from ...analysis.identification.plausibility import check_sizes
@@ -45,11 +47,19 @@ def run(args: argparse.Namespace) -> int:
     robot = find_robot(args.robot)
     system = reduced(robot)
     pose = pose_names(system)
-    logs = [read_poses(table_of_log(file, args.columns, columns(args)), system, pose, columns(args)) for file in args.logs]
+    logs = [
+        read_poses(table_of_log(file, args.columns, columns(args)), system, pose, columns(args))
+        for file in args.logs
+    ]
     own = {p.name for p in robot.parameters}
     values = fitted_and_set(args, (*robot.parameters, *sensor_parameters(logs[0].names)), robot)
     with Progress() as progress:
         result = calibrate(logs, system, args.fit, values, progress)
     check_sizes({name: each for name, each in result.estimates.items() if name in own}, values, logs[0].names)
-    head = f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose {', '.join(name for name, _ in result.outputs)}"
-    return show_result(args, robot, result, head, ", ".join(f"{name} ({unit})" for name, unit in result.outputs))
+    head = (
+        f"{result.rows} rows; angles {', '.join(logs[0].names)}; pose "
+        f"{', '.join(name for name, _ in result.outputs)}"
+    )
+    return show_result(
+        args, robot, result, head, ", ".join(f"{name} ({unit})" for name, unit in result.outputs)
+    )

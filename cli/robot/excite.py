@@ -21,17 +21,24 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "excite",
         help="find a manoeuvre whose log shows the parameters of a vehicle",
         description=(
-            "Simulate figures of eight of different size and speed with the law, limits and floor of a SPEC, and write the SPEC "
-            "of the one whose log determines the parameters best (D-optimal), with the standard deviations to expect from "
-            "`noslip identify`. Manoeuvres that would slip, exceed the limits or leave the room do not count."
+            "Simulate figures of eight of different size and speed with the law, limits and floor of a SPEC, "
+            "and write the SPEC of the one whose log determines the parameters best (D-optimal), with the "
+            "standard deviations to expect from `noslip identify`. Manoeuvres that would slip, exceed the "
+            "limits or leave the room do not count."
         ),
         epilog=EXAMPLE,
     )
     parser.add_argument("spec", metavar="SPEC", help="SPEC.toml of type IV, or the name of a shipped one")
     parser.add_argument("-o", "--output", required=True, metavar="SPEC2", help="the SPEC to write")
-    parser.add_argument("--fit", nargs="+", metavar="NAME", help="parameters (default: those that the dynamics determine)")
-    parser.add_argument("--room", type=float, default=6.0, metavar="M", help="side of the square to drive in, m (default: 6)")
-    parser.add_argument("--speed", type=float, metavar="M/S", help="largest speed, m/s (default: that of the SPEC)")
+    parser.add_argument(
+        "--fit", nargs="+", metavar="NAME", help="parameters (default: those that the dynamics determine)"
+    )
+    parser.add_argument(
+        "--room", type=float, default=6.0, metavar="M", help="side of the square to drive in, m (default: 6)"
+    )
+    parser.add_argument(
+        "--speed", type=float, metavar="M/S", help="largest speed, m/s (default: that of the SPEC)"
+    )
     parser.add_argument(
         "--noise",
         type=float,
@@ -59,14 +66,20 @@ def run(args: argparse.Namespace) -> int:
             number("positive")(value, option)
     spec = read_spec(args.spec)
     if spec.output.type != "IV":
-        raise BadInput(f'{args.spec}: [output] type = "{spec.output.type}"; excite needs "IV", to follow an eight')
+        raise BadInput(
+            f'{args.spec}: [output] type = "{spec.output.type}"; excite needs "IV", to follow an eight'
+        )
     if spec.reference.profiled and args.speed is None:
-        raise BadInput(f"{args.spec}: [reference] speed follows a profile; excite needs --speed, the largest in m/s")
+        raise BadInput(
+            f"{args.spec}: [reference] speed follows a profile; excite needs --speed, the largest in m/s"
+        )
     for name in args.fit or ():
         check_known("--fit", name, "parameter", [p.name for p in find_robot(spec.robot).parameters])
     with Progress() as progress:
         fastest = args.speed or abs(spec.reference.speed or 0.0)
-        manoeuvre = excite(toml_table(read_text(args.spec)), args.spec, args.fit, args.room, fastest, args.noise, progress)
+        manoeuvre = excite(
+            toml_table(read_text(args.spec)), args.spec, args.fit, args.room, fastest, args.noise, progress
+        )
     head = f"# Written by noslip excite: an eight that shows {', '.join(manoeuvre.deviations)}\n\n"
     write_whole(args.output, head + spec_text(manoeuvre.table))
     show(args, lambda: _text(manoeuvre, args), lambda: _values(manoeuvre))
@@ -76,7 +89,10 @@ def run(args: argparse.Namespace) -> int:
 def _text(manoeuvre: "Manoeuvre", args: argparse.Namespace) -> str:
     use = "" if manoeuvre.use is None else f", friction use at most {manoeuvre.use:.2f}"
     circle, reference = manoeuvre.run.spec.output.segments[0], manoeuvre.run.spec.reference
-    lines = [f"eight with circles of {1 / circle.curvature:.4g} m at {reference.speed:g} m/s, {manoeuvre.run.t[-1]:.1f} s{use}"]
+    lines = [
+        f"eight with circles of {1 / circle.curvature:.4g} m at {reference.speed:g} m/s, "
+        f"{manoeuvre.run.t[-1]:.1f} s{use}"
+    ]
     lines.append(f"standard deviations to expect, with a noise of {args.noise:g} in each row:")
     units = {p.name: p.unit for p in manoeuvre.run.law.system.mechanism.parameters}
     lines += [f"  {name}: {sd:.2g} {units[name]}" for name, sd in manoeuvre.deviations.items()]
@@ -84,4 +100,8 @@ def _text(manoeuvre: "Manoeuvre", args: argparse.Namespace) -> str:
 
 
 def _values(manoeuvre: "Manoeuvre") -> dict[str, Any]:
-    return {"speed": manoeuvre.run.spec.reference.speed, "use": manoeuvre.use, "sd": dict(manoeuvre.deviations)}
+    return {
+        "speed": manoeuvre.run.spec.reference.speed,
+        "use": manoeuvre.use,
+        "sd": dict(manoeuvre.deviations),
+    }

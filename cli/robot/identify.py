@@ -26,26 +26,32 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "identify",
         help="fit parameters of a robot to a log of its motion and inputs",
         description=(
-            "Fit parameters so that the model predicts the logged quasi-velocities from the logged inputs (output error). "
-            "States what the motion of this robot, or this log, cannot tell. The exit code is 1 if a parameter of --fit is not "
-            "identified."
+            "Fit parameters so that the model predicts the logged quasi-velocities from the logged inputs "
+            "(output error). States what the motion of this robot, or this log, cannot tell. The exit code "
+            "is 1 if a parameter of --fit is not identified."
         ),
         epilog=EXAMPLE,
     )
-    form = "CSV or another text, .parquet, .mcap or a bag of ROS with the columns of `noslip simulate`, SI units"
+    form = (
+        "CSV or another text, .parquet, .mcap or a bag of ROS with the columns of `noslip simulate`, SI units"
+    )
     parser.add_argument("log", metavar="LOG", help=form)
-    parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c friction")
+    parser.add_argument(
+        "--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c friction"
+    )
     add_options(parser)
     parser.add_argument(
         "--drive",
         choices=("torque", "current", "voltage"),
-        help="what the log has of each input: a column such as tau_r, current_tau_r or voltage_tau_r (default: what it has)",
+        help="what the log has of each input: a column such as tau_r, current_tau_r or voltage_tau_r "
+        "(default: what it has)",
     )
     parser.add_argument(
         "--outputs",
         nargs="+",
         metavar="NAME",
-        help="what is compared: quasi-velocities, coordinates, gyro (default: the quasi-velocities, or angles that give them)",
+        help="what is compared: quasi-velocities, coordinates, gyro (default: the quasi-velocities, or "
+        "angles that give them)",
     )
     parser.add_argument(
         "--inputs",
@@ -56,7 +62,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
+    """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput,
+    ModelError, OSError."""
     from ...analysis.identification.dynamics import GYRO, Dynamics, described, usual_outputs
     from ...analysis.identification.fit import identify
     from ...analysis.identification.log import check_known, quantities_in, read_log
@@ -79,21 +86,33 @@ def run(args: argparse.Namespace) -> int:
     dynamics.check(args.fit, values)
     log = read_log(table, dynamics, columns(args))
     with Progress() as progress:
-        result = identify(log, dynamics, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
+        result = identify(
+            log, dynamics, args.fit, values, None if args.inputs is None else args.inputs == "held", progress
+        )
     held = "constant" if result.inputs == "held" else "smooth"
     head = f"{result.rows} rows, one in {log.interval:.4g} s; inputs: {kind}, {held} between rows"
     outputs = ", ".join(f"{name} ({unit})" for name, unit in result.outputs)
-    return show_result(args, robot, result, head, f"{outputs}, in parentheses over the rows that were not fitted")
+    return show_result(
+        args, robot, result, head, f"{outputs}, in parentheses over the rows that were not fitted"
+    )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what all fits of parameters have in common."""
-    parser.add_argument("--robot", required=True, metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.add_argument(
-        "--plot", metavar="ERRORS.png", help="also write a plot of the errors that the fit leaves: .png, .svg, .pdf"
+        "--robot", required=True, metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name"
     )
     parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="value of another parameter, SI; may be repeated"
+        "--plot",
+        metavar="ERRORS.png",
+        help="also write a plot of the errors that the fit leaves: .png, .svg, .pdf",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="value of another parameter, SI; may be repeated",
     )
     add_map(parser)
     add_columns(parser, "t,theta_r,theta_l,-")
@@ -106,9 +125,9 @@ def add_map(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=COLUMN",
-        help="the column of a quantity that has another name, sign or unit: NAME=-COLUMN, 'NAME=COLUMN [UNIT]', "
-        "where the unit may have a factor, [turn/4096]; a field of a topic: NAME=TOPIC:FIELD, for instance "
-        "theta_r=/joint_states:JOINT.position or phi=/odom:pose.pose.orientation",
+        help="the column of a quantity that has another name, sign or unit: NAME=-COLUMN, 'NAME=COLUMN "
+        "[UNIT]', where the unit may have a factor, [turn/4096]; a field of a topic: NAME=TOPIC:FIELD, "
+        "for instance theta_r=/joint_states:JOINT.position or phi=/odom:pose.pose.orientation",
     )
 
 
@@ -120,11 +139,15 @@ def reduced(robot: "Mechanism") -> "ReducedSystem":
     inputs, dof = len(robot.inputs), len(robot.coordinates) - robot.A.shape[0]
     if inputs < dof:
         counts = f"{inputs} input{'s' * (inputs != 1)} and {dof} degrees of freedom"
-        raise BadInput(f"{robot.name}: {counts}; identification does not support robots with fewer inputs than that")
+        raise BadInput(
+            f"{robot.name}: {counts}; identification does not support robots with fewer inputs than that"
+        )
     return system_of(robot)
 
 
-def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], robot: "Mechanism") -> dict[str, float]:
+def fitted_and_set(
+    args: argparse.Namespace, parameters: Iterable["Quantity"], robot: "Mechanism"
+) -> dict[str, float]:
     """Return the values of --set; check the names of --fit. Raises BadInput, ModelError."""
     from ...analysis.identification.log import check_known
     from ...readers.quantities import check_unit
@@ -133,7 +156,8 @@ def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"], r
     named = {p.name: p for p in parameters}
     single = tuple(f"_{each.name}" for each in robot.inputs)
     own = {p.name for p in robot.parameters}
-    listed = [name for name in named if name in own or not name.endswith(single)]  # without those of single motors
+    # Without those of single motors
+    listed = [name for name in named if name in own or not name.endswith(single)]
     values = {}
     for name, value in by_name("--set", args.set, "NAME=VALUE", number()).items():
         check_known("--set", name, "parameter", named, listed)
@@ -154,16 +178,22 @@ def columns(args: argparse.Namespace) -> dict[str, str]:
     return {name: column for name, _, column in pairs}
 
 
-def show_result(args: argparse.Namespace, robot: "Mechanism", result: "Identification", head: str, outputs: str) -> int:
-    """Print a fit and write its plot; `outputs` names the quantities of its errors. Return 0, or 1 if a parameter of --fit is
-    not identified.
+def show_result(
+    args: argparse.Namespace, robot: "Mechanism", result: "Identification", head: str, outputs: str
+) -> int:
+    """Print a fit and write its plot; `outputs` names the quantities of its errors. Return 0, or 1 if a
+    parameter of --fit is not identified.
     """
     if args.plot:
         from ...analysis.identification.drawing import draw
         from ...simulation.drawing import encoded
 
         write_whole(args.plot, encoded(draw(result), Path(args.plot).suffix[1:]))
-    show(args, lambda: _text(result, {p.name for p in robot.parameters}, head, outputs), lambda: _values(result))
+    show(
+        args,
+        lambda: _text(result, {p.name for p in robot.parameters}, head, outputs),
+        lambda: _values(result),
+    )
     return 0 if set(result.estimates) >= set(args.fit or ()) and result.estimates else 1
 
 
@@ -175,7 +205,9 @@ def _text(result: "Identification", robot: Container[str], head: str, outputs: s
         lines.append(f"{name:{width}} = {each.value:.7g}{unit}, within {each.within:.2g} of that with 95 %")
     lines += [f"not identified: {sentence}" for sentence in result.unidentifiable]
     pairs = zip(result.residual, result.validation, strict=True)
-    errors = ", ".join(f"{fit:.3g}" if math.isnan(other) else f"{fit:.3g} ({other:.3g})" for fit, other in pairs)
+    errors = ", ".join(
+        f"{fit:.3g}" if math.isnan(other) else f"{fit:.3g} ({other:.3g})" for fit, other in pairs
+    )
     lines += ["", f"RMS error of {outputs}: {errors}"]
     lines += [f"note: {remark}" for remark in result.remarks]
     if of_robot := {name: each for name, each in result.estimates.items() if name in robot}:
@@ -193,7 +225,8 @@ def _values(result: "Identification") -> dict[str, Any]:
         },
         "unidentifiable": list(result.unidentifiable),
         **{
-            name: None if math.isnan(each[0]) else math.sqrt(sum(e * e for e in each) / len(each)) for name, each in whole.items()
+            name: None if math.isnan(each[0]) else math.sqrt(sum(e * e for e in each) / len(each))
+            for name, each in whole.items()
         },
         "rows": result.rows,
         **({"inputs": result.inputs} if result.inputs else {}),

@@ -47,7 +47,9 @@ KINDS: dict[str, dict[str, AskedNumber]] = {
         "track": AskedNumber("m", 1.6, "width, for the inertia of the body"),
         "wheel_radius": AskedNumber("m", 0.3, "radius of the driven wheels"),
         "mass": AskedNumber("kg", 1200.0, "of the whole vehicle"),
-        "counts": AskedNumber("1", 16384.0, "of the encoders in a turn of a driven wheel, and of the steering angle"),
+        "counts": AskedNumber(
+            "1", 16384.0, "of the encoders in a turn of a driven wheel, and of the steering angle"
+        ),
         "torque": AskedNumber("N m", 900.0, "largest torque at the driven axle"),
         "steering_torque": AskedNumber("N m", 200.0, "largest torque about the steering axis"),
         "speed": AskedNumber("m/s", 3.0, "of the front wheel along the path"),
@@ -58,7 +60,9 @@ KINDS: dict[str, dict[str, AskedNumber]] = {
         "track": AskedNumber("m", 0.7, "width, for the inertia of the body"),
         "wheel_radius": AskedNumber("m", 0.15, "radius of the steered wheel, which drives"),
         "mass": AskedNumber("kg", 80.0, "of the whole vehicle"),
-        "counts": AskedNumber("1", 16384.0, "of the encoders in a turn of the wheel, and of the steering angle"),
+        "counts": AskedNumber(
+            "1", 16384.0, "of the encoders in a turn of the wheel, and of the steering angle"
+        ),
         "torque": AskedNumber("N m", 25.0, "largest torque at the wheel"),
         "steering_torque": AskedNumber("N m", 10.0, "largest torque about the steering axis"),
         "speed": AskedNumber("m/s", 0.8, "of the steered wheel along the path"),
@@ -75,25 +79,35 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "new",
         help="write a commented SPEC of a vehicle from a few numbers",
-        description="Write a SPEC of a vehicle on a path of lines and arcs, from a few numbers (SI, or with a unit). What is not "
-        "given is asked for at a terminal; elsewhere, and where the answer is empty, it has the default that the SPEC states.",
+        description="Write a SPEC of a vehicle on a path of lines and arcs, from a few numbers (SI, or with "
+        "a unit). What is not given is asked for at a terminal; elsewhere, and where the answer "
+        "is empty, it has the default that the SPEC states.",
         epilog=EXAMPLE + "\n\n" + "\n".join(_listed(kind) for kind in KINDS),
     )
     parser.mixed = True
     parser.add_argument("file", metavar="FILE.toml", help="the SPEC, a new file")
-    parser.add_argument("numbers", metavar="KEY=VALUE", nargs="*", help="numbers of the vehicle, such as track=0.62")
-    parser.add_argument("--kind", choices=tuple(KINDS), help="two driven wheels, or a steered one (default: differential)")
+    parser.add_argument(
+        "numbers", metavar="KEY=VALUE", nargs="*", help="numbers of the vehicle, such as track=0.62"
+    )
+    parser.add_argument(
+        "--kind", choices=tuple(KINDS), help="two driven wheels, or a steered one (default: differential)"
+    )
     parser.set_defaults(run=run)
 
 
 def _listed(kind: str) -> str:
     entries = KINDS[kind].items()
-    return "\n".join([f"{kind}:", *(f"  {name:13} {entry.about} ({entry.default:g} {entry.unit})" for name, entry in entries)])
+    return "\n".join(
+        [
+            f"{kind}:",
+            *(f"  {name:13} {entry.about} ({entry.default:g} {entry.unit})" for name, entry in entries),
+        ]
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip new`. Raises BadInput for unknown keys and wrong numbers, for a file that is there, and for numbers of which
-    no run can begin.
+    """Run `noslip new`. Raises BadInput for unknown keys and wrong numbers, for a file that is there, and for
+    numbers of which no run can begin.
     """
     if os.path.lexists(args.file):
         raise BadInput(f"{args.file}: exists; choose another name, or remove it")
@@ -105,7 +119,11 @@ def run(args: argparse.Namespace) -> int:
     values = {}
     for name, entry in KINDS[kind].items():
         values[name] = given[name] if name in given else _asked(name, entry) if asks else entry.default
-    text = spec_text(kind, values, {name for name in values if values[name] == KINDS[kind][name].default and name not in given})
+    text = spec_text(
+        kind,
+        values,
+        {name for name in values if values[name] == KINDS[kind][name].default and name not in given},
+    )
     _check(text, args.file)
     write_whole(args.file, text)
     then = f"noslip simulate {args.file} -o run.csv --plot run.png"
@@ -134,7 +152,9 @@ def _number(name: str, text: str, entry: AskedNumber) -> float:
     try:
         value = float(quantity(entry.unit)(text))
     except (argparse.ArgumentTypeError, ValueError) as error:
-        raise BadInput(f"{name} = {text!r}: write a number in {entry.unit}, or a number with a unit") from error
+        raise BadInput(
+            f"{name} = {text!r}: write a number in {entry.unit}, or a number with a unit"
+        ) from error
     if not (math.isfinite(value) and (value > 0 or name == "ahead")):
         raise BadInput(f"{name} = {text}: must be positive, {entry.about}")
     if name == "counts" and value != int(value):
@@ -174,7 +194,9 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
     L = round((0.5 if differential else 0.4) * base, 3)
     kv = round(min(2.0, START / v["speed"]), 3)
     line = round(max(3 * base, 2 * v["speed"]), 2)
-    duration = math.ceil((2 * line + math.pi / 2 * radius) / v["speed"] + v["speed"] / v["deceleration"] + 4 / kv + 3)
+    duration = math.ceil(
+        (2 * line + math.pi / 2 * radius) / v["speed"] + v["speed"] / v["deceleration"] + 4 / kv + 3
+    )
     lines = [
         f"# A {kind} vehicle on a line, an arc and a line. SI units; a number may have another: '62 cm'.",
         "# Numbers that nobody gave are labelled assumed: measure or replace them.",
@@ -193,7 +215,8 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
             f"r = {v['wheel_radius']:.6g} # m, {said('wheel_radius')}",
             f"m_c = {body:.6g} # kg, the mass without the wheels; {said('mass')}",
             f"m_w = {wheel:.6g} # kg, a wheel, assumed: {SHARE:.0%} of the mass",
-            f"I_c = {inertia:.6g} # kg m^2, of a uniform box of length {v['length']:g} m and the track's width, assumed",
+            f"I_c = {inertia:.6g} # kg m^2, of a uniform box of length {v['length']:g} m and the track's "
+            "width, assumed",
             f"I_w = {disc:.6g} # kg m^2, a wheel as a disc, assumed; a motor behind a gear adds to it",
             f"I_m = {disc / 2:.6g} # kg m^2, a wheel about a diameter, assumed",
         ]
@@ -203,13 +226,16 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
             f"l = {v['wheelbase']:.6g} # m, {said('wheelbase')}",
             f"r = {v['wheel_radius']:.6g} # m, {said('wheel_radius')}",
             f"m = {v['mass']:.6g} # kg, {said('mass')}",
-            f"c = {0.45 * v['wheelbase']:.6g} # m, centre of mass ahead of the rear axle, assumed: 45% of the wheelbase",
-            f"I_c = {inertia:.6g} # kg m^2, of a uniform box of 1.5 times the wheelbase and the width, assumed",
+            f"c = {0.45 * v['wheelbase']:.6g} # m, centre of mass ahead of the rear axle, assumed: 45% of "
+            "the wheelbase",
+            f"I_c = {inertia:.6g} # kg m^2, of a uniform box of 1.5 times the wheelbase and the width, "
+            "assumed",
         ]
     origin = "centre of mass" if differential else "front wheel"
     lines += [
         "",
-        "[gains] # of the second-order error of the distance and the first-order error of the speed; see noslip outer-loop",
+        "[gains] # of the second-order error of the distance and the first-order error of the speed; see "
+        "noslip outer-loop",
         f"kp = {POLE**2:g} # 1/s^2, assumed: both poles at {POLE:g} 1/s, no overshoot",
         f"kd = {-2 * POLE:g} # 1/s",
         f"kv = {kv:g} # 1/s, assumed: from rest at most {START:g} m/s^2",
@@ -220,10 +246,13 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
         "",
         "[output.path]",
         'kind = "composite" # lines and arcs in the order of travel: put in your own',
-        'stop = "axle" # the middle of the axle stops at the end' if differential else 'stop = "point" # P_l stops at the end',
+        'stop = "axle" # the middle of the axle stops at the end'
+        if differential
+        else 'stop = "point" # P_l stops at the end',
         "segments = [",
         f'  {{ kind = "line", from = [0.0, 0.0], to = [{line:g}, 0.0] }}, # m',
-        f'  {{ kind = "arc", radius = {radius:g}, angle = {math.pi / 2:.6f} }}, # m, rad, positive to the left',
+        f'  {{ kind = "arc", radius = {radius:g}, angle = {math.pi / 2:.6f} }}, # m, rad, positive to the '
+        "left",
         f'  {{ kind = "line", length = {line:g} }}, # m',
         "]",
         "",
@@ -241,7 +270,10 @@ def spec_text(kind: str, values: Mapping[str, float], assumed: set[str]) -> str:
         ]
     torque = f"torque = {v['torque']:g} # N m, {said('torque')}"
     if not differential:
-        torque = f"torque = [{v['torque']:g}, {v['steering_torque']:g}] # N m, {said('torque')}; {said('steering_torque')}"
+        torque = (
+            f"torque = [{v['torque']:g}, {v['steering_torque']:g}] # N m, {said('torque')}; "
+            f"{said('steering_torque')}"
+        )
     lines += [
         "",
         "[sensors]",

@@ -1,4 +1,5 @@
-"""`noslip robots`, `laws` and `stages`: list the shipped robots, the control laws of a robot, the stages of a loop."""
+"""`noslip robots`, `laws` and `stages`: list the shipped robots, the control laws of a robot,
+the stages of a loop."""
 
 import argparse
 
@@ -27,7 +28,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "laws",
         help="list the control laws of a robot",
-        description="List the control laws of a robot: outputs with their units and relative degrees, gains and configuration.",
+        description="List the control laws of a robot: outputs with their units and relative degrees, gains "
+        "and configuration.",
         epilog=EXAMPLE_OF_LAWS,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
@@ -35,7 +37,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "stages",
         help="list the stages of a closed loop",
-        description="List the stages of a closed loop: sections of a SPEC, signals, columns, and what goes together and why.",
+        description="List the stages of a closed loop: sections of a SPEC, signals, columns, and what goes "
+        "together and why.",
         epilog=EXAMPLE_OF_STAGES,
     )
     parser.set_defaults(run=list_stages)
@@ -53,7 +56,10 @@ def list_robots(args: argparse.Namespace) -> int:
 def _robots_table(robots: list) -> str:
     width, lines = max(len(name) for name, _ in robots), []
     for name, robot in robots:
-        counts = f"{len(robot.coordinates)} coordinates, {len(robot.constraint_names)} constraints, {len(robot.inputs)} inputs"
+        counts = (
+            f"{len(robot.coordinates)} coordinates, {len(robot.constraint_names)} constraints, "
+            f"{len(robot.inputs)} inputs"
+        )
         lines.append(f"{name:{width}}  {robot.about}; {counts}")
     return "\n".join(lines)
 
@@ -66,7 +72,9 @@ def _robot(name: str, robot) -> dict:
         "quasi_velocities": [q.name for q in robot.quasi_velocities],
         "constraints": list(robot.constraint_names),
         "inputs": [q.name for q in robot.inputs],
-        "parameters": {q.name: {"default": q.default, "unit": q.unit, "about": q.about} for q in robot.parameters},
+        "parameters": {
+            q.name: {"default": q.default, "unit": q.unit, "about": q.about} for q in robot.parameters
+        },
     }
 
 
@@ -94,7 +102,9 @@ def list_laws(args: argparse.Namespace) -> int:
 def _laws_table(laws: dict) -> str:
     width, lines = max(map(len, laws)), []
     for name, law in laws.items():
-        outputs = ", ".join(f"{o['name']} ({o['unit']}, degree {o['relative_degree']})" for o in law["outputs"])
+        outputs = ", ".join(
+            f"{o['name']} ({o['unit']}, degree {o['relative_degree']})" for o in law["outputs"]
+        )
         rest = [f"{kind} {' '.join(law[kind])}" for kind in ("config", "gains") if law[kind]]
         lines.append(f"{name:{width}}  {'; '.join([outputs, *rest])}")
     return "\n".join(lines)

@@ -15,7 +15,8 @@ from ..commands import show
 EXAMPLE = """examples:
   noslip import robot.urdf -o robot.py
   noslip import husky.urdf --skid-steer-track 1.02 -o husky.py
-  noslip import robot.urdf --wheels left_joint right_joint --radius left_wheel=0.1 --radius right_wheel=0.1 -o robot.py"""
+  noslip import robot.urdf --wheels left_joint right_joint --radius left_wheel=0.1 --radius right_wheel=0.1 \
+-o robot.py"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -23,37 +24,52 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "import",
         help="write a robot file from a URDF or an MJCF",
-        description="Write a robot file from a URDF or an MJCF: two driven wheels, a car or a tricycle, trailers behind it, "
-        "four wheels with rollers. Joints that are not wheels, steering or hitches are held fixed, but for vertical joints that "
-        "--arm names. Before the file is put in place, its mass matrix is compared with that of the links. "
-        "Requires the extra `physics`.",
+        description="Write a robot file from a URDF or an MJCF: two driven wheels, a car or a tricycle, "
+        "trailers behind it, four wheels with rollers. Joints that are not wheels, steering or "
+        "hitches are held fixed, but for vertical joints that --arm names. Before the file is "
+        "put in place, its mass matrix is compared with that of the links. Requires the extra "
+        "`physics`.",
         epilog=EXAMPLE,
     )
     parser.add_argument("urdf", metavar="FILE.urdf", help="a URDF, a xacro file expanded first, or an MJCF")
     parser.add_argument(
-        "--wheels", nargs="+", metavar="JOINT", default=[], help="the joints of the wheels; default: by their shapes"
+        "--wheels",
+        nargs="+",
+        metavar="JOINT",
+        default=[],
+        help="the joints of the wheels; default: by their shapes",
     )
     parser.add_argument(
-        "--castors", nargs="+", metavar="NAME", default=[], help="joints or links of castors, in addition to those found"
+        "--castors",
+        nargs="+",
+        metavar="NAME",
+        default=[],
+        help="joints or links of castors, in addition to those found",
     )
-    parser.add_argument("--radius", action="append", metavar="LINK=METRES", default=[], help="radius of the wheel of a link")
+    parser.add_argument(
+        "--radius", action="append", metavar="LINK=METRES", default=[], help="radius of the wheel of a link"
+    )
     parser.add_argument(
         "--rollers",
         action="append",
         metavar="JOINT=ANGLE",
         default=[],
-        help="direction of the axis of the roller that touches the ground, from ahead to the left, of a wheel whose rollers have "
-        "no joints: 45 deg or -45 deg",
+        help="direction of the axis of the roller that touches the ground, from ahead to the left, of a "
+        "wheel whose rollers have no joints: 45 deg or -45 deg",
     )
     parser.add_argument(
-        "--skid-steer-track", type=quantity("m"), metavar="METRES", help="describe a skid steer by two wheels this far apart"
+        "--skid-steer-track",
+        type=quantity("m"),
+        metavar="METRES",
+        help="describe a skid steer by two wheels this far apart",
     )
     parser.add_argument(
         "--arm",
         nargs="+",
         metavar="JOINT",
         default=[],
-        help="vertical joints of an arm on the body: they become coordinates with inputs; others are held fixed",
+        help="vertical joints of an arm on the body: they become coordinates with inputs; others are held "
+        "fixed",
     )
     parser.add_argument("-o", "--output", metavar="ROBOT.py", required=True, help="the robot file")
     parser.set_defaults(run=run)
@@ -69,7 +85,9 @@ def run(args: argparse.Namespace) -> int:
     if args.output != "-":
         check_ending(args.output, [".py"], "a robot file")
         check_own(Path(args.output))
-    rollers = by_name("--rollers", args.rollers, "JOINT=ANGLE, such as front_left='-45 deg'", number(unit="rad"))
+    rollers = by_name(
+        "--rollers", args.rollers, "JOINT=ANGLE, such as front_left='-45 deg'", number(unit="rad")
+    )
     if steep := [joint for joint, angle in rollers.items() if not abs(angle) < math.pi / 2]:
         raise BadInput(f"--rollers {steep[0]}: give JOINT=ANGLE between -90 and 90 deg")
     options = Options(
@@ -84,7 +102,12 @@ def run(args: argparse.Namespace) -> int:
     write_whole(args.output, text)
     for note in described["notes"]:
         print(f"noslip: {note}", file=sys.stderr)
-    show(args, lambda: _summary(args.output, described), lambda: {"file": args.output, **described}, args.output)
+    show(
+        args,
+        lambda: _summary(args.output, described),
+        lambda: {"file": args.output, **described},
+        args.output,
+    )
     return 0
 
 

@@ -1,4 +1,5 @@
-"""C that learns parameters of a robot while it drives: the equations of (10) in them, for recursive least squares."""
+"""C that learns parameters of a robot while it drives: the equations of (10) in them,
+for recursive least squares."""
 
 from collections.abc import Sequence
 
@@ -33,11 +34,16 @@ def adapted_parameters(system: ReducedSystem, names: Sequence[str]) -> list[Quan
     regressor = ca.jacobian(system.Mbar @ nudot + system.bias - system.input_map @ tau, parameters)
     for name in names:
         if not canonical(ca.jacobian(ca.vec(regressor), known[name].symbol)).is_zero():
-            raise ModelError(f"{where}: the dynamics are not affine in {name}; masses and inertias can be adapted")
+            raise ModelError(
+                f"{where}: the dynamics are not affine in {name}; masses and inertias can be adapted"
+            )
     symbols = [ca.vertcat(*[q.symbol for q in system.state]), nudot, mechanism.p]
     at = ca.Function("at", symbols, [ca.densify(ca.substitute(regressor, parameters, 0 * parameters + 1))])
     random, nominal = np.random.default_rng(1), [p.default for p in mechanism.parameters]
-    motions = [at(random.uniform(-1, 1, len(system.state)), random.uniform(-1, 1, system.dof), nominal) for _ in range(20)]
+    motions = [
+        at(random.uniform(-1, 1, len(system.state)), random.uniform(-1, 1, system.dof), nominal)
+        for _ in range(20)
+    ]
     rows = np.vstack([motion.full() for motion in motions])
     largest = np.abs(rows).max(axis=0)
     if not largest.all() or np.linalg.matrix_rank(rows / largest, 1e-9) < len(names):
@@ -45,8 +51,11 @@ def adapted_parameters(system: ReducedSystem, names: Sequence[str]) -> list[Quan
     return [known[name] for name in names]
 
 
-def adaptation_files(system: ReducedSystem, names: Sequence[str], scalar: Scalar, banner: Sequence[str]) -> dict[str, str]:
-    """Return file name -> text of header and source; they use the robot's dynamics. Raises ModelError as `adapted_parameters`."""
+def adaptation_files(
+    system: ReducedSystem, names: Sequence[str], scalar: Scalar, banner: Sequence[str]
+) -> dict[str, str]:
+    """Return file name -> text of header and source; they use the robot's dynamics. Raises ModelError as
+    `adapted_parameters`."""
     robot = system.mechanism.name
     own = scalar.name(f"{robot}_{NAME}")
     values = {

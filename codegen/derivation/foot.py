@@ -1,7 +1,9 @@
-"""The law in the frame of the foot of P_l on the path: it reads the group FOOT instead of the vehicle's position and heading.
+"""The law in the frame of the foot of P_l on the path: it reads the group FOOT instead of the vehicle's
+position and heading.
 
-If the dynamics of a vehicle do not depend on its position and heading, the law depends on the path only through the distance, the
-relative heading and the curvature at the foot. One law then serves all segments, and computes no sine or cosine.
+If the dynamics of a vehicle do not depend on its position and heading, the law depends on the path only
+through the distance, the relative heading and the curvature at the foot. One law then serves all segments,
+and computes no sine or cosine.
 """
 
 from dataclasses import replace
@@ -26,8 +28,8 @@ def at_foot_of(law: ControlLaw) -> tuple[Result, ...]:
 def has_foot_form(law: ControlLaw) -> bool:
     """Whether FOOT describes the path, and the vehicle's dynamics do not depend on its position and heading.
 
-    The dynamics, the other outputs and the motion in the vehicle's frame are examined; on an inclined plane, for example, they
-    depend on the heading.
+    The dynamics, the other outputs and the motion in the vehicle's frame are examined; on an inclined plane,
+    for example, they depend on the heading.
     """
     if law.output.at_foot is None or law.system.mechanism.carried:
         return False
@@ -39,7 +41,9 @@ def has_foot_form(law: ControlLaw) -> bool:
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
     motion = [cosine * x_rate + sine * y_rate, cosine * y_rate - sine * x_rate, turning]
     others = [row.expression for row in law.output.rows if row.through is None]
-    dynamics = [] if law.kinematic else [ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.preferred]
+    dynamics = (
+        [] if law.kinematic else [ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.preferred]
+    )
     return not ca.depends_on(canonical(ca.vertcat(*dynamics, *others, *motion)), place)
 
 
@@ -61,15 +65,23 @@ def staged_at_foot(law: ControlLaw) -> Stages:
 
 
 def plain_at_foot(law: ControlLaw, quantity: ca.SX) -> ca.SX:
-    """Return a quantity of the reference law as a function of FOOT: the path is placed at the foot, along x."""
+    """Return a quantity of the reference law as a function of FOOT: the path is placed at the foot,
+    along x."""
     point, config = required_point(law.system), {q.name: q.symbol for q in law.config}
     x, y, heading = ca.vertsplit(law.system.mechanism.q[list(point.pose)])
-    ahead, left = (offset + arm for offset, arm in zip(body_offsets(law.config), ca.vertsplit(point.arm), strict=True))
+    ahead, left = (
+        offset + arm for offset, arm in zip(body_offsets(law.config), ca.vertsplit(point.arm), strict=True)
+    )
     place = -ahead * COSINE + left * SINE, DISTANCE - ahead * SINE - left * COSINE
     path = law.output.required_path
-    here = [(config[q.name], value) for q, value in zip(path.parameters, path.from_foot(DISTANCE, CURVATURE), strict=True)]
+    here = [
+        (config[q.name], value)
+        for q, value in zip(path.parameters, path.from_foot(DISTANCE, CURVATURE), strict=True)
+    ]
     placed = [(x, place[0]), (y, place[1]), *here]
-    moved = ca.substitute([quantity], *[[ca.SX(one) for one in side] for side in zip(*placed, strict=True)])[0]
+    moved = ca.substitute([quantity], *[[ca.SX(one) for one in side] for side in zip(*placed, strict=True)])[
+        0
+    ]
     return _with_foot(moved, heading)
 
 

@@ -1,4 +1,5 @@
-"""First and second derivatives along a motion by Taylor arithmetic: each operation returns its value and derivatives."""
+"""First and second derivatives along a motion by Taylor arithmetic:
+each operation returns its value and derivatives."""
 
 from collections.abc import Callable
 
@@ -12,10 +13,11 @@ Rule = tuple[Callable[..., ca.SX], Callable[..., ca.SX]]
 
 
 class Taylor:
-    """Derivatives of a scalar `outer` of z and parameters, and of its subexpressions, along a motion of z with constant zdot.
+    """Derivatives of a scalar `outer` of z and parameters, and of its subexpressions, along a motion of z
+    with constant zdot.
 
-    `rate`, the first derivative of `outer`, is given and is used wherever it occurs; `shorten` may replace an expression by an
-    equal one.
+    `rate`, the first derivative of `outer`, is given and is used wherever it occurs; `shorten` may replace an
+    expression by an equal one.
     """
 
     def __init__(self, outer: ca.SX, z: ca.SX, zdot: ca.SX, rate: ca.SX, shorten: Callable[[ca.SX], ca.SX]):
@@ -33,7 +35,9 @@ class Taylor:
 
     def second(self, x: ca.SX) -> ca.SX:
         """Return d2x/dt2."""
-        return self._cached(self._second, x, lambda: self.shorten(_rule(x)[1](x, self.first(x), *self._arguments(x, 2))))
+        return self._cached(
+            self._second, x, lambda: self.shorten(_rule(x)[1](x, self.first(x), *self._arguments(x, 2)))
+        )
 
     def _cached(self, cache: dict[int, ca.SX], x: ca.SX, derive: Callable[[], ca.SX]) -> ca.SX:
         key = x.element_hash()

@@ -1,12 +1,14 @@
 """Constraint forces body by body: what the bodies need, carried from the last body of a chain to the first.
 
-Let every constraint slip, A qdot = slip, with quasi-velocities zero. The velocities u along which the motion needs the efforts p
-(`Reduced.efforts`) are then linear in slip, and by the principle of virtual power (8) -lambda = (du/dslip)' p. A velocity is a
-combination of slips and of velocities before it, which have a name: with e for what is along each, the transpose
+Let every constraint slip, A qdot = slip, with quasi-velocities zero. The velocities u along which the motion
+needs the efforts p (`Reduced.efforts`) are then linear in slip, and by the principle of virtual power (8)
+-lambda = (du/dslip)' p. A velocity is a combination of slips and of velocities before it, which have a name:
+with e for what is along each, the transpose
 
     e_before += row' e,    from the last velocity to the first,
 
-takes a number of operations that grows linearly along a chain. e is the force or moment by which a body is pulled.
+takes a number of operations that grows linearly along a chain. e is the force or moment by which a body is
+pulled.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +21,8 @@ from ...model.recursion import Recursion, VelocityRow
 
 
 class Transmission(Recursion):
-    """The velocities of a mechanism whose constraints slip: named ones are columns of later rows, from n + m on."""
+    """The velocities of a mechanism whose constraints slip: named ones are columns of later rows,
+    from n + m on."""
 
     def __init__(self, mechanism: Mechanism):
         self.passed: list[tuple[str, VelocityRow]] = []
@@ -41,8 +44,8 @@ class Transmission(Recursion):
         return VelocityRow({self.dof + self.n + len(self.passed) - 1: ca.SX(1)})
 
     def reactions(self, along: Sequence[tuple[ca.SX, ca.SX]], named: Callable[[str, ca.SX], ca.SX]) -> ca.SX:
-        """Return -lambda (8), m x 1, from the effort along each velocity, expressions in the rates; `named(name, expression)`
-        returns a symbol for an expression."""
+        """Return -lambda (8), m x 1, from the effort along each velocity, expressions in the rates;
+        `named(name, expression)` returns a symbol for an expression."""
         efforts: dict[int, ca.SX] = {}
 
         def add(row: dict[int, ca.SX], effort: ca.SX) -> None:

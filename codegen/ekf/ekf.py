@@ -23,7 +23,8 @@ ROOT = "rad/s/sqrt(s)"
 
 @dataclass(frozen=True)
 class FilterText:
-    """The C of a filter: file name -> text, declarations without preprocessor directives, operations of each tick."""
+    """The C of a filter: file name -> text, declarations without preprocessor directives,
+    operations of each tick."""
 
     files: dict[str, str]
     declarations: str
@@ -47,13 +48,23 @@ class FilterC(ProgramC[FilterProgram]):
 
     def text(self) -> FilterText:
         """Return all of it."""
-        return FilterText(self.files(), self.declarations(), {entry.name: self.operations(entry) for entry in self.entries})
+        return FilterText(
+            self.files(), self.declarations(), {entry.name: self.operations(entry) for entry in self.entries}
+        )
 
     def declarations(self) -> str:
         """Return types and prototypes, without preprocessor directives."""
-        init = f"int {self.function('init')}({self.type} *self, const {self.scalar.name(f'{self.prefix}_config')} *config);"
+        init = (
+            f"int {self.function('init')}({self.type} *self, const "
+            f"{self.scalar.name(f'{self.prefix}_config')} *config);"
+        )
         return "\n\n".join(
-            [self._config(), self._struct(), init, f"int {self.function('tick')}({', '.join(self._arguments())});"]
+            [
+                self._config(),
+                self._struct(),
+                init,
+                f"int {self.function('tick')}({', '.join(self._arguments())});",
+            ]
         )
 
     def _pointers(self) -> dict[str, int]:
@@ -65,7 +76,13 @@ class FilterC(ProgramC[FilterProgram]):
         """Return the arguments of the tick."""
         real, arrays = self.scalar.real, self._pointers()
         inputs = [f"const {real} {name}[{length}]" for name, length in arrays.items()]
-        return [f"{self.type} *self", *inputs, f"const {real} *gyro", f"{real} dt", f"{self.scalar.name('noslip_pose')} *pose"]
+        return [
+            f"{self.type} *self",
+            *inputs,
+            f"const {real} *gyro",
+            f"{real} dt",
+            f"{self.scalar.name('noslip_pose')} *pose",
+        ]
 
     def _rendered(self, template: str) -> str:
         motion, vehicle = self.program.motion, estimated_pose(self.system)
@@ -89,7 +106,10 @@ class FilterC(ProgramC[FilterProgram]):
             "turned": [f"{q.about.removesuffix(' in this tick')} ({q.unit})" for q in motion.turned],
             "measured": [f"{q.name} ({q.unit})" for q in motion.measured],
             "singular": "; NOSLIP_SINGULAR" if motion.measured else "",
-            "costs": [f"{entry.about.removeprefix('A tick ')}. {self.cost(entry)}".capitalize() for entry in self.entries],
+            "costs": [
+                f"{entry.about.removeprefix('A tick ')}. {self.cost(entry)}".capitalize()
+                for entry in self.entries
+            ],
             "tick": ", ".join(self._arguments()),
             "call": ", ".join(["self", *self._pointers()]),
             "count": self.program.states,
@@ -107,9 +127,14 @@ class FilterC(ProgramC[FilterProgram]):
     def _config(self) -> str:
         real, name = self.scalar.real, self.scalar.name
         config = self.program.groups[Group.CONFIG]
-        about = {"gyro_noise": "white noise of the gyro (angle random walk); 0: no gyro", "bias_walk": "random walk of its bias"}
+        about = {
+            "gyro_noise": "white noise of the gyro (angle random walk); 0: no gyro",
+            "bias_walk": "random walk of its bias",
+        }
         noise = [
-            (q, about.get(q.name, "error of the angle, which grows as a random walk")) for q in config if q.name != "bias_walk"
+            (q, about.get(q.name, "error of the angle, which grows as a random walk"))
+            for q in config
+            if q.name != "bias_walk"
         ]
         members = [
             (f"{name(self.robot + '_params')} params;", f"see {name(self.robot + '_default_params')}"),
@@ -126,13 +151,20 @@ class FilterC(ProgramC[FilterProgram]):
 
     def _struct(self) -> str:
         real = self.scalar.real
-        constants = [(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()]
+        constants = [
+            (f"{real} {field};", self.meanings.constant(node))
+            for node, field in self.program.constants.items()
+        ]
         members = [
             (f"{self.scalar.name('noslip_ekf')} filter;", "estimate and covariance"),
             ("int has_gyro;", "whether gyro_noise is given"),
             *constants,
         ]
-        return struct(self.type, "The filter: initialized by init, owned by the caller, who does not write to it.", members)
+        return struct(
+            self.type,
+            "The filter: initialized by init, owned by the caller, who does not write to it.",
+            members,
+        )
 
     def _invalid(self) -> str:
         """Return the condition under which init rejects the config."""
@@ -140,7 +172,8 @@ class FilterC(ProgramC[FilterProgram]):
         noise = [q.in_c for q in self.program.groups[Group.CONFIG] if q.name.startswith("noise_")]
         required = [*noise, *(f"{q.in_c}_sd" for q in self.program.motion.scales)]
         tests = [f"!{deviation}(config->{name})" for name in required]
-        tests.append(f"!(config->gyro_noise >= 0 && config->gyro_noise <= 0) && !({deviation}(config->gyro_noise) && "
+        tests.append("!(config->gyro_noise >= 0 && config->gyro_noise <= 0) && "
+                     f"!({deviation}(config->gyro_noise) && "
                      f"{deviation}(config->bias_sd))")  # fmt: skip
         tests.append("!(config->bias_walk >= 0 && config->bias_walk <= 1)")
         return " || ".join([*tests[:-2], f"({tests[-2]})", tests[-1]])
@@ -149,7 +182,12 @@ class FilterC(ProgramC[FilterProgram]):
         """Return the statements of init that compute the constants."""
         finite = self.scalar.name("noslip_is_finite")
         writer = Statements(
-            self.scalar, init_given, {}, self.leave, {"self", "params", "config", "status"}, self.meanings.constant
+            self.scalar,
+            init_given,
+            {},
+            self.leave,
+            {"self", "params", "config", "status"},
+            self.meanings.constant,
         )
         writer.plan(self.program.constants)
         for node, field in self.program.constants.items():
@@ -157,7 +195,9 @@ class FilterC(ProgramC[FilterProgram]):
             writer.assign(f"self->{field}", node)
             if node.arguments:
                 writer.names[node] = f"self->{field}"
-        computed = [f"{finite}(self->{field})" for node, field in self.program.constants.items() if node.arguments]
+        computed = [
+            f"{finite}(self->{field})" for node, field in self.program.constants.items() if node.arguments
+        ]
         return [*writer.lines, self.leave(f"!({' && '.join(computed)})", "NOSLIP_BAD_PARAMETER")]
 
     def _function(self, entry: Entry) -> str:
@@ -173,17 +213,28 @@ class FilterC(ProgramC[FilterProgram]):
         for node, place in places:
             writer.assign(place, node)
         constants = self.meanings.legend(self.program.constants, writer.lines)
-        unused = [f"(void){name};" for name in arguments if not any(_reads(line, name) for line in writer.lines)]
+        unused = [
+            f"(void){name};" for name in arguments if not any(_reads(line, name) for line in writer.lines)
+        ]
         head = f"static int {self.function(entry.name)}({', '.join(arguments.values())})"
         comment = f"/* {entry.about}. */"
-        return "\n".join([comment, *fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
+        return "\n".join(
+            [
+                comment,
+                *fill(head, ""),
+                "{",
+                body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]),
+                "}",
+            ]
+        )
 
-    # -- parts ---------------------------------------------------------------------------------------------------
+    # -- parts -----------------------------------------------------------------------------------------------
 
     def shape(self, entry: Entry, quantity: Result) -> str:
         """Return the C array bounds of a quantity."""
         n = self.program.states
-        return f"[{dict(zip(RESULTS, (3, n - 3, len(self.program.groups[Group.FACTOR]), 2), strict=True))[quantity]}]"
+        bounds = (3, n - 3, len(self.program.groups[Group.FACTOR]), 2)
+        return f"[{dict(zip(RESULTS, bounds, strict=True))[quantity]}]"
 
     def parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
         """Return names and declarations of the arguments of a tick's static function."""
@@ -202,7 +253,10 @@ class FilterC(ProgramC[FilterProgram]):
             return arrays[leaf.group], self.program.groups[leaf.group]
         motion = self.program.motion
         names = {"turned": motion.turned, "measured": motion.measured}
-        return next(((name, members) for name, members in names.items() if leaf.name in {q.name for q in members}), None)
+        return next(
+            ((name, members) for name, members in names.items() if leaf.name in {q.name for q in members}),
+            None,
+        )
 
     def step_given(self, node: Node) -> str | None:
         """Return the C of a node that a tick need not compute."""
@@ -215,7 +269,9 @@ class _Tick(Statements):
     """The statements of a tick: an angle is checked before its sine is taken."""
 
     def __init__(self, text: FilterC, taken: set[str], meaning: Callable[[Node], str]):
-        super().__init__(text.scalar, text.step_given, text.program.labels, text.leave, {*taken, "status"}, meaning)
+        super().__init__(
+            text.scalar, text.step_given, text.program.labels, text.leave, {*taken, "status"}, meaning
+        )
         self.text_of = text
 
     def _sincos(self, angle: Node) -> None:

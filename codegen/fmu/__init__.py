@@ -1,1 +1,2 @@
-"""A law, a plant or their loop as a functional mock-up unit (FMU) by the standard FMI 3.0: its description and its C."""
+"""A law, a plant or their loop as a functional mock-up unit (FMU) by the standard FMI 3.0:
+its description and its C."""

@@ -1,4 +1,5 @@
-"""The texts of an FMU: modelDescription.xml, buildDescription.xml, and the C between FMI 3.0 and a law, a plant, or both."""
+"""The texts of an FMU: modelDescription.xml, buildDescription.xml, and the C between FMI 3.0 and a law,
+a plant, or both."""
 
 import hashlib
 import re
@@ -26,19 +27,79 @@ PERIOD, INTEGRATION_STEP = 0.01, 0.001  # s
 HEADER = "noslip_fmi3.h"
 REGULAR = 1e4  # condition number of Phi at a start
 BASE = {  # pint's base units as in a description
-    **{"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd"},
+    **{
+        "kilogram": "kg",
+        "meter": "m",
+        "second": "s",
+        "ampere": "A",
+        "kelvin": "K",
+        "mole": "mol",
+        "candela": "cd",
+    },
     "radian": "rad",
 }
-TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "UInt64", "Boolean", "String", "Binary", "Clock")
+TYPES = (
+    "Float32",
+    "Int8",
+    "UInt8",
+    "Int16",
+    "UInt16",
+    "Int32",
+    "UInt32",
+    "UInt64",
+    "Boolean",
+    "String",
+    "Binary",
+    "Clock",
+)
 NOT_OFFERED = (  # functions that every FMU must have, and that are of no use in these
     *(f"{access}{kind}" for access in ("Get", "Set") for kind in TYPES),
-    *("GetNumberOfVariableDependencies", "GetVariableDependencies", "GetDirectionalDerivative", "GetAdjointDerivative"),
-    *("GetFMUState", "SetFMUState", "FreeFMUState", "SerializedFMUStateSize", "SerializeFMUState", "DeserializeFMUState"),
-    *("EnterConfigurationMode", "ExitConfigurationMode", "EnterEventMode", "EnterContinuousTimeMode", "EnterStepMode"),
-    *(f"{access}{kind}{form}" for access in ("Get", "Set") for kind in ("Interval", "Shift") for form in ("Decimal", "Fraction")),
-    *("EvaluateDiscreteStates", "UpdateDiscreteStates", "CompletedIntegratorStep", "SetTime", "SetContinuousStates"),
-    *("GetContinuousStateDerivatives", "GetEventIndicators", "GetContinuousStates", "GetNominalsOfContinuousStates"),
-    *("GetNumberOfEventIndicators", "GetNumberOfContinuousStates", "GetOutputDerivatives", "ActivateModelPartition"),
+    *(
+        "GetNumberOfVariableDependencies",
+        "GetVariableDependencies",
+        "GetDirectionalDerivative",
+        "GetAdjointDerivative",
+    ),
+    *(
+        "GetFMUState",
+        "SetFMUState",
+        "FreeFMUState",
+        "SerializedFMUStateSize",
+        "SerializeFMUState",
+        "DeserializeFMUState",
+    ),
+    *(
+        "EnterConfigurationMode",
+        "ExitConfigurationMode",
+        "EnterEventMode",
+        "EnterContinuousTimeMode",
+        "EnterStepMode",
+    ),
+    *(
+        f"{access}{kind}{form}"
+        for access in ("Get", "Set")
+        for kind in ("Interval", "Shift")
+        for form in ("Decimal", "Fraction")
+    ),
+    *(
+        "EvaluateDiscreteStates",
+        "UpdateDiscreteStates",
+        "CompletedIntegratorStep",
+        "SetTime",
+        "SetContinuousStates",
+    ),
+    *(
+        "GetContinuousStateDerivatives",
+        "GetEventIndicators",
+        "GetContinuousStates",
+        "GetNominalsOfContinuousStates",
+    ),
+    *(
+        "GetNumberOfEventIndicators",
+        "GetNumberOfContinuousStates",
+        "GetOutputDerivatives",
+        "ActivateModelPartition",
+    ),
 )
 
 
@@ -53,7 +114,8 @@ class Item:
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of an FMU; `declared` is the type of an enumeration. An `initial` value is exact or calculated."""
+    """A variable of an FMU; `declared` is the type of an enumeration. An `initial` value is exact or
+    calculated."""
 
     name: str
     causality: str
@@ -83,18 +145,23 @@ class VariableGroup:
     variables: tuple[Variable, ...]
 
 
-def fmu(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mapping[str, str]) -> tuple[str, dict[str, str]]:
+def fmu(
+    kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mapping[str, str]
+) -> tuple[str, dict[str, str]]:
     """Return the name of the model and the texts of the FMU, by their names in the archive.
 
-    `kind`: controller (the law), plant (the robot's dynamics, without a law) or loop (both). `sources`: file name -> text of the
-    C of the robot in double, with the runtime.
+    `kind`: controller (the law), plant (the robot's dynamics, without a law) or loop (both). `sources`: file
+    name -> text of the C of the robot in double, with the runtime.
     """
     mechanism = system.mechanism
     robot, own = mechanism.name, f"{mechanism.name}_{law.name}" if law else ""
     identifier = f"{own or robot}_{kind}"
     has_plant = kind != "controller"
     groups = _groups(kind, system, law, sources)
-    reals = [Variable("time", "independent", "continuous", ""), *(v for group in groups for v in group.variables)]
+    reals = [
+        Variable("time", "independent", "continuous", ""),
+        *(v for group in groups for v in group.variables),
+    ]
     choices, enumerations = _choices(law, sources)
     token = hashlib.sha256(f"{identifier} {TOOLS} {fingerprint(system, law)}".encode()).hexdigest()
     values = {
@@ -125,18 +192,32 @@ def fmu(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mappi
             "instances": ["fmi3InstantiateModelExchange", "fmi3InstantiateScheduledExecution"],
         },
     }
-    code = {**sources, HEADER: render(__file__, HEADER), f"{identifier}.c": render(__file__, "fmu.c", **values)}
+    code = {
+        **sources,
+        HEADER: render(__file__, HEADER),
+        f"{identifier}.c": render(__file__, "fmu.c", **values),
+    }
     compiled = sorted(name for name in code if name.endswith(".c"))
-    files = {f"sources/{name}": text for name, text in sorted(code.items()) if name.endswith((".c", ".h", ".inc"))}
-    files["sources/buildDescription.xml"] = render(__file__, "buildDescription.xml", **values, sources=compiled)
+    files = {
+        f"sources/{name}": text for name, text in sorted(code.items()) if name.endswith((".c", ".h", ".inc"))
+    }
+    files["sources/buildDescription.xml"] = render(
+        __file__, "buildDescription.xml", **values, sources=compiled
+    )
     return identifier, {"modelDescription.xml": render(__file__, "modelDescription.xml", **values), **files}
 
 
-def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mapping[str, str]) -> list[VariableGroup]:
+def _groups(
+    kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mapping[str, str]
+) -> list[VariableGroup]:
     """Return the variables that are numbers, except time, in the order of their value references."""
     mechanism = system.mechanism
     robot, inputs = mechanism.name, mechanism.inputs
-    parameter, entry, shown = ("parameter", "fixed", "exact"), ("input", "continuous", "exact"), ("output", "continuous", "exact")
+    parameter, entry, shown = (
+        ("parameter", "fixed", "exact"),
+        ("input", "continuous", "exact"),
+        ("output", "continuous", "exact"),
+    )
     computed = ("output", "continuous" if kind == "controller" else "discrete", "calculated")
     groups = [_struct(f"{robot}_params params", "params", parameter, mechanism.parameters)]
     if law:
@@ -144,32 +225,47 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: M
         groups.append(_struct(f"{own}_config config", "config", parameter, law.config))
         groups.append(_struct(f"{own}_gains gains", "gains", parameter, law.gains))
         most = "largest absolute value; 0: no limit"
-        groups.append(_struct(f"double extension[{len(law.extension)}]", "extension", parameter, law.extension))
+        groups.append(
+            _struct(f"double extension[{len(law.extension)}]", "extension", parameter, law.extension)
+        )
         limits = [Variable(f"limit.{q.name}", *parameter, 0.0, q.unit, f"{q.about}: {most}") for q in inputs]
         groups.append(VariableGroup(f"double limit[{len(inputs)}]", tuple(limits)))
         if can_grip(system):
-            floor = sources["noslip_grip.h"].partition("typedef struct noslip_friction {")[2].partition("}")[0]
+            floor = (
+                sources["noslip_grip.h"].partition("typedef struct noslip_friction {")[2].partition("}")[0]
+            )
             friction = re.findall(r"double (\w+); +/\* (?:(m): )?(.*?) \*/", floor)
-            members = tuple(Variable(f"friction.{name}", *parameter, 0.0, unit or "1", about) for name, unit, about in friction)
+            members = tuple(
+                Variable(f"friction.{name}", *parameter, 0.0, unit or "1", about)
+                for name, unit, about in friction
+            )
             groups.append(VariableGroup("noslip_friction friction", members))
     if kind == "loop":
         period = Variable("period", *parameter, PERIOD, "s", "time between calls of the law")
         groups.append(VariableGroup("double period", (period,)))
     if kind != "controller":
-        step = Variable("integration_step", *parameter, INTEGRATION_STEP, "s", "longest step of the integration")
+        step = Variable(
+            "integration_step", *parameter, INTEGRATION_STEP, "s", "longest step of the integration"
+        )
         groups.append(VariableGroup("double integration_step", (step,)))
     starts = _at_rest(law) if law else {}
-    groups.append(_struct(f"{robot}_state state", "state", entry if kind == "controller" else shown, system.state, starts))
+    groups.append(
+        _struct(
+            f"{robot}_state state", "state", entry if kind == "controller" else shown, system.state, starts
+        )
+    )
     if law:
-        groups.append(_struct(f"{robot}_{law.name}_reference reference", "reference", entry, law.reference, starts))
+        groups.append(
+            _struct(f"{robot}_{law.name}_reference reference", "reference", entry, law.reference, starts)
+        )
     groups.append(_struct(f"double tau[{len(inputs)}]", "tau", computed if law else entry, inputs))
     return [group for group in groups if group.variables]
 
 
 def _at_rest(law: ControlLaw) -> dict[str, float]:
-    """Return starting values by name, of states and of desired outputs, with which a robot stays at rest: the desired outputs are
-    those there. All coordinates are 0, or where Phi is singular so, one angle is 1 rad. Empty for a law with an extension,
-    which is singular at rest, and where none of these is regular.
+    """Return starting values by name, of states and of desired outputs, with which a robot stays at rest: the
+    desired outputs are those there. All coordinates are 0, or where Phi is singular so, one angle is 1 rad.
+    Empty for a law with an extension, which is singular at rest, and where none of these is regular.
     """
     if law.extension:
         return {}
@@ -197,21 +293,34 @@ def _struct(
     starts = [starting_value(q) if name == "config" else known.get(q.name, q.default) for q in quantities]
     return VariableGroup(
         declaration,
-        tuple(Variable(f"{name}.{q.name}", *role, s, q.unit, q.about) for q, s in zip(quantities, starts, strict=True)),
+        tuple(
+            Variable(f"{name}.{q.name}", *role, s, q.unit, q.about)
+            for q, s in zip(quantities, starts, strict=True)
+        ),
     )
 
 
-def _choices(law: ControlLaw | None, sources: Mapping[str, str]) -> tuple[list[Variable], dict[str, list[Item]]]:
-    """Return the variables that are enumerations, the status last, and their types, as in the runtime's headers."""
+def _choices(
+    law: ControlLaw | None, sources: Mapping[str, str]
+) -> tuple[list[Variable], dict[str, list[Item]]]:
+    """Return the variables that are enumerations, the status last, and their types,
+    as in the runtime's headers."""
     status, controller = sources["noslip_status.h"], sources["noslip_controller.h"]
     types = {"Status": _items(status, "enum {")}
-    last = Variable("status", "output", "discrete", "calculated", declared="Status", about="status of the last call")
+    last = Variable(
+        "status", "output", "discrete", "calculated", declared="Status", about="status of the last call"
+    )
     if law is None:
         return [last], types
-    types |= {"OnError": _items(status, "enum noslip_on_error {"), "OnLimit": _items(controller, "enum noslip_on_limit {")}
+    types |= {
+        "OnError": _items(status, "enum noslip_on_error {"),
+        "OnLimit": _items(controller, "enum noslip_on_limit {"),
+    }
     parameter = ("parameter", "fixed", "exact")
     on_error = Variable("on_error", *parameter, declared="OnError", about="inputs on an error")
-    on_limit = Variable("on_limit", *parameter, declared="OnLimit", about="what to do if inputs exceed their limits")
+    on_limit = Variable(
+        "on_limit", *parameter, declared="OnLimit", about="what to do if inputs exceed their limits"
+    )
     return [on_error, on_limit, last], types
 
 
@@ -224,9 +333,15 @@ def _items(header: str, opening: str) -> list[Item]:
 
 def _arguments(system: ReducedSystem, law: ControlLaw | None) -> dict[str, list[str]]:
     """Return the first arguments of init, and those groups among them that have no member."""
-    groups = {"params": system.mechanism.parameters, **({"config": law.config, "gains": law.gains} if law else {})}
+    groups = {
+        "params": system.mechanism.parameters,
+        **({"config": law.config, "gains": law.gains} if law else {}),
+    }
     empty = [name for name, group in groups.items() if not group]
-    return {"arguments": [f"&{name}" if name in empty else f"&self->real.of.{name}" for name in groups], "empty": empty}
+    return {
+        "arguments": [f"&{name}" if name in empty else f"&self->real.of.{name}" for name in groups],
+        "empty": empty,
+    }
 
 
 def _base(unit: str) -> dict[str, object] | None:

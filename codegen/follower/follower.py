@@ -1,4 +1,5 @@
-"""C of the follower of a vehicle: odometry, path, law, limits, motors or velocity commands, and watchdog, in one struct.
+"""C of the follower of a vehicle: odometry, path, law, limits, motors or velocity commands, and watchdog, in
+one struct.
 
 The vehicle has two driven wheels, or one that rolls and a steered wheel.
 """
@@ -30,8 +31,9 @@ ANGLE = "angle"  # the steering angle in the functions of the follower
 def is_followers(law: ControlLaw) -> bool:
     """Return whether a law is that of a follower, of lines and arcs, and its vehicle has the wheels of one.
 
-    The vehicle has two driven wheels, or a driven and a steered one (SteeredAxle): the quasi-velocities are their rates, on which
-    the two inputs act. Forward speed and yaw rate of two driven wheels must be fixed combinations of the rates.
+    The vehicle has two driven wheels, or a driven and a steered one (SteeredAxle): the quasi-velocities are
+    their rates, on which the two inputs act. Forward speed and yaw rate of two driven wheels must be fixed
+    combinations of the rates.
     """
     return law.name == LAW and not law.extension and _has_wheels(law.system) and not _unknown(law.system)
 
@@ -42,7 +44,10 @@ def why_no_follower(system: ReducedSystem) -> str:
     if _has_wheels(system) and (unknown := _unknown(system)):
         why = f"its motion depends on {', '.join(c.name for c in unknown)}, which no wheel shows"
     elif not system.mechanism.carried and _has_wheels(system):
-        why = "its law, or the load on its wheels, depends on position or heading, of which a follower knows those to a path"
+        why = (
+            "its law, or the load on its wheels, depends on position or heading, of which a follower knows "
+            "those to a path"
+        )
     return f"{system.mechanism.name}: {why}"
 
 
@@ -62,7 +67,8 @@ def _has_wheels(system: ReducedSystem) -> bool:
 
 
 def _unknown(system: ReducedSystem) -> list[Quantity]:
-    """Return the coordinates on which the motion depends and that are neither the pose nor the angle of a wheel, as trailers'."""
+    """Return the coordinates on which the motion depends and that are neither the pose nor the angle of a
+    wheel, as trailers'."""
     pose, angles = placed_names(system), [k for places in system.coordinates_by_velocity for k in places]
     motion = ca.vertcat(ca.vec(system.Mbar), system.bias, ca.vec(system.input_map))
     others = [c for k, c in enumerate(system.mechanism.coordinates) if c.in_c not in pose and k not in angles]
@@ -127,7 +133,8 @@ def measured_names(system: ReducedSystem) -> list[str]:
 
 
 def placed_names(system: ReducedSystem) -> list[str]:
-    """Return the members of the state that are position and heading of the vehicle's body or its fixed axle; none without one."""
+    """Return the members of the state that are position and heading of the vehicle's body or its fixed axle;
+    none without one."""
     mechanism, steered, point = system.mechanism, steered_axle(system), point_on_body(system)
     body = steered or point
     return [mechanism.coordinates[k].in_c for k in body.pose] if body else []
@@ -137,12 +144,30 @@ def _kinematics(system: ReducedSystem, scalar: Scalar) -> dict[str, Any]:
     """Return what the templates need to know of how the wheels move the vehicle."""
     steered = steered_axle(system)
     if steered is None:
-        places = ["wheels->forward[0]", "wheels->forward[1]", "wheels->turn[0]", "wheels->turn[1]", "wheels->ahead"]
+        places = [
+            "wheels->forward[0]",
+            "wheels->forward[1]",
+            "wheels->turn[0]",
+            "wheels->turn[1]",
+            "wheels->ahead",
+        ]
         found = ca.vertcat(ca.vec(required_velocity_map(system).T), point_ahead(system))
         point = point_on_body(system)
-        arm = _assigned(system, scalar, ["arm[0]", "arm[1]"], point.arm) if point and not point.arm.is_zero() else ""
-        return {"steering": False, "each": "", "odometry": _assigned(system, scalar, places, found), "arm": arm}
-    moves, turns = [f"{name}[{k}]" for name in ("forward", "turn") for k in range(2)], ["moved[0]", "moved[1]"]
+        arm = (
+            _assigned(system, scalar, ["arm[0]", "arm[1]"], point.arm)
+            if point and not point.arm.is_zero()
+            else ""
+        )
+        return {
+            "steering": False,
+            "each": "",
+            "odometry": _assigned(system, scalar, places, found),
+            "arm": arm,
+        }
+    moves, turns = (
+        [f"{name}[{k}]" for name in ("forward", "turn") for k in range(2)],
+        ["moved[0]", "moved[1]"],
+    )
     return {
         "steering": True,
         "arm": "",
@@ -156,7 +181,9 @@ def _kinematics(system: ReducedSystem, scalar: Scalar) -> dict[str, Any]:
     }
 
 
-def _assigned(system: ReducedSystem, scalar: Scalar, places: Sequence[str], values: ca.SX, angle: ca.SX | None = None) -> str:
+def _assigned(
+    system: ReducedSystem, scalar: Scalar, places: Sequence[str], values: ca.SX, angle: ca.SX | None = None
+) -> str:
     """Return the statements that assign values in `params`, and in the steering `angle`, to places.
 
     With an angle they leave the function with NOSLIP_SINGULAR where a value is not defined.

@@ -1,8 +1,9 @@
-"""What options of a SPEC go together: rows of needs, exclusions and bounds, and the check of a SPEC against them.
+"""What options of a SPEC go together: rows of needs, exclusions and bounds, and the check of a SPEC against
+them.
 
-An option is written as a user would write it: `[sensors]`, `[limits] mode = "grip"`, `[simulation] period > 0`. It holds where
-the SPEC has it. `A with B` holds where both do. WORDS are options that follow from several keys, OF_LAW those that follow from
-the law, which is known in a run only.
+An option is written as a user would write it: `[sensors]`, `[limits] mode = "grip"`,
+`[simulation] period > 0`. It holds where the SPEC has it. `A with B` holds where both do. WORDS are options
+that follow from several keys, OF_LAW those that follow from the law, which is known in a run only.
 """
 
 import dataclasses
@@ -39,14 +40,21 @@ WORDS = {  # option -> property of the SPEC
 
 def led_units(law: ControlLaw) -> set[str]:
     """Return the units of outputs of relative degree 2, those that an approach leads besides speeds."""
-    return {row.unit for row, degree in zip(law.output.rows, law.linearization.relative_degree, strict=True) if degree == 2}
+    return {
+        row.unit
+        for row, degree in zip(law.output.rows, law.linearization.relative_degree, strict=True)
+        if degree == 2
+    }
 
 
-OF_LAW: dict[str, Callable[[ControlLaw], bool]] = {  # what is known where the law of a SPEC is -> whether a law has it
+# What is known where the law of a SPEC is -> whether a law has it
+OF_LAW: dict[str, Callable[[ControlLaw], bool]] = {
     "a steered wheel": lambda law: steered_axle(law.system) is not None,
     "a robot that is no vehicle (moves_in_plane)": lambda law: law.system.mechanism.vehicle is None,
     "fewer inputs than quasi-velocities": lambda law: law.system.underactuated,
-    "outputs that begin with no point": lambda law: not law.output.foot and [r.unit for r in law.output.rows[:2]] != ["m", "m"],
+    "outputs that begin with no point": lambda law: (
+        not law.output.foot and [r.unit for r in law.output.rows[:2]] != ["m", "m"]
+    ),
     "an output in rad": lambda law: "rad" in led_units(law),
     "outputs without an angle": lambda law: "rad" not in led_units(law),
     "outputs in another unit than m and rad": lambda law: not led_units(law) <= {"m", "rad"},
@@ -61,9 +69,18 @@ USERS = {  # what runs a loop, or answers about one -> what it is
     "analyse --start": "whether a start avoids the singular set for certain",
     "analyse --table": "offsets from the path that do so",
 }
-COMPARISONS = {"=": operator.eq, "!=": operator.ne, "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+COMPARISONS = {
+    "=": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
 IN_WORDS = {"<": "below", "<=": "at most", ">": "above", ">=": "at least"}
-NOTATION = re.compile(r"(?P<key>\[+(?P<section>[\w.]+)\]+(?: (?P<name>[\w.]+))?)(?: (?P<sign>[!<>]?=|<|>) (?P<values>.+))?")
+NOTATION = re.compile(
+    r"(?P<key>\[+(?P<section>[\w.]+)\]+(?: (?P<name>[\w.]+))?)(?: (?P<sign>[!<>]?=|<|>) (?P<values>.+))?"
+)
 
 
 @dataclass(frozen=True)
@@ -101,7 +118,8 @@ class Option:
         return value
 
     def holds(self, spec: object, user: str = "", law: ControlLaw | None = None) -> bool:
-        """Return whether a SPEC, run by a user, has the option; what depends on its law holds only where that is known."""
+        """Return whether a SPEC, run by a user, has the option;
+        what depends on its law holds only where that is known."""
         if self.text in USERS:
             return self.text == user
         if self.text in OF_LAW:
@@ -165,7 +183,8 @@ class Rule:
         return all(option.holds(spec, user, law) for option in self.options)
 
     def broken(self, spec: object, user: str = "", law: ControlLaw | None = None) -> str:
-        """Return what is wrong with a SPEC, run by a user with a law, if that is known; an empty text if nothing is."""
+        """Return what is wrong with a SPEC, run by a user with a law, if that is known;
+        an empty text if nothing is."""
         raise NotImplementedError
 
     def as_json(self) -> dict[str, object]:
@@ -198,10 +217,16 @@ class Excludes(Rule):
 
     def broken(self, spec: object, user: str = "", law: ControlLaw | None = None) -> str:
         """Return with what the option does not go."""
-        wrong = next((o for o in self.others if self.applies(spec, user, law) and o.holds(spec, user, law)), None)
+        wrong = next(
+            (o for o in self.others if self.applies(spec, user, law) and o.holds(spec, user, law)), None
+        )
         if wrong is None:
             return ""
-        return str(dataclasses.replace(self, option=" with ".join(o.shown(spec) for o in self.options), other=wrong.shown(spec)))
+        return str(
+            dataclasses.replace(
+                self, option=" with ".join(o.shown(spec) for o in self.options), other=wrong.shown(spec)
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -217,7 +242,10 @@ class Bound(Rule):
         """The bound in words."""
         (option,), (other,) = self.options, self.others
         times = "" if self.factor == 1.0 else f"{self.factor:g} times "
-        return f"{IN_WORDS[self.sign]} {times}{other.path[-1] if other.path[:-1] == option.path[:-1] else other.text}"
+        return (
+            f"{IN_WORDS[self.sign]} "
+            f"{times}{other.path[-1] if other.path[:-1] == option.path[:-1] else other.text}"
+        )
 
     def broken(self, spec: object, user: str = "", law: ControlLaw | None = None) -> str:
         """Return by what a number must be bounded and is not."""

@@ -1,4 +1,5 @@
-"""A project as a package of CMake, PlatformIO, Arduino, Zephyr or ESP-IDF: its description, an example, and README.md."""
+"""A project as a package of CMake, PlatformIO, Arduino, Zephyr or ESP-IDF: its description, an example,
+and README.md."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,18 +19,29 @@ PACKAGES: dict[str, dict[str, str]] = {  # package manager -> file -> template
     },
     "platformio": {"library.json": "library.json"},
     "arduino": {"library.properties": "library.properties", "examples/Step/Step.ino": "Step.ino"},
-    "zephyr": {"zephyr/module.yml": "module.yml", "zephyr/CMakeLists.txt": "zephyr.cmake", "zephyr/Kconfig": "zephyr.kconfig"},
+    "zephyr": {
+        "zephyr/module.yml": "module.yml",
+        "zephyr/CMakeLists.txt": "zephyr.cmake",
+        "zephyr/Kconfig": "zephyr.kconfig",
+    },
     "esp-idf": {"CMakeLists.txt": "esp-idf.cmake", "idf_component.yml": "idf_component.yml"},
 }
 
 
-def package(manager: str, project: Mapping[str, str], laws: Sequence[ControlLaw], scalar: Scalar) -> dict[str, str]:
-    """Return file name -> text of a package for a manager of PACKAGES; `project`: the files of a firmware project in a scalar.
+def package(
+    manager: str, project: Mapping[str, str], laws: Sequence[ControlLaw], scalar: Scalar
+) -> dict[str, str]:
+    """Return file name -> text of a package for a manager of PACKAGES; `project`: the files of a firmware
+    project in a scalar.
 
     The C is in src/, the self-test in selftest/.
     """
     law, robot = laws[0], laws[0].system.mechanism
-    files = {name.replace("noslip/", "src/", 1): text for name, text in project.items() if name.startswith("noslip/")}
+    files = {
+        name.replace("noslip/", "src/", 1): text
+        for name, text in project.items()
+        if name.startswith("noslip/")
+    }
     files |= {name: text for name, text in project.items() if name.startswith("selftest/")}
     if manager != "arduino":
         files["examples/loop/loop.c"] = project["loop.c"]

@@ -27,7 +27,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         super().__init__(program, program.system, NAME, scalar, banner)
         self.title = f"reduced dynamics of {self.robot}"
 
-    # -- header ---------------------------------------------------------------------------------------------------
+    # -- header ----------------------------------------------------------------------------------------------
 
     def declarations(self) -> str:
         """Return types and prototypes, without preprocessor directives."""
@@ -38,7 +38,10 @@ class DynamicsC(ProgramC[DynamicsProgram]):
                 "The dynamics: initialized by init, owned by the caller, who does not write to it.",
                 [
                     ("int ready;", "set by init"),
-                    *[(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()],
+                    *[
+                        (f"{real} {field};", self.meanings.constant(node))
+                        for node, field in self.program.constants.items()
+                    ],
                 ],
             ),
             struct(
@@ -48,14 +51,19 @@ class DynamicsC(ProgramC[DynamicsProgram]):
             ),
         ]
         init = [
-            "Initializes the constants from parameters. There is no other state: calls with one `self` may be concurrent.",
-            "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: a motion without mass.",
+            "Initializes the constants from parameters. There is no other state: calls with one `self` may "
+            "be concurrent.",
+            "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: a motion "
+            "without mass.",
         ]
         return "\n\n".join(
             [
                 *types,
                 "\n".join([comment(init), *fill(f"{self._init_signature()};", "")]),
-                *["\n".join([self._about(entry), *fill(f"{self.signature(entry)};", "")]) for entry in self.entries],
+                *[
+                    "\n".join([self._about(entry), *fill(f"{self.signature(entry)};", "")])
+                    for entry in self.entries
+                ],
             ]
         )
 
@@ -80,7 +88,8 @@ class DynamicsC(ProgramC[DynamicsProgram]):
             Result.MASS: f"S'MS, rows and columns: {names}",
             Result.BIAS: f"S'(M Sdot nu + V), rows: {names}",
             Result.INPUT_MAP: f"S'E, rows: {names}; columns: {inputs}",
-            Result.VELOCITY_RATES: "rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
+            Result.VELOCITY_RATES: "rates of "
+            + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
         }[quantity]
 
     def _about(self, entry: Entry) -> str:
@@ -88,22 +97,35 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         if entry.takes:
             inputs = self.system.mechanism.inputs
             lines = [f"tau[{len(inputs)}]: " + ", ".join(f"{q.name} ({q.unit})" for q in inputs)]
-            lines.append(f"NOSLIP_SINGULAR: a pivot of S'MS is not above {NEGLIGIBLE_PIVOT:g} of its place of the diagonal.")
+            lines.append(
+                f"NOSLIP_SINGULAR: a pivot of S'MS is not above {NEGLIGIBLE_PIVOT:g} of its place of the "
+                "diagonal."
+            )
         answers = [f"{q}{self.shape(entry, q)}: {self._meaning(q)}" for q in entry.answers if not entry.whole]
         return comment([f"{entry.about}.", *lines, *answers, self.cost(entry)])
 
-    # -- source ---------------------------------------------------------------------------------------------------
+    # -- source ----------------------------------------------------------------------------------------------
 
     def source(self) -> str:
         """Return the source."""
         bodies = self.program.entries.values()
-        computed = [root for body in bodies for root in body.roots] + [node for pair in self.program.regular for node in pair]
-        includes = [self.type, *headers(computed), *(["noslip_solve"] if any(b.looped for b in bodies) else [])]
+        computed = [root for body in bodies for root in body.roots] + [
+            node for pair in self.program.regular for node in pair
+        ]
+        includes = [
+            self.type,
+            *headers(computed),
+            *(["noslip_solve"] if any(b.looped for b in bodies) else []),
+        ]
         parts = [
             self._head(f"{self.type}.c", includes),
             self._init(),
             self._admit(),
-            *[part for entry in self.entries for part in (self._mathematics(entry), self._entry_point(entry))],
+            *[
+                part
+                for entry in self.entries
+                for part in (self._mathematics(entry), self._entry_point(entry))
+            ],
         ]
         return "\n\n".join(parts) + "\n"
 
@@ -136,7 +158,9 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         state = [f"state->{q.in_c}" for q in self.system.state]
         check = f"{self.scalar.name(self.robot + '_check_state')}(state)"
         finite = f"{self.scalar.name('noslip_is_finite')}({' + '.join(state)})"
-        angles = " && ".join(self.in_range(f"state->{in_c(a.name)}") for a in self.program.angles if isinstance(a, Leaf))
+        angles = " && ".join(
+            self.in_range(f"state->{in_c(a.name)}") for a in self.program.angles if isinstance(a, Leaf)
+        )
         lines = [
             self.leave("self->ready != NOSLIP_READY", "NOSLIP_NOT_READY"),
             "/* A sum is finite only if all its parts are; one that overflows is looked at part by part. */",
@@ -155,10 +179,16 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         writer = _Call(self, {*arguments, "matrix"}, lambda node: self.meanings.temporary(node, used(node)))
         self.write(writer, entry, places)
         lines = writer.lines + (self._looped(writer, *dynamics.looped) if dynamics.looped else [])
-        unused = [f"(void){name};" for name in arguments if not any(f"{name}->" in x or f"{name}[" in x for x in lines)]
+        unused = [
+            f"(void){name};"
+            for name in arguments
+            if not any(f"{name}->" in x or f"{name}[" in x for x in lines)
+        ]
         constants = self.meanings.legend(self.program.constants, lines)
         head = f"static int {self.function(entry.name)}_law({', '.join(arguments.values())})"
-        return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *lines, "return NOSLIP_OK;"]), "}"])
+        return "\n".join(
+            [*fill(head, ""), "{", body([*unused, *constants, *lines, "return NOSLIP_OK;"]), "}"]
+        )
 
     def write(self, writer: Statements, entry: Entry, places: Sequence[tuple[Node, str]]) -> None:
         """Write the statements of an entry point: its steps, and the nodes for their places."""
@@ -210,12 +240,18 @@ class DynamicsC(ProgramC[DynamicsProgram]):
     def _locals(self, entry: Entry) -> list[str]:
         """Return declarations of local arrays for the results; those of evaluate would be too large."""
         names = [] if entry.whole else entry.answers
-        return [f"{self.scalar.real} {self.local.format(quantity)}{self.shape(entry, quantity)}" for quantity in names]
+        return [
+            f"{self.scalar.real} {self.local.format(quantity)}{self.shape(entry, quantity)}"
+            for quantity in names
+        ]
 
-    # -- parts ---------------------------------------------------------------------------------------------------
+    # -- parts -----------------------------------------------------------------------------------------------
 
     def _init_signature(self) -> str:
-        return f"int {self.function('init')}({self.type} *self, const {self.scalar.name(self.robot + '_params')} *params)"
+        return (
+            f"int {self.function('init')}({self.type} *self, const "
+            f"{self.scalar.name(self.robot + '_params')} *params)"
+        )
 
     def parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
         """Return names and declarations of the arguments of an entry point."""
@@ -225,7 +261,9 @@ class DynamicsC(ProgramC[DynamicsProgram]):
             declared["tau"] = f"const {real} tau[{len(self.system.mechanism.inputs)}]"
         if entry.whole:
             return declared | {"all": f"{self.evaluation_type} *all"}
-        return declared | {quantity: f"{real} {quantity}{self.shape(entry, quantity)}" for quantity in entry.answers}
+        return declared | {
+            quantity: f"{real} {quantity}{self.shape(entry, quantity)}" for quantity in entry.answers
+        }
 
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
         """Return the array of the inputs."""
@@ -233,13 +271,18 @@ class DynamicsC(ProgramC[DynamicsProgram]):
 
 
 class _Call(Statements):
-    """The statements of an entry point; an angle that is not part of the state is checked where it is used."""
+    """The statements of an entry point; an angle that is not part of the state is checked where it is
+    used."""
 
     def __init__(self, text: DynamicsC, taken: set[str], meaning: Callable[[Node], str]):
-        super().__init__(text.scalar, text.step_given, text.program.labels, text.leave, {*taken, "status"}, meaning)
+        super().__init__(
+            text.scalar, text.step_given, text.program.labels, text.leave, {*taken, "status"}, meaning
+        )
         self.text_of = text
 
     def _sincos(self, angle: Node) -> None:
         if angle.arguments:
-            self.lines.append(self.text_of.leave(f"!{self.text_of.in_range(self.named(angle))}", "NOSLIP_RANGE"))
+            self.lines.append(
+                self.text_of.leave(f"!{self.text_of.in_range(self.named(angle))}", "NOSLIP_RANGE")
+            )
         super()._sincos(angle)

@@ -1,8 +1,10 @@
-"""C of a law's step for many states at once, written so that compilers compute several of them in one vector instruction.
+"""C of a law's step for many states at once, written so that compilers compute several of them in one vector
+instruction.
 
-Each lane is computed by the statements of the step, which has no branches but those that leave it: here a mask keeps whether the
-step is ordinary. If it is not, the step itself computes the lane again, which gives its status and its bits. Sines and cosines of
-the state are computed in a loop of their own: a processor overlaps more lanes of two short loops than of one long one.
+Each lane is computed by the statements of the step, which has no branches but those that leave it: here a
+mask keeps whether the step is ordinary. If it is not, the step itself computes the lane again, which gives
+its status and its bits. Sines and cosines of the state are computed in a loop of their own: a processor
+overlaps more lanes of two short loops than of one long one.
 """
 
 import re
@@ -32,23 +34,42 @@ class LanesC(LawC):
     def files(self) -> dict[str, str]:
         """File name, in the folder of the law's files -> text."""
         name = self.function("steps")
-        return {f"{FOLDER}/{name}.h": self.header(), f"{FOLDER}/{name}.c": self.source()} if self.possible else {}
+        return (
+            {f"{FOLDER}/{name}.h": self.header(), f"{FOLDER}/{name}.c": self.source()}
+            if self.possible
+            else {}
+        )
 
     def header(self) -> str:
         """Return the header."""
         file_name = f"{self.function('steps')}.h"
         guard = guard_name(file_name)
-        lines = [self._head(file_name), f"#ifndef {guard}", f"#define {guard}", "", f'#include "{self.type}.h"', ""]
-        return "\n".join([*lines, *version_check(file_name), "", *c_linkage(self.declarations()), "", "#endif", ""])
+        lines = [
+            self._head(file_name),
+            f"#ifndef {guard}",
+            f"#define {guard}",
+            "",
+            f'#include "{self.type}.h"',
+            "",
+        ]
+        return "\n".join(
+            [*lines, *version_check(file_name), "", *c_linkage(self.declarations()), "", "#endif", ""]
+        )
 
     def declarations(self) -> str:
         """Return the prototype."""
         about = [
-            "The step of n lanes at once. Row k of an array of m rows is its entries k n to k n + n - 1, one for each lane:",
-            *(f"{group}[{len(self.program.groups[group])}][n]: the members of {kind}" for group, kind in self._structs.items()),
-            f"tau[{self.inputs}][n]: before the call the inputs of the lane's last step, for NOSLIP_HOLD; after it, of this one",
+            "The step of n lanes at once. Row k of an array of m rows is its entries k n to k n + n - 1, one "
+            "for each lane:",
+            *(
+                f"{group}[{len(self.program.groups[group])}][n]: the members of {kind}"
+                for group, kind in self._structs.items()
+            ),
+            f"tau[{self.inputs}][n]: before the call the inputs of the lane's last step, for NOSLIP_HOLD; "
+            "after it, of this one",
             "status[n]: of the step of each lane",
-            "Each lane has the bits and the status that the step has. The arrays must not overlap; `self` is not changed.",
+            "Each lane has the bits and the status that the step has. The arrays must not overlap; `self` is "
+            "not changed.",
             "Returns the least status of all lanes, or NOSLIP_NULL without an array.",
         ]
         return comment(about) + "\n" + "\n".join(fill(f"int {self._signature()};", ""))
@@ -76,21 +97,30 @@ class LanesC(LawC):
         return super().step_given(node)
 
     def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
-        """Return a statement that leaves the function on a condition, or one that keeps for a lane that its step would leave."""
+        """Return a statement that leaves the function on a condition,
+        or one that keeps for a lane that its step would leave."""
         if answer not in ("NOSLIP_SINGULAR", "NOSLIP_RANGE", self._near(STEP)):
             return super().leave(condition, answer)
         return masked(condition)
 
     def _ordinary(self) -> tuple[list[str], list[str]]:
-        """Return the entries whose sines and cosines a lane needs, and its statements: the inputs, if its step is ordinary, and
-        whether it is.
+        """Return the entries whose sines and cosines a lane needs, and its statements: the inputs, if its
+        step is ordinary, and whether it is.
         """
         real, held = self.scalar.real, range(self.inputs)
-        read = {self.argument(group, q.name): _entry(group, k) for group in ARRAYS for k, q in self._rows(group)}
-        taken = {*read, *ARRAYS, *"self n tau status first count i lane fine all made least inputs ordinary sine cosine".split()}
+        read = {
+            self.argument(group, q.name): _entry(group, k) for group in ARRAYS for k, q in self._rows(group)
+        }
+        taken = {
+            *read,
+            *ARRAYS,
+            *"self n tau status first count i lane fine all made least inputs ordinary sine cosine".split(),
+        }
         writer = _Lanes(read, self.scalar, self.step_given, self.program.labels, self.leave, taken)
         self.write(writer, STEP, [(node, place.replace("tau", "made")) for node, place in self.places(STEP)])
-        before, after = ([self.leave(f"!({condition})") for condition in conditions] for conditions in self.ordinary(STEP))
+        before, after = (
+            [self.leave(f"!({condition})") for condition in conditions] for conditions in self.ordinary(STEP)
+        )
         statements = [*before, *writer.lines, *after]
         used = set(re.findall(r"\w+", " ".join(statements)))
         return writer.angles, [
@@ -112,11 +142,21 @@ class LanesC(LawC):
         for group in ARRAYS:
             lines += [f"{group}_of_lane.{q.in_c} = {_entry(group, k)};" for k, q in self._rows(group)]
         lines += [f"law.held[{k}] = {_entry('tau', k)};" for k in held]
-        lines.append(f"status = {self.function('step')}(&law, {', '.join(f'&{group}_of_lane' for group in ARRAYS)}, made);")
+        lines.append(
+            f"status = {self.function('step')}(&law, {', '.join(f'&{group}_of_lane' for group in ARRAYS)}, "
+            "made);"
+        )
         lines += [f"{_entry('tau', k)} = made[{k}];" for k in held]
-        given = [f"const {self.type} *self", "size_t n", "size_t lane", *(f"const {real} *{group}" for group in ARRAYS)]
+        given = [
+            f"const {self.type} *self",
+            "size_t n",
+            "size_t lane",
+            *(f"const {real} *{group}" for group in ARRAYS),
+        ]
         head = f"static NOSLIP_COLD int {self.function('steps')}_lane({', '.join([*given, f'{real} *tau'])})"
-        return "\n".join(["/* The step of one lane. */", *fill(head, ""), "{", body([*lines, "return status;"]), "}"])
+        return "\n".join(
+            ["/* The step of one lane. */", *fill(head, ""), "{", body([*lines, "return status;"]), "}"]
+        )
 
     @property
     def _structs(self) -> dict[Group, str]:
@@ -138,11 +178,17 @@ class LanesC(LawC):
             f"{real} inputs[{self.inputs}][NOSLIP_LANES];",
             *turned,
             "int ordinary[NOSLIP_LANES], all = 1;",
-            *(f"for (i = 0; i < count; i++) {{\n    const size_t lane = first + i;\n    {call}\n}}" for call in calls),
+            *(
+                f"for (i = 0; i < count; i++) {{\n    const size_t lane = first + i;\n    {call}\n}}"
+                for call in calls
+            ),
             "for (i = 0; i < count; i++) {",
             body(ordinary),
             "}",
-            *(f"for (i = 0; i < count; i++) {{\n    tau[{k} * n + first + i] = inputs[{k}][i];\n}}" for k in range(self.inputs)),
+            *(
+                f"for (i = 0; i < count; i++) {{\n    tau[{k} * n + first + i] = inputs[{k}][i];\n}}"
+                for k in range(self.inputs)
+            ),
             "for (i = 0; i < count; i++) {\n    status[first + i] = NOSLIP_OK;\n}",
             "for (i = 0; i < count && !all; i++) {",
             "    if (!ordinary[i]) {",
@@ -158,10 +204,11 @@ class LanesC(LawC):
 
 
 class _Lanes(Statements):
-    """The statements of a lane, with roots that compilers can compute in vectors, and sines and cosines computed before.
+    """The statements of a lane, with roots that compilers can compute in vectors, and sines and cosines
+    computed before.
 
-    `entries`: name of an input of the lane -> its entry; `angles`: the entries whose sine and cosine the statements use, in the
-    order of the arrays.
+    `entries`: name of an input of the lane -> its entry; `angles`: the entries whose sine and cosine the
+    statements use, in the order of the arrays.
     """
 
     def __init__(self, entries: Mapping[str, str], *arguments: Any):

@@ -31,7 +31,10 @@ def commented(statement: str, about: str, indent: str = "    ") -> str:
 def aside(about: str, width: int) -> list[str]:
     """Return the lines of a comment within a function or struct."""
     lines = textwrap.wrap(about, width - 6, break_long_words=False, break_on_hyphens=False) or [""]
-    return [("/* " if k == 0 else "   ") + line + (" */" if k == len(lines) - 1 else "") for k, line in enumerate(lines)]
+    return [
+        ("/* " if k == 0 else "   ") + line + (" */" if k == len(lines) - 1 else "")
+        for k, line in enumerate(lines)
+    ]
 
 
 def comment(lines: Sequence[str]) -> str:
@@ -40,8 +43,8 @@ def comment(lines: Sequence[str]) -> str:
 
 
 def fill(text: str, indent: str) -> list[str]:
-    """Return a C statement or signature broken after commas and operators to fit the width, continuation lines indented
-    further."""
+    """Return a C statement or signature broken after commas and operators to fit the width, continuation
+    lines indented further."""
     inner = text.lstrip()
     indent, text = indent + text[: len(text) - len(inner)], inner
     pieces = re.split(r"(?<=,) |(?<= [-+*/=]) (?![^\[]*\])|(?<=&&) |(?<=\|\|) ", text)  # not within brackets
@@ -57,7 +60,9 @@ def fill(text: str, indent: str) -> list[str]:
 
 def body(statements: Sequence[str], indent: str = "    ") -> str:
     """Return statements, one per line."""
-    return "\n".join(line for statement in statements for text in statement.split("\n") for line in _filled(text, indent))
+    return "\n".join(
+        line for statement in statements for text in statement.split("\n") for line in _filled(text, indent)
+    )
 
 
 def _filled(text: str, indent: str) -> list[str]:
@@ -72,14 +77,27 @@ def guard_name(file_name: str) -> str:
 
 def c_linkage(declarations: str) -> list[str]:
     """Return declarations enclosed in extern "C" for C++."""
-    return ["#ifdef __cplusplus", 'extern "C" {', "#endif", "", declarations, "", "#ifdef __cplusplus", "}", "#endif"]
+    return [
+        "#ifdef __cplusplus",
+        'extern "C" {',
+        "#endif",
+        "",
+        declarations,
+        "",
+        "#ifdef __cplusplus",
+        "}",
+        "#endif",
+    ]
 
 
 def version_check(file_name: str) -> list[str]:
-    """Return the check that stops the compiler if the runtime has another major or minor version than the header."""
+    """Return the check that stops the compiler if the runtime has another major or minor version than the
+    header."""
     major, minor, *_ = __version__.split(".")
     return [
-        f"#if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != {100 * int(major) + int(minor)}",
-        f'#error "{file_name} belongs to noslip {major}.{minor}: use the runtime of that version, or generate it again"',
+        "#if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != "
+        f"{100 * int(major) + int(minor)}",
+        f'#error "{file_name} belongs to noslip {major}.{minor}: use the runtime of that version, or '
+        'generate it again"',
         "#endif",
     ]

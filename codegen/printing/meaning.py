@@ -1,4 +1,5 @@
-"""Comments for the constants and temporaries of generated C: formulas in the names of the model, and units."""
+"""Comments for the constants and temporaries of generated C: formulas in the names of the model,
+and units."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +37,9 @@ class Monomial:
         powers = dict(self.powers)
         for factor, exponent in other.powers:
             powers[factor] = powers.get(factor, 0) + exponent
-        return Monomial(self.coefficient * other.coefficient, tuple(sorted((f, e) for f, e in powers.items() if e)))
+        return Monomial(
+            self.coefficient * other.coefficient, tuple(sorted((f, e) for f, e in powers.items() if e))
+        )
 
     def inverse(self) -> "Monomial":
         """Return 1 / the product, which is not zero."""
@@ -59,16 +62,22 @@ class Monomial:
         return ("-" if self.coefficient < 0 else "") + text
 
     def _ordered(self) -> list[tuple[str, int]]:
-        return sorted(self.powers, key=lambda power: (_is_sum(power[0]), power[0].startswith(("sin(", "cos(")), power[0]))
+        return sorted(
+            self.powers,
+            key=lambda power: (_is_sum(power[0]), power[0].startswith(("sin(", "cos(")), power[0]),
+        )
 
 
 class Meanings:
-    """Comments for the nodes of one program: constants, and values of a step in the names of the derivation's steps."""
+    """Comments for the nodes of one program: constants, and values of a step in the names of the derivation's
+    steps."""
 
     def __init__(self, program: Program | DynamicsProgram):
         self._units = {(group, q.name): q.unit for group, members in program.groups.items() for q in members}
         self._labels = program.labels
-        self._stands = {step.leaf: step.node for body in program.entries.values() for step in getattr(body, "steps", ())}
+        self._stands = {
+            step.leaf: step.node for body in program.entries.values() for step in getattr(body, "steps", ())
+        }
         steps = [part for leaf, node in self._stands.items() for part in (*reachable([node]), leaf)]
         roots = [root for body in program.entries.values() for root in body.roots]
         self._nodes = list(dict.fromkeys([*steps, *reachable([*roots, *program.constants, *self._labels])]))
@@ -84,13 +93,16 @@ class Meanings:
         return f"{unit}: {self.formula(node)}" if unit else self.formula(node)
 
     def formula(self, node: Node) -> str:
-        """Return the formula of a function of the parameters; the list of names in it if that would be long."""
+        """Return the formula of a function of the parameters;
+        the list of names in it if that would be long."""
         product = self.product(node)
         text = str(product) if product is not None else ""
         if text and len(text) <= LONGEST:
             return text
         names = "of " + ", ".join(sorted({leaf.name for leaf in reachable([node]) if isinstance(leaf, Leaf)}))
-        return names + ("; positive if Phi is regular at all angles" if self._labels.get(node) == MARGIN else "")
+        return names + (
+            "; positive if Phi is regular at all angles" if self._labels.get(node) == MARGIN else ""
+        )
 
     def legend(self, constants: Mapping[Node, str], lines: Sequence[str]) -> list[str]:
         """Return a comment for each numbered constant that these statements read."""
@@ -100,7 +112,8 @@ class Meanings:
             if field in read and node.arguments:
                 unit, formula = unit_text(self.unit(node)), self.formula(node)
                 formulas.append(
-                    f"{field}{f' ({unit})' if unit else ''} {formula if formula.startswith('of ') else f'= {formula}'}"
+                    f"{field}{f' ({unit})' if unit else ''} "
+                    f"{formula if formula.startswith('of ') else f'= {formula}'}"
                 )
         return ["\n".join(line for text in formulas for line in aside(text, WIDTH - 4))] if formulas else []
 
@@ -112,10 +125,11 @@ class Meanings:
             return text
         return f"part of {', '.join([*users[:4], *(['...'] if len(users) > 4 else [])])}"
 
-    # -- formulas -------------------------------------------------------------------------------------------------
+    # -- formulas --------------------------------------------------------------------------------------------
 
     def product(self, node: Node) -> Monomial | None:
-        """Return the formula of a node; None if it is too long. Arguments are looked at only where the node is not a step."""
+        """Return the formula of a node; None if it is too long. Arguments are looked at only where the node
+        is not a step."""
         below: dict[Node, list[Node]] = {}  # of nodes that are not steps: what their formulas are made of
         stack = [node]
         while stack:
@@ -132,7 +146,8 @@ class Meanings:
         return self._products[node]
 
     def _known(self, node: Node) -> Monomial | None:
-        """Return the node as a step of the derivation, or a multiple of one by a function of the parameters, if it is."""
+        """Return the node as a step of the derivation, or a multiple of one by a function of the parameters,
+        if it is."""
         if not node.arguments or node.fixed:
             return None
         if node in self._labels:
@@ -142,14 +157,17 @@ class Meanings:
         if values is None or values.ndim != 1 or not _usable(values) or not names:  # a matrix is not a step
             return None
         ratios = values / steps
-        for k in np.flatnonzero(np.all(np.abs(ratios - ratios[:, :1]) <= SAME * np.abs(ratios[:, :1]), axis=1)):
+        for k in np.flatnonzero(
+            np.all(np.abs(ratios - ratios[:, :1]) <= SAME * np.abs(ratios[:, :1]), axis=1)
+        ):
             factor = self._factor(ratios[k, 0])
             if factor is not None:
                 return factor * Monomial(Fraction(1), ((names[k], 1),))
         return None
 
     def _factor(self, ratio: float) -> Monomial | None:
-        """Return the formula of a function of the parameters with this value or its negative; None if the program has none."""
+        """Return the formula of a function of the parameters with this value or its negative;
+        None if the program has none."""
         numbers, nodes = self._fixed_values
         for inverted, candidates in ((False, numbers), (True, 1 / numbers)):
             for k in np.flatnonzero(np.abs(np.abs(candidates) - abs(ratio)) <= SAME * abs(ratio)):
@@ -165,10 +183,16 @@ class Meanings:
         """Return the formula of a node from its arguments."""
         match node:
             case Leaf():
-                return self._products[self._stands[node]] if node in self._stands else Monomial(Fraction(1), ((node.name, 1),))
+                return (
+                    self._products[self._stands[node]]
+                    if node in self._stands
+                    else Monomial(Fraction(1), ((node.name, 1),))
+                )
             case Constant(value):
                 return Monomial(Fraction(repr(value)))
-        products = [product for argument in node.arguments if (product := self._products[argument]) is not None]
+        products = [
+            product for argument in node.arguments if (product := self._products[argument]) is not None
+        ]
         if not isinstance(node, Applied) or len(products) < len(node.arguments):
             return None
         match node.operation, products:
@@ -189,7 +213,9 @@ class Meanings:
         inner = [factor for factor, exponent in product.powers if exponent == 1 and factor in self._sums]
         if len(inner) != 1 or sum(_is_sum(factor) for factor, _ in product.powers) > 1:
             return [product]
-        others = Monomial(product.coefficient, tuple(power for power in product.powers if power[0] != inner[0]))
+        others = Monomial(
+            product.coefficient, tuple(power for power in product.powers if power[0] != inner[0])
+        )
         return [others * term for term in self._sums[inner[0]]]
 
     def _sum(self, terms: Sequence[Monomial]) -> Monomial | None:
@@ -208,13 +234,15 @@ class Meanings:
         common = Monomial(size, tuple(sorted((f, e) for f, e in least.items() if e)))
         rest = [term * common.inverse() for term in kept]
         rest.sort(key=lambda term: (term.coefficient < 0, str(Monomial(Fraction(1), term.powers))))
-        text = str(rest[0]) + "".join(f" {'-' if t.coefficient < 0 else '+'} {str(t).removeprefix('-')}" for t in rest[1:])
+        text = str(rest[0]) + "".join(
+            f" {'-' if t.coefficient < 0 else '+'} {str(t).removeprefix('-')}" for t in rest[1:]
+        )
         if len(text) > 2 * LONGEST:
             return None
         self._sums[text] = rest
         return common * Monomial(Fraction(1), ((text, 1),))
 
-    # -- numbers at random states ---------------------------------------------------------------------------------
+    # -- numbers at random states ----------------------------------------------------------------------------
 
     @cached_property
     def _values(self) -> dict[Node, np.ndarray]:
@@ -234,7 +262,7 @@ class Meanings:
         nodes = [node for node in nodes if _usable(self._values[node])]
         return np.array([self._values[node][0] for node in nodes]), nodes
 
-    # -- units ----------------------------------------------------------------------------------------------------
+    # -- units -----------------------------------------------------------------------------------------------
 
     def unit(self, node: Node) -> Unit | None:
         """Return the unit of a node; None if it does not follow from those of the leaves."""
@@ -273,7 +301,8 @@ def meanings(program: Program | DynamicsProgram) -> Meanings:
 
 
 def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Callable[[Node], list[str]]:
-    """Return a function from a node to the names of its nearest named users: nodes, and places to which roots are written."""
+    """Return a function from a node to the names of its nearest named users: nodes,
+    and places to which roots are written."""
     above: dict[Node, list[Node]] = {}
     for node in reachable(root for root, _ in roots):
         for argument in node.arguments:
@@ -298,7 +327,8 @@ def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Calla
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return a unit as exponents of kg, m, s and other names; None if the text is not understood. Angles have no unit."""
+    """Return a unit as exponents of kg, m, s and other names;
+    None if the text is not understood. Angles have no unit."""
     if "sqrt" in text:
         return None
     unit: Unit = {}
@@ -328,7 +358,11 @@ def unit_text(unit: Unit | None) -> str:
 
 
 def _combined(one: Unit, other: Unit, sign: int) -> Unit:
-    return {base: e for base in {**one, **other} if (e := one.get(base, Fraction(0)) + sign * other.get(base, Fraction(0)))}
+    return {
+        base: e
+        for base in {**one, **other}
+        if (e := one.get(base, Fraction(0)) + sign * other.get(base, Fraction(0)))
+    }
 
 
 def _usable(values: np.ndarray) -> bool:

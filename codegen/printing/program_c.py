@@ -20,13 +20,16 @@ AnyProgram = TypeVar("AnyProgram", bound=Program | DynamicsProgram)
 
 
 class ProgramC(ABC, Generic[AnyProgram]):
-    """The C of a program in one scalar; `title` is the first line of its files, `name` follows the robot's name in C."""
+    """The C of a program in one scalar; `title` is the first line of its files,
+    `name` follows the robot's name in C."""
 
     title: str
 
     local = "made"  # name of the array in which an entry point computes a quantity before it is written
 
-    def __init__(self, program: AnyProgram, system: ReducedSystem, name: str, scalar: Scalar, banner: Sequence[str]):
+    def __init__(
+        self, program: AnyProgram, system: ReducedSystem, name: str, scalar: Scalar, banner: Sequence[str]
+    ):
         self.program: AnyProgram = program
         self.system, self.scalar, self.banner = system, scalar, list(banner)
         self.entries = list(program.entries)
@@ -52,9 +55,12 @@ class ProgramC(ABC, Generic[AnyProgram]):
         return "\n".join(lines)
 
     def _with_warning(self, declarations: str) -> str:
-        """Return declarations, which cffi reads too, with the macro that warns where the status of init is ignored."""
+        """Return declarations, which cffi reads too, with the macro that warns where the status of init is
+        ignored."""
         init = re.compile(rf"^int {self.function('init')}\([^;]*;", re.MULTILINE)
-        return init.sub(lambda found: "\n".join(fill(f"NOSLIP_NODISCARD {' '.join(found[0].split())}", "")), declarations)
+        return init.sub(
+            lambda found: "\n".join(fill(f"NOSLIP_NODISCARD {' '.join(found[0].split())}", "")), declarations
+        )
 
     @abstractmethod
     def declarations(self) -> str:
@@ -85,12 +91,15 @@ class ProgramC(ABC, Generic[AnyProgram]):
         return f"all->{quantity.in_c}" if entry.whole else quantity.in_c
 
     def operations(self, entry: Entry) -> dict[str, int]:
-        """Return the operations of an entry point without checks and limits, and without loops of the runtime."""
+        """Return the operations of an entry point without checks and limits,
+        and without loops of the runtime."""
         return count(executed(self.program.entries[entry].roots))
 
     def cost(self, entry: Entry) -> str:
         """Return the operations as a line of a comment."""
-        counted = ", ".join(f"{number} {operation}" for operation, number in self.operations(entry).items() if number)
+        counted = ", ".join(
+            f"{number} {operation}" for operation, number in self.operations(entry).items() if number
+        )
         return f"Operations: {counted or 'none'}."
 
     def function(self, name: str) -> str:
@@ -104,20 +113,29 @@ class ProgramC(ABC, Generic[AnyProgram]):
     def places(self, entry: Entry) -> list[tuple[Node, str]]:
         """Return the nodes that an entry point computes, and the places to which they are written."""
         return [
-            (node, self.place(entry, quantity) + (f"[{i}][{j}]" if "][" in self.shape(entry, quantity) else f"[{i}]"))
+            (
+                node,
+                self.place(entry, quantity)
+                + (f"[{i}][{j}]" if "][" in self.shape(entry, quantity) else f"[{i}]"),
+            )
             for quantity, matrix in self.program.entries[entry].quantities.items()
             for i, row in enumerate(matrix)
             for j, node in enumerate(row)
         ]
 
     def pieces(self, entry: Entry) -> list[tuple[str, str, int]]:
-        """Return the result arrays of an entry point, the local one and the caller's, with their lengths; matrices by rows."""
+        """Return the result arrays of an entry point, the local one and the caller's,
+        with their lengths; matrices by rows."""
         pieces = []
         for quantity in self.returned(entry):
             place = self.place(entry, quantity)
             local = place if entry.whole else self.local.format(quantity)
             first, *second = map(int, self.shape(entry, quantity)[1:-1].split("]["))
-            rows = [(f"{local}[{i}]", f"{place}[{i}]", second[0]) for i in range(first)] if second else [(local, place, first)]
+            rows = (
+                [(f"{local}[{i}]", f"{place}[{i}]", second[0]) for i in range(first)]
+                if second
+                else [(local, place, first)]
+            )
             pieces += rows
         return pieces
 
@@ -138,7 +156,9 @@ class ProgramC(ABC, Generic[AnyProgram]):
         array = self.array(node)
         return f"{array[0]}[{[q.name for q in array[1]].index(node.name)}]" if array else init_given(node)
 
-    def _head(self, file_name: str, includes: Sequence[str] = (), own: bool = False, quick: bool = False) -> str:
+    def _head(
+        self, file_name: str, includes: Sequence[str] = (), own: bool = False, quick: bool = False
+    ) -> str:
         lines = [comment([f"{file_name} - {self.title}, {self.scalar.real}", *self.banner])]
         lines += ["#define NOSLIP_OWN"] if own else []  # what is NOSLIP_HOT is inlined
         lines += ["#define NOSLIP_QUICK"] if quick else []  # a step is compiled for speed at -Os, too

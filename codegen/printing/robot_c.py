@@ -11,7 +11,8 @@ from .scalar import Scalar
 
 
 def struct(name: str, about: str, members: Sequence[tuple[str, str]]) -> str:
-    """Return the typedef of a struct; `members`: declarations and comments. C has no struct without members."""
+    """Return the typedef of a struct; `members`: declarations and comments. C has no struct without
+    members."""
     members = members or [("int nothing;", "not used")]
     return "\n".join([f"/* {about} */", f"typedef struct {name} {{", *table(members), f"}} {name};"])
 
@@ -34,9 +35,9 @@ def refuse_parameters(scalar: Scalar, group: str, quantities: Sequence[Quantity]
 
 
 def written_once(scalar: Scalar, call: str, pieces: Sequence[tuple[str, str, int]]) -> list[str]:
-    """Return the statements that end an entry point with the `status` of its checks: `call` computes the values, which are
-    written if they are valid and finite; otherwise zeros are. `pieces` are the local array and the caller's with their length; if
-    the two are the same, the call writes the values itself."""
+    """Return the statements that end an entry point with the `status` of its checks: `call` computes the
+    values, which are written if they are valid and finite; otherwise zeros are. `pieces` are the local array
+    and the caller's with their length; if the two are the same, the call writes the values itself."""
     finite = " && ".join(f"{scalar.name('noslip_all_finite')}({local}, {size})" for local, _, size in pieces)
     return [
         "if (status == NOSLIP_OK) {",
@@ -45,7 +46,11 @@ def written_once(scalar: Scalar, call: str, pieces: Sequence[tuple[str, str, int
         "        status = NOSLIP_NONFINITE;",
         "    }",
         "    if (status == NOSLIP_OK) {",
-        *(f"        {scalar.name('noslip_write')}({local}, {place}, {size});" for local, place, size in pieces if local != place),
+        *(
+            f"        {scalar.name('noslip_write')}({local}, {place}, {size});"
+            for local, place, size in pieces
+            if local != place
+        ),
         "        return NOSLIP_OK;",
         "    }",
         "}",
@@ -69,19 +74,26 @@ def robot_declarations(system: ReducedSystem, scalar: Scalar) -> str:
             "NOSLIP_CUT (0) or, for laws with exactly one output of relative degree 1 (Type IV), NOSLIP_SLOW"
             + ("; NOSLIP_GRIP" if can_grip(system) else ""),
         ),
-        *([(f"{own('noslip_friction')} friction;", "the floor, for NOSLIP_GRIP")] if can_grip(system) else []),
+        *(
+            [(f"{own('noslip_friction')} friction;", "the floor, for NOSLIP_GRIP")]
+            if can_grip(system)
+            else []
+        ),
     ]
     return "\n\n".join(
         [
             struct(params, "Physical parameters, SI.", fields(scalar, mechanism.parameters)),
             struct(state, "State: coordinates and quasi-velocities, SI.", fields(scalar, system.state)),
-            struct(options, "Options of a step; all zero means no limits, and zeros on an error.", option_members),
+            struct(
+                options, "Options of a step; all zero means no limits, and zeros on an error.", option_members
+            ),
             "\n".join(
                 [
                     "/* The default parameters, those of the model. */",
                     f"int {own(name + '_default_params')}({params} *params);",
                     "",
-                    "/* NOSLIP_BAD_PARAMETER unless every parameter is finite and has the sign it must have. */",
+                    "/* NOSLIP_BAD_PARAMETER unless every parameter is finite and has the sign it must have. "
+                    "*/",
                     f"int {own(name + '_check_params')}(const {params} *params);",
                     "",
                     "/* NOSLIP_NONFINITE unless every part of the state is finite. */",
@@ -134,8 +146,10 @@ def robot_source(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -
 def _equations(mechanism: Mechanism) -> list[str]:
     n, m, r = len(mechanism.coordinates), len(mechanism.constraint_names), len(mechanism.inputs)
     return [
-        f"n = {n} coordinates, m = {m} rolling constraints, r = {r} inputs, n - m = {n - m} quasi-velocities.",
+        f"n = {n} coordinates, m = {m} rolling constraints, r = {r} inputs, n - m = {n - m} "
+        "quasi-velocities.",
         "Constraints A(q) qdot = 0 (2): " + "; ".join(mechanism.constraint_names) + ".",
         "Equation numbers (..) are those of Sarkar, Yun and Kumar, MS-CIS-92-44 (1992).",
-        "SI units. Angles in rad, counterclockwise positive. Inputs do the power input * velocity of what they drive.",
+        "SI units. Angles in rad, counterclockwise positive. Inputs do the power input * velocity of what "
+        "they drive.",
     ]

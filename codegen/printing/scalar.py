@@ -19,7 +19,8 @@ class Scalar:
         return name + self.suffix
 
     def literal(self, value: float) -> str:
-        """Return the shortest decimal that is read as `value` in this type. Raises ModelError if it does not fit."""
+        """Return the shortest decimal that is read as `value` in this type. Raises ModelError if it does not
+        fit."""
         if not np.isfinite(value):
             raise ModelError(f"the constant {value!r} is not finite")
         if self.real == "double":
@@ -30,8 +31,8 @@ class Scalar:
             lost = abs(narrow) < np.finfo(np.float32).tiny and float(narrow) != value
             if not np.isfinite(narrow) or lost:
                 raise ModelError(
-                    f"the constant {value!r} does not fit into a float; give the robot's numbers in units in which they are of "
-                    "like size, or generate double alone"
+                    f"the constant {value!r} does not fit into a float; give the robot's numbers in units in "
+                    "which they are of like size, or generate double alone"
                 )
             text = str(narrow)
         return text + ("f" if self.real == "float" else "")

@@ -1,4 +1,5 @@
-"""C statements for nodes: names, parentheses, order. The C computes exactly the operations of the nodes, in this order."""
+"""C statements for nodes: names, parentheses, order. The C computes exactly the operations of the nodes,
+in this order."""
 
 import re
 from collections import Counter
@@ -6,7 +7,18 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import count
 
 from ...model.names import in_c
-from ..graph import FUNCTIONS, SINCOS, Applied, Constant, Element, MatrixInverse, Node, Operation, free_name, is_operation
+from ..graph import (
+    FUNCTIONS,
+    SINCOS,
+    Applied,
+    Constant,
+    Element,
+    MatrixInverse,
+    Node,
+    Operation,
+    free_name,
+    is_operation,
+)
 from .layout import commented
 from .scalar import Scalar
 
@@ -19,10 +31,11 @@ Printed = tuple[str, int]  # text and precedence
 
 
 class Statements:
-    """Writes the C that computes a set of nodes, each at most once; `given` names nodes that need not be computed.
+    """Writes the C that computes a set of nodes, each at most once; `given` names nodes that need not be
+    computed.
 
-    `guard(condition)` is the line that leaves the function if a division or an angle is invalid; None: no such checks.
-    `meaning(node)` is the comment of a temporary without a name of its own.
+    `guard(condition)` is the line that leaves the function if a division or an angle is invalid; None: no
+    such checks. `meaning(node)` is the comment of a temporary without a name of its own.
     """
 
     def __init__(
@@ -93,7 +106,8 @@ class Statements:
         self.lines.append(check(self.named(angle)))
 
     def not_singular(self, measure: Node, bound: Node, margin: Node | None = None) -> None:
-        """Leave the function unless `measure` is greater than `bound`, also for NaN; it is if `margin` is positive."""
+        """Leave the function unless `measure` is greater than `bound`, also for NaN;
+        it is if `margin` is positive."""
         if self.guard is None:
             return
         left, right = self._operand(measure, 1), self._operand(bound, 1)
@@ -136,18 +150,31 @@ class Statements:
         if node.operation is Operation.DIV:
             self._guard_division(second)
         # a * (b * c) is written as b * c * a, which has the same value
-        if node.operation is Operation.MUL and is_operation(second, *FACTORS) and not is_operation(first, *FACTORS):
+        if (
+            node.operation is Operation.MUL
+            and is_operation(second, *FACTORS)
+            and not is_operation(first, *FACTORS)
+        ):
             first, second = second, first
-        if node.operation is Operation.ADD and is_operation(second, *TERMS) and not is_operation(first, *TERMS):
+        if (
+            node.operation is Operation.ADD
+            and is_operation(second, *TERMS)
+            and not is_operation(first, *TERMS)
+        ):
             first, second = second, first
-        return f"{self._operand(first, binding)} {SIGN[node.operation]} {self._operand(second, binding + 1)}", binding
+        return (
+            f"{self._operand(first, binding)} {SIGN[node.operation]} {self._operand(second, binding + 1)}",
+            binding,
+        )
 
     def _guard_division(self, denominator: Node) -> None:
         if self.guard is None or denominator in self.guarded or isinstance(denominator, Constant):
             return
         self.guarded.update(factors(denominator))
         name = self.named(denominator)
-        size = name if is_operation(denominator, Operation.SQRT) else f"{self.scalar.name('noslip_abs')}({name})"
+        size = (
+            name if is_operation(denominator, Operation.SQRT) else f"{self.scalar.name('noslip_abs')}({name})"
+        )
         self.lines.append(self.guard(f"!({size} > 0)"))
 
     def _sincos(self, angle: Node) -> None:
@@ -181,15 +208,22 @@ class Statements:
 
     def _assign(self, node: Node, text: str) -> None:
         label = self.labels.get(node, "")  # of a local variable: a .c file sees the macros of no board
-        own = (in_c(label) if label == "I" else label) or next(name for name in self.temporaries if name not in self.taken)
+        own = (in_c(label) if label == "I" else label) or next(
+            name for name in self.temporaries if name not in self.taken
+        )
         self.names[node] = free_name(own, self.taken)
         meaning = self.meaning(node) if self.meaning and node not in self.labels else ""
         self.lines.append(commented(f"const {self.scalar.real} {self.names[node]} = {text};", meaning))
 
 
 def factors(node: Node) -> list[Node]:
-    """Return the node and, for a product, magnitude or root, its factors: zero only if the node is zero or underflows."""
-    inside = node.arguments if is_operation(node, Operation.MUL, Operation.NEG, Operation.ABS, Operation.SQRT) else ()
+    """Return the node and, for a product, magnitude or root, its factors:
+    zero only if the node is zero or underflows."""
+    inside = (
+        node.arguments
+        if is_operation(node, Operation.MUL, Operation.NEG, Operation.ABS, Operation.SQRT)
+        else ()
+    )
     return [node, *(factor for argument in inside for factor in factors(argument))]
 
 

@@ -1,8 +1,10 @@
-"""C of a robot and of its law for the vectors of the batch simulator: each vector has the same number of several robots.
+"""C of a robot and of its law for the vectors of the batch simulator: each vector has the same number of
+several robots.
 
-The statements are those of the C in double. `lanes` is the type of a vector, `LANES(x)` has x in all lanes, and functions have
-the suffix _lanes: sweeping/lanes.inc defines them. A test that would leave a function clears a lane of the mask `fine` instead.
-The simulator computes such lanes one by one, in double, which gives their status and their bits.
+The statements are those of the C in double. `lanes` is the type of a vector, `LANES(x)` has x in all lanes,
+and functions have the suffix _lanes: sweeping/lanes.inc defines them. A test that would leave a function
+clears a lane of the mask `fine` instead. The simulator computes such lanes one by one, in double, which gives
+their status and their bits.
 """
 
 import re
@@ -37,9 +39,9 @@ VECTOR = _Vector("lanes", "_lanes")
 
 @dataclass(frozen=True)
 class VectorText:
-    """The C of a robot's dynamics or law in vectors: its functions; the statements that copy the constants of `one` into the
-    array `constants`, number k to [k * width]; the number of constants; entries of the state that are read, and those with a
-    sine and cosine.
+    """The C of a robot's dynamics or law in vectors: its functions; the statements that copy the constants of
+    `one` into the array `constants`, number k to [k * width]; the number of constants; entries of the state
+    that are read, and those with a sine and cosine.
     """
 
     functions: str
@@ -58,8 +60,9 @@ def dynamics_vectors(program: DynamicsProgram) -> VectorText | None:
 
 
 def law_vectors(program: Program, steps: bool, grounded: bool) -> VectorText | None:
-    """det Phi and the outputs, `lanes_decoupling` and `lanes_output`; where it `steps`, also the inputs, `lanes_step`, and if
-    `grounded` the forces on the ground, `lanes_ground`. None if vectors cannot compute them.
+    """det Phi and the outputs, `lanes_decoupling` and `lanes_output`; where it `steps`, also the inputs,
+    `lanes_step`, and if `grounded` the forces on the ground, `lanes_ground`. None if vectors cannot compute
+    them.
     """
     text, more = _LawText(program, VECTOR, []), ["step", *(["ground"] if grounded else [])]
     return None if text.extends else _text(text, ["decoupling", "output", *(more if steps else [])])
@@ -69,7 +72,10 @@ def turns_function(turns: Sequence[int]) -> str:
     """The function that computes the sines and cosines of entries of the state."""
     lines = ["lanes_mask fine = LANES_ALL;"]
     for k in turns:
-        lines += [f"fine &= noslip_angle_ok_lanes(state[{k}]);", f"noslip_sincos_lanes(state[{k}], &sine[{k}], &cosine[{k}]);"]
+        lines += [
+            f"fine &= noslip_angle_ok_lanes(state[{k}]);",
+            f"noslip_sincos_lanes(state[{k}], &sine[{k}], &cosine[{k}]);",
+        ]
     unused = [] if turns else [f"(void){name};" for name in ("state", "sine", "cosine")]
     return _function("turns", ["const lanes *state", "lanes *sine", "lanes *cosine"], [*unused, *lines])
 
@@ -102,13 +108,17 @@ class _Text(ProgramC[Any]):
         places, arguments = self.places(entry), list(self.parameters(entry))
         made = [quantity.in_c for quantity in self.returned(entry)]
         read = [name for name in arguments if name not in made]
-        writer = _Statements(VECTOR, self.step_given, self.program.labels, self.leave, {*arguments, *RESERVED})
+        writer = _Statements(
+            VECTOR, self.step_given, self.program.labels, self.leave, {*arguments, *RESERVED}
+        )
         self.statements(writer, entry, places)
         lines = ["lanes_mask fine = LANES_ALL;", *writer.lines]
         read += ["sine", "cosine"]
         unused = [f"(void){name};" for name in read if not any(f"{name}[" in line for line in lines)]
         declared = [f"const lanes *{name}" for name in read]
-        declared += [f"lanes {quantity.in_c}{self.shape(entry, quantity)}" for quantity in self.returned(entry)]
+        declared += [
+            f"lanes {quantity.in_c}{self.shape(entry, quantity)}" for quantity in self.returned(entry)
+        ]
         return _function(entry.name, declared, [*unused, *lines])
 
     def statements(self, writer: Statements, entry: Entry, places: Sequence[tuple[Node, str]]) -> None:
@@ -139,39 +149,52 @@ class _LawText(_Text, LawC):
 
     def _in_arrays(self, condition: str) -> str:
         """Return a condition of the inputs with their limits, which follow the constants."""
-        limit = r"self->(?:clear|limit)\[(\d+)\]"  # beyond `clear` nothing but the friction of the floor is left to check
-        return re.sub(limit, lambda k: f"self[{len(self.program.constants) + int(k[1])}]", condition).replace("made[", "tau[")
+        # Beyond `clear` nothing but the friction of the floor is left to check
+        limit = r"self->(?:clear|limit)\[(\d+)\]"
+        return re.sub(limit, lambda k: f"self[{len(self.program.constants) + int(k[1])}]", condition).replace(
+            "made[", "tau["
+        )
 
 
 class _Statements(Statements):
     """Statements in vectors; sines and cosines of entries of the state are computed before."""
 
     def not_singular(self, measure: Node, bound: Node, margin: Node | None = None) -> None:
-        """Clear the lanes in which `measure` is not greater than `bound`; a test of the margin is no cheaper."""
+        """Clear the lanes in which `measure` is not greater than `bound`;
+        a test of the margin is no cheaper."""
         super().not_singular(measure, bound)
 
     def turned(self, angle: str, sine: str, cosine: str) -> list[str]:
         """Return the statements that give the sine and the cosine of an angle these names."""
         if not angle.startswith("state["):
             return super().turned(angle, sine, cosine)
-        return [f"const lanes {sine} = {angle.replace('state', 'sine')}, {cosine} = {angle.replace('state', 'cosine')};"]
+        return [
+            f"const lanes {sine} = {angle.replace('state', 'sine')}, {cosine} = "
+            f"{angle.replace('state', 'cosine')};"
+        ]
 
 
 def _text(text: _Text, wanted: list[str]) -> VectorText | None:
-    """The text of the entry points with these names; None if one is missing, or has operations that vectors have not: those of
-    noslip_functions.h and noslip_solve.h.
+    """The text of the entry points with these names; None if one is missing, or has operations that vectors
+    have not: those of noslip_functions.h and noslip_solve.h.
     """
     entries = text.named(*wanted)
     names = [q.name for q in text.program.groups[Group.STATE]]
     nodes = executed([root for entry in entries for root in text.program.entries[entry].roots])
-    if len(entries) < len(wanted) or any(is_operation(node, *FUNCTIONS) or isinstance(node, MatrixInverse) for node in nodes):
+    if len(entries) < len(wanted) or any(
+        is_operation(node, *FUNCTIONS) or isinstance(node, MatrixInverse) for node in nodes
+    ):
         return None
     state = [node for node in nodes if isinstance(node, Leaf) and node.group is Group.STATE]
-    puts = [f"constants[{k} * width] = one->{field};" for k, field in enumerate(text.program.constants.values())]
+    puts = [
+        f"constants[{k} * width] = one->{field};" for k, field in enumerate(text.program.constants.values())
+    ]
     if isinstance(text, _LawText):
         puts += [f"constants[{len(puts) + k} * width] = one->limit[{k}];" for k in range(text.inputs)]
     turns = [angle for angle in angles(nodes) if isinstance(angle, Leaf)]
-    places = [sorted(names.index(node.name) for node in some if isinstance(node, Leaf)) for some in (state, turns)]
+    places = [
+        sorted(names.index(node.name) for node in some if isinstance(node, Leaf)) for some in (state, turns)
+    ]
     functions = [text.function_of(entry) for entry in entries]
     return VectorText("\n\n".join(functions), "\n".join(puts), len(puts), *places)
 

@@ -16,7 +16,8 @@ OWN = ("x", "xdot", "tau", "nudot", "place", "y", "force", "load", "robot")  # n
 
 
 class PlantC:
-    """Bodies of C functions of a robot's state x = [q; nu] (11), in SI, without the optimizer: the operations are the model's.
+    """Bodies of C functions of a robot's state x = [q; nu] (11), in SI, without the optimizer: the operations
+    are the model's.
 
     The parameters are members of the struct `robot`. With `drives` whose own loops determine the rates of the
     quasi-velocities, these are given as `nudot`, otherwise the inputs are, as `tau`.
@@ -46,11 +47,14 @@ class PlantC:
     @property
     def forces(self) -> str:
         """The constraint forces `force`, lambda of (8), under the inputs `tau`."""
-        return self._body("force", self._system.constraint_forces(self._tau, self._system.acceleration(self._tau)))
+        return self._body(
+            "force", self._system.constraint_forces(self._tau, self._system.acceleration(self._tau))
+        )
 
     def loads(self, share: float, height: float) -> str:
-        """Of each contact, three numbers in `load`: the ground's force along and across, and the load, N, under the inputs
-        `tau`. `share` of the weight rests on the contacts, with the centre of mass at a height (m).
+        """Of each contact, three numbers in `load`: the ground's force along and across, and the load, N,
+        under the inputs `tau`. `share` of the weight rests on the contacts, with the centre of mass at a
+        height (m).
         """
         found = ground(self._system, self._system.acceleration(self._tau), self._tau)
         load = share * GRAVITY * found.mass + height * found.shift
@@ -60,10 +64,19 @@ class PlantC:
     def _body(self, array: str, expression: ca.SX) -> str:
         """Return the statements that assign the entries of an expression to those of an array."""
         graph, groups = Graph(), self._groups
-        free = {q.symbol.element_hash(): (q.symbol, group, q) for group, members in groups.items() for q in members}
+        free = {
+            q.symbol.element_hash(): (q.symbol, group, q)
+            for group, members in groups.items()
+            for q in members
+        }
         used = [free[symbol.element_hash()] for symbol in ca.symvar(ca.densify(expression))]
         leaves = [graph.leaf(group, q.name) for _, group, q in used]
-        roots = [row[0] for row in from_casadi(graph, ca.densify(expression), [s for s, _, _ in used], leaves, self._law.name)]
+        roots = [
+            row[0]
+            for row in from_casadi(
+                graph, ca.densify(expression), [s for s, _, _ in used], leaves, self._law.name
+            )
+        ]
         taken, names = set(OWN), dict[Node, str]()
         for leaf, (_, group, q) in zip(leaves, used, strict=True):
             names[leaf] = f"robot.{q.in_c}" if group is Group.PARAMS else free_name(q.in_c, taken)
@@ -75,7 +88,9 @@ class PlantC:
         def number(leaf: Leaf) -> int:
             return [q.name for q in groups[leaf.group]].index(leaf.name)
 
-        needed = [leaf for leaf in reachable(roots) if isinstance(leaf, Leaf) and leaf.group is not Group.PARAMS]
+        needed = [
+            leaf for leaf in reachable(roots) if isinstance(leaf, Leaf) and leaf.group is not Group.PARAMS
+        ]
         places = {Group.STATE: "x", Group.INPUT: "tau", Group.VIRTUAL_INPUT: "nudot", Group.CONFIG: "place"}
         read = [f"const double {names[leaf]} = {places[leaf.group]}[{number(leaf)}];" for leaf in needed]
         return body([*read, *printed.lines])
@@ -83,5 +98,9 @@ class PlantC:
     @property
     def _groups(self) -> dict[Group, Sequence[Quantity]]:
         mechanism = self._system.mechanism
-        own = {Group.PARAMS: mechanism.parameters, Group.STATE: self._system.state, Group.INPUT: mechanism.inputs}
+        own = {
+            Group.PARAMS: mechanism.parameters,
+            Group.STATE: self._system.state,
+            Group.INPUT: mechanism.inputs,
+        }
         return {**own, Group.VIRTUAL_INPUT: self._nudot, Group.CONFIG: self._law.config}

@@ -1,4 +1,5 @@
-"""A firmware project around exported C: Makefile, CMakeLists.txt, README.md, and the loop that calls the law."""
+"""A firmware project around exported C: Makefile, CMakeLists.txt, README.md,
+and the loop that calls the law."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,8 +15,8 @@ from .vehicle import initializer
 
 @dataclass(frozen=True)
 class Board:
-    """The target of a project: `prefix` of the tools, flags of the processor, sources and link options of an image, and the
-    command that runs it; all empty for the machine of the compiler."""
+    """The target of a project: `prefix` of the tools, flags of the processor, sources and link options of an
+    image, and the command that runs it; all empty for the machine of the compiler."""
 
     name: str
     prefix: str = ""
@@ -42,14 +43,15 @@ class Board:
 
 
 def makefile(robot: str, board: Board, drives: bool) -> str:
-    """Return the Makefile, which builds the library, the loop and the self-test, runs the self-test and prints sizes; it also
-    `drives` the vehicle of a follower.
+    """Return the Makefile, which builds the library, the loop and the self-test, runs the self-test and
+    prints sizes; it also `drives` the vehicle of a follower.
     """
     return render(__file__, "project.mk", robot=robot, board=board, standard=STANDARD, drives=drives)
 
 
 def cmake(robot: str, board: Board) -> str:
-    """Return CMakeLists.txt: the library with the flags of the including project; as the top-level project also the self-test."""
+    """Return CMakeLists.txt: the library with the flags of the including project;
+    as the top-level project also the self-test."""
     return render(__file__, "project.cmake", robot=robot, board=board, flags=SAME_BITS)
 
 
@@ -85,7 +87,8 @@ def loop(law: ControlLaw, scalar: Scalar) -> str:
 
 
 def follower_loop(law: ControlLaw, scalar: Scalar) -> str:
-    """Return loop.c of a follower: counters to commands at a fixed rate; the user provides a timer, counters and drives."""
+    """Return loop.c of a follower: counters to commands at a fixed rate; the user provides a timer,
+    counters and drives."""
     wheels, robot = [q.name for q in law.system.quasi_velocities], law.system.mechanism.name
     return render(__file__, "follower.c", robot=robot, own=scalar.name, real=scalar.real, wheels=wheels)
 
@@ -97,10 +100,13 @@ def initializers(law: ControlLaw, scalar: Scalar) -> dict[str, str]:
 
 
 def starting_value(config: Quantity) -> float:
-    """Return the value of a member of config in examples: its default, or a number that is seldom singular."""
+    """Return the value of a member of config in examples: its default,
+    or a number that is seldom singular."""
     return config.default or 0.25
 
 
 def readme(robot: str, laws: Sequence[str], board: Board, tools: str, costs: str, drives: bool) -> str:
     """Return README.md; `costs` is text on memory and instructions; `drives`: as for `makefile`."""
-    return render(__file__, "project.md", robot=robot, laws=laws, board=board, tools=tools, costs=costs, drives=drives)
+    return render(
+        __file__, "project.md", robot=robot, laws=laws, board=board, tools=tools, costs=costs, drives=drives
+    )

@@ -1,4 +1,5 @@
-"""The numbers of a vehicle in a follower's project, and its drive along its path in a test, without hardware."""
+"""The numbers of a vehicle in a follower's project, and its drive along its path in a test,
+without hardware."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +20,8 @@ IN_A_LINE = 8  # names of columns
 
 @dataclass(frozen=True)
 class VelocityDrives:
-    """Drives whose own loop follows velocities: `omega` (1/s), largest acceleration of each wheel (rad/s^2)."""
+    """Drives whose own loop follows velocities: `omega` (1/s),
+    largest acceleration of each wheel (rad/s^2)."""
 
     omega: float
     acceleration: Sequence[float]
@@ -27,7 +29,8 @@ class VelocityDrives:
 
 @dataclass(frozen=True)
 class FloorNumbers:
-    """What is known of the floor: friction, the part of the weight on the robot's contacts, height of the centre of mass (m)."""
+    """What is known of the floor: friction, the part of the weight on the robot's contacts,
+    height of the centre of mass (m)."""
 
     mu: float
     share: float
@@ -48,11 +51,12 @@ class NoiseNumbers:
 class VehicleNumbers:
     """What a follower and its drive are given, SI.
 
-    `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and mappings by
-    member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member. `late`: the time from a tick until its
-    command moves the robot, as whole periods and the rest (s). `integrals`: which of distance and speed have integral action.
-    A row is recorded every `output_step`, s; `tolerance` is that of the robot's motion, relative and absolute. `assumed`: for
-    the reader, which numbers are assumptions, and `warnings`.
+    `config`: members of the follower's config by name, but for its segments: numbers, names of C, lists, and
+    mappings by member. `plant`: the true parameters, `start`: [q; nu] at t = 0, both by member. `late`: the
+    time from a tick until its command moves the robot, as whole periods and the rest (s). `integrals`: which
+    of distance and speed have integral action. A row is recorded every `output_step`, s; `tolerance` is that
+    of the robot's motion, relative and absolute. `assumed`: for the reader, which numbers are assumptions,
+    and `warnings`.
     """
 
     config: Mapping[str, Any]
@@ -96,7 +100,10 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
     system, mechanism = law.system, law.system.mechanism
     state = [q.in_c for q in system.state]
     contacts = [each.name for each in mechanism.standing] if vehicle.floor else []
-    placed = {name: state.index(name) for name in (*placed_names(system), *(v.in_c for v in system.quasi_velocities))}
+    placed = {
+        name: state.index(name)
+        for name in (*placed_names(system), *(v.in_c for v in system.quasi_velocities))
+    }
     made, names = PlantC(law, vehicle.drives is not None), columns(law, vehicle)
     values = {
         "robot": mechanism.name,
@@ -143,7 +150,8 @@ def vehicle_files(law: ControlLaw, scalar: Scalar, vehicle: VehicleNumbers) -> d
 
 
 def columns(law: ControlLaw, vehicle: VehicleNumbers) -> list[str]:
-    """Return the names of the columns that a drive prints: those of `noslip simulate` for the same vehicle."""
+    """Return the names of the columns that a drive prints: those of `noslip simulate` for the same
+    vehicle."""
     system, outputs = law.system, law.output.rows
     mechanism, state = system.mechanism, [q.name for q in system.state]
     grips = can_grip(system) and "friction" in vehicle.config.get("limits", {})
@@ -161,9 +169,11 @@ def columns(law: ControlLaw, vehicle: VehicleNumbers) -> list[str]:
 
 
 def places(law: ControlLaw, segments: Sequence[Any], L: Sequence[float]) -> list[list[float]]:
-    """Return the configuration of the law on each segment; `L` (m) is that of driving forward, and in reverse."""
+    """Return the configuration of the law on each segment; `L` (m) is that of driving forward,
+    and in reverse."""
     rows = [
-        {"L": L[bool(s.backward)], "x_s": s.x, "y_s": s.y, "direction": s.heading, "curvature": s.curvature} for s in segments
+        {"L": L[bool(s.backward)], "x_s": s.x, "y_s": s.y, "direction": s.heading, "curvature": s.curvature}
+        for s in segments
     ]
     return [[float(row[c.name]) for c in law.config] for row in rows]
 
@@ -173,9 +183,11 @@ def _numbers(values: Iterable[float]) -> list[str]:
 
 
 def initializer(value: Any, scalar: Scalar) -> str:
-    """Return a value as the initializer of a C object: lists and mappings in braces, without members that are zero."""
+    """Return a value as the initializer of a C object: lists and mappings in braces,
+    without members that are zero."""
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'.{name} = {initializer(each, scalar)}' for name, each in _present(value).items()) or '0'}}}"
+        members = [f".{name} = {initializer(each, scalar)}" for name, each in _present(value).items()]
+        return f"{{{', '.join(members) or '0'}}}"
     if isinstance(value, int):
         return str(int(value))
     if isinstance(value, str):

@@ -1,4 +1,5 @@
-"""Members of C structs, read from the text of our own headers, so that what is saved is what the struct has."""
+"""Members of C structs, read from the text of our own headers,
+so that what is saved is what the struct has."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,8 +14,8 @@ REALS, INTEGERS = ("float", "double"), ("int", "int32_t", "uint32_t")
 
 @dataclass(frozen=True)
 class Member:
-    """Numbers of a struct that follow each other: the path of the first, such as motors[0].gear, their number (0 for a pointer),
-    and whether they are reals. `owner` is the path of the struct that they are in.
+    """Numbers of a struct that follow each other: the path of the first, such as motors[0].gear, their number
+    (0 for a pointer), and whether they are reals. `owner` is the path of the struct that they are in.
     """
 
     path: str
@@ -35,7 +36,8 @@ class Structs:
             self._enums |= set(ENUM.findall(plain))
 
     def members(self, struct: str, path: str = "") -> Iterator[Member]:
-        """Yield the members of a struct in their order, those of its own structs too. Raises KeyError for an unknown type."""
+        """Yield the members of a struct in their order, those of its own structs too. Raises KeyError for an
+        unknown type."""
         for pointed, kind, names in DECLARATION.findall(self._bodies[struct]):
             for name in names.split(","):
                 found = re.fullmatch(r"(\*?)(\w+)(?:\[(\w+)\])?", name.strip())
@@ -53,7 +55,8 @@ class Structs:
 
 
 def joined(members: Iterable[Member]) -> list[Member]:
-    """Return the numbers; those of the same width that follow each other in one struct, without a gap on any machine, as one."""
+    """Return the numbers; those of the same width that follow each other in one struct,
+    without a gap on any machine, as one."""
     result: list[Member] = []
     for member in members:
         last = result[-1] if result else None
@@ -67,4 +70,6 @@ def joined(members: Iterable[Member]) -> list[Member]:
 def described(members: Mapping[str, Sequence[Member]]) -> str:
     """Return a text that changes if a name, an order or a kind does: the layout of an image."""
     numbers = [(group, each) for group, several in members.items() for each in several if each.count]
-    return "\n".join(f"{group} {each.path} {each.count} {'real' if each.real else 'int'}" for group, each in numbers)
+    return "\n".join(
+        f"{group} {each.path} {each.count} {'real' if each.real else 'int'}" for group, each in numbers
+    )

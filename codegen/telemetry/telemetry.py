@@ -11,7 +11,8 @@ from ..printing.scalar import Scalar
 from ..runtime import runtime_files
 from .members import Member, Structs, described, joined
 
-IN_USE = ("params.", "gains.", "limits.")  # what the follower's `update` changes: members of config and follower alike
+# What the follower's `update` changes: members of config and follower alike
+IN_USE = ("params.", "gains.", "limits.")
 HEAD = 28  # bytes of an image beside its numbers, see noslip_image.h
 
 
@@ -50,7 +51,8 @@ def layout(robot: str, scalar: Scalar, files: Mapping[str, str]) -> tuple[list[M
     """Return the members of the follower's config and those of a segment, in the order of an image."""
     structs = Structs([text for name, text in {**runtime_files(), **files}.items() if name.endswith(".h")])
     config = [
-        replace(each, count=0) if each.path == "count" else each  # the number of segments, which the image has anyway
+        # The number of segments, which the image has anyway
+        replace(each, count=0) if each.path == "count" else each
         for each in structs.members(scalar.name(f"{robot}_{NAME}_config"))
     ]
     return config, list(structs.members(scalar.name("noslip_segment")))

@@ -10,7 +10,14 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 project, version, copyright = "noslip", __version__, "the noslip maintainers"
-include_patterns = ["*.md", "docs/*.md", "lessons/*.md", "reference/*.md", "checks/guarantees/*.md", "codegen/derivation/*.md"]
+include_patterns = [
+    "*.md",
+    "docs/*.md",
+    "lessons/*.md",
+    "reference/*.md",
+    "checks/guarantees/*.md",
+    "codegen/derivation/*.md",
+]
 include_patterns += ["readers/*.md", "checks/bench/README.md"]
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 html_theme, html_title, html_copy_source = "furo", f"noslip {version}", False
@@ -27,7 +34,8 @@ ACCESSIBLE = {  # what the theme leaves out for keyboards and screen readers
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="all pages">',
     "<pre>": '<pre tabindex="0">',
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
-    "</head>": "<style>@media (max-width: 45em) { article p:has(> img) { overflow-x: auto } "  # text of pictures stays legible
+    # Text of pictures stays legible
+    "</head>": "<style>@media (max-width: 45em) { article p:has(> img) { overflow-x: auto } "
     "article p > img { max-width: 60rem } }</style></head>",
     "<p><img ": '<p tabindex="0"><img ',
     '<div class="math-wrapper': '<div tabindex="0" class="math-wrapper',
@@ -101,8 +109,8 @@ reference/citing
 
 
 def _prepare(app: Sphinx, page: str, text: list[str]) -> None:
-    """Add the contents to the first page. Links to lessons lead to their pages, links to a folder to its README; without one they
-    become plain text."""
+    """Add the contents to the first page. Links to lessons lead to their pages, links to a folder to its
+    README; without one they become plain text."""
     here = Path(app.srcdir, page).parent
 
     def link(match: re.Match[str]) -> str:
@@ -114,11 +122,14 @@ def _prepare(app: Sphinx, page: str, text: list[str]) -> None:
             return match[0]
         return f"[{label}]({target.rstrip('/')}/README.md)" if (folder / "README.md").exists() else label
 
-    text[0] = re.sub(r"(?<!!)\[([^]]*)\]\(([\w./-]+)\)", link, text[0]) + (CONTENTS if page == "index" else "")
+    text[0] = re.sub(r"(?<!!)\[([^]]*)\]\(([\w./-]+)\)", link, text[0]) + (
+        CONTENTS if page == "index" else ""
+    )
 
 
 def _plain(app: Sphinx, what: str, name: str, documented: object, options: object, lines: list[str]) -> None:
-    """Docstrings are plain text: what reStructuredText would read as marks, such as |F|, stands for itself."""
+    """Docstrings are plain text: what reStructuredText would read as marks, such as |F|,
+    stands for itself."""
     lines[:] = [re.sub(r"(?<!`)([*|]|(?<=\w)_(?=[\s,.);]|$))(?!`)", r"\\\1", line) for line in lines]
 
 

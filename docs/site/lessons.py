@@ -1,7 +1,8 @@
-"""Runs a lesson of docs/lessons, Python with cells, and writes it as a page: text, code, what the code prints and draws.
+"""Runs a lesson of docs/lessons, Python with cells, and writes it as a page: text, code, what the code prints
+and draws.
 
-A cell begins with `# %%`; one of `# %% [markdown]` is text. Editors such as VS Code, Spyder and Jupyter (with jupytext) run
-these files cell by cell.
+A cell begins with `# %%`; one of `# %% [markdown]` is text. Editors such as VS Code, Spyder and Jupyter (with
+jupytext) run these files cell by cell.
 """
 
 import contextlib
@@ -16,10 +17,15 @@ from matplotlib import pyplot
 
 
 def rendered(lesson: Path, pictures: Path) -> str:
-    """The page of a lesson as Markdown; its pictures are written into the folder. Raises what the lesson raises."""
+    """The page of a lesson as Markdown; its pictures are written into the folder. Raises what the lesson
+    raises."""
     parts, names = [], {"__name__": lesson.stem, "__file__": str(lesson)}
-    for kind, cell in re.findall(r"^# %%( \[markdown\])?\n(.*?)(?=^# %%|\Z)", lesson.read_text(encoding="utf-8"), re.M | re.S):
-        parts.append(re.sub(r"^# ?", "", cell, flags=re.M) if kind else _run(cell.strip(), names, lesson, pictures))
+    for kind, cell in re.findall(
+        r"^# %%( \[markdown\])?\n(.*?)(?=^# %%|\Z)", lesson.read_text(encoding="utf-8"), re.M | re.S
+    ):
+        parts.append(
+            re.sub(r"^# ?", "", cell, flags=re.M) if kind else _run(cell.strip(), names, lesson, pictures)
+        )
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 

@@ -43,7 +43,8 @@ LONG = (*robots.FIGURES, *floor.FIGURES)  # they take minutes
 
 
 def chosen(names: Sequence[str], every: bool = False) -> list[Figure]:
-    """The figures named; when none is, the short ones, or `every` one that can be made. In the order of the report.
+    """The figures named; when none is, the short ones, or `every` one that can be made. In the order of the
+    report.
 
     Raises BadInput for an unknown name, and for one that `left_out` has.
     """

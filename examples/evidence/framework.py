@@ -35,10 +35,11 @@ ON_FLOOR = 1e-3  # m, m/s: what halving the engine's step changes (docs/engine.m
 
 @dataclass(frozen=True)
 class Case:
-    """A run of a figure: a file of examples/specs/figures and the entries that differ from it, dotted key -> TOML value.
+    """A run of a figure: a file of examples/specs/figures and the entries that differ from it, dotted key ->
+    TOML value.
 
-    `singular`: the start is expected to be rejected as singular, which is what the figure shows. `engine`: the robot is on a
-    floor in this engine, as with `simulate`; otherwise it rolls.
+    `singular`: the start is expected to be rejected as singular, which is what the figure shows. `engine`:
+    the robot is on a floor in this engine, as with `simulate`; otherwise it rolls.
     """
 
     file: str
@@ -55,8 +56,8 @@ class Case:
 class Claim:
     """A statement, the measured value, and whether it holds.
 
-    `paper`: the statement is the paper's; else it is this project's. `expected` is False for a statement of the paper that does
-    not hold; `note` then explains why.
+    `paper`: the statement is the paper's; else it is this project's. `expected` is False for a statement of
+    the paper that does not hold; `note` then explains why.
     """
 
     text: str
@@ -81,15 +82,15 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class FigureRun(Outputs):
-    """A run on the generated C as figures see it: every array of `Run` by its name (t, q, nu, tau, y, forces, seen, ...), SI,
-    with `energy` (J) and `power` (W) of inputs and friction.
+    """A run on the generated C as figures see it: every array of `Run` by its name (t, q, nu, tau, y, forces,
+    seen, ...), SI, with `energy` (J) and `power` (W) of inputs and friction.
 
-    `parameters` are the true robot's. `place` (N, 2) is P_l in the vehicle: ahead of the centre of mass and left of it, m.
-    `slip` is the worst ||A qdot|| (2), `integral` the worst change (rad) of phi - c (theta_r - theta_l) (28), None where the
-    robot has no two wheels whose angles are coordinates, `agreement` the largest difference from the run on CasADi in any
-    state, input or output; `grip` what friction rolling needs.
-    A run on a floor has `floor`, what was measured there; `slip`, `agreement` and `grip` are then nothing.
-    A start that was refused has the reason in `refused`, no arrays and no contacts.
+    `parameters` are the true robot's. `place` (N, 2) is P_l in the vehicle: ahead of the centre of mass and
+    left of it, m. `slip` is the worst ||A qdot|| (2), `integral` the worst change (rad) of phi - c (theta_r -
+    theta_l) (28), None where the robot has no two wheels whose angles are coordinates, `agreement` the
+    largest difference from the run on CasADi in any state, input or output; `grip` what friction rolling
+    needs. A run on a floor has `floor`, what was measured there; `slip`, `agreement` and `grip` are then
+    nothing. A start that was refused has the reason in `refused`, no arrays and no contacts.
     """
 
     spec: Spec
@@ -137,7 +138,8 @@ class FigureRun(Outputs):
 
     @property
     def exact(self) -> float:
-        """What a length (m) or a speed (m/s) of this run may be off: on a floor as docs/engine.md states, else nothing."""
+        """What a length (m) or a speed (m/s) of this run may be off:
+        on a floor as docs/engine.md states, else nothing."""
         return 0.0 if self.floor is None else ON_FLOOR
 
     @property
@@ -197,8 +199,9 @@ Runs = Mapping[str, FigureRun]
 class Figure:
     """A figure of the report.
 
-    `paper` says in our words what the paper shows or states, or why the figure is there; `assumed` what stands in for what
-    the scan lost. `cases` are the runs by label; `draw` and `claims` get their outcomes under the same labels.
+    `paper` says in our words what the paper shows or states, or why the figure is there; `assumed` what
+    stands in for what the scan lost. `cases` are the runs by label; `draw` and `claims` get their outcomes
+    under the same labels.
     """
 
     name: str
@@ -220,8 +223,8 @@ class Figure:
 
 
 def carry_out(spec: Spec, singular: bool = False, engine: str | None = None) -> FigureRun:
-    """Run a SPEC on the generated C and, without an `engine`, on CasADi. Raises BadInput unless a `singular` start is refused by
-    both.
+    """Run a SPEC on the generated C and, without an `engine`, on CasADi. Raises BadInput unless a `singular`
+    start is refused by both.
     """
     try:
         run = simulate(spec, "c", engine=engine)
@@ -229,15 +232,23 @@ def carry_out(spec: Spec, singular: bool = False, engine: str | None = None) -> 
         if not (singular and "singular" in str(error)):
             raise
         return FigureRun(spec, refused=_refusal(spec, "casadi") and str(error))
-    arrays = {f.name: getattr(run, f.name) for f in dataclasses.fields(run) if isinstance(getattr(run, f.name), np.ndarray)}
+    arrays = {
+        f.name: getattr(run, f.name)
+        for f in dataclasses.fields(run)
+        if isinstance(getattr(run, f.name), np.ndarray)
+    }
     entries = [c.name for c in run.law.config]
     none = np.zeros(len(run.t))
-    arrays["place"] = np.column_stack([run.config[:, entries.index(n)] if n in entries else none for n in ("L", "W")])
+    arrays["place"] = np.column_stack(
+        [run.config[:, entries.index(n)] if n in entries else none for n in ("L", "W")]
+    )
     names = [p.name for p in run.law.parameters]
     parameters = dict(zip(names, map(float, run.plant.parameters), strict=True))
     arrays |= {"energy": run.plant.energy(run.x), "power": run.plant.power(run.x, run.tau)}
     if run.floor:
-        return FigureRun(spec, parameters, arrays, warnings=run.warnings, sources=sources_of(run.law), floor=run.floor)
+        return FigureRun(
+            spec, parameters, arrays, warnings=run.warnings, sources=sources_of(run.law), floor=run.floor
+        )
     going = slice(None, -1) if run.stopped else slice(None)  # where it stopped, rates are without bound
     return FigureRun(
         spec=spec,
@@ -253,21 +264,30 @@ def carry_out(spec: Spec, singular: bool = False, engine: str | None = None) -> 
 
 
 def claims_of_every_run(runs: Runs) -> list[Claim]:
-    """Return the claims of every run that rolls: constraints hold, including the integral, and the generated C agrees with the
-    model.
+    """Return the claims of every run that rolls: constraints hold, including the integral, and the generated
+    C agrees with the model.
     """
     done = [run for run in runs.values() if not run.refused and run.floor is None]
     if not done and any(run.floor for run in runs.values()):
         return []
-    slip, agreement = (max((getattr(run, name) for run in done), default=0.0) for name in ("slip", "agreement"))
+    slip, agreement = (
+        max((getattr(run, name) for run in done), default=0.0) for name in ("slip", "agreement")
+    )
     integrals = [run.integral for run in done if run.integral is not None]
     integral = max(integrals, default=0.0)
     return [
         Claim(f"rolling in every run: ‖A q̇‖ ≤ {ROLLS:g}", f"{slip:.1e}", slip <= ROLLS),
-        *[Claim(f"φ − c(θ_r − θ_l) constant in every run, to {ROLLS:g} rad", f"{integral:.1e} rad", integral <= ROLLS)]
+        *[
+            Claim(
+                f"φ − c(θ_r − θ_l) constant in every run, to {ROLLS:g} rad",
+                f"{integral:.1e} rad",
+                integral <= ROLLS,
+            )
+        ]
         * bool(integrals or not done),
         Claim(
-            f"generated C and CasADi agree in every run, to {AGREES:g} in every state, torque and output (SI)",
+            f"generated C and CasADi agree in every run, to {AGREES:g} in every state, torque and "
+            "output (SI)",
             f"{agreement:.1e}",
             agreement <= AGREES,
         ),
@@ -278,11 +298,14 @@ def claims_of_every_run(runs: Runs) -> list[Claim]:
 def sources_of(law: ControlLaw) -> dict[str, str]:
     """SHA-256 of every file of the double-precision C that a run of this law is made of."""
     double = SCALARS["double"]
-    return digests({**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()})
+    return digests(
+        {**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()}
+    )
 
 
 def _integral(run: Run) -> float | None:
-    """The worst change of the heading less what two wheels' angles say, phi - c (theta_r - theta_l); None without these."""
+    """The worst change of the heading less what two wheels' angles say, phi - c (theta_r - theta_l);
+    None without these."""
     system = run.law.system
     rates = system.mechanism.quasi_velocity_rows
     if velocity_map(system) is None or rates is None or not rates.is_constant():
@@ -307,4 +330,9 @@ def _difference(run: Run, other: Run) -> float:
     if run.stopped != other.stopped or len(run.t) != len(other.t):
         return float("inf")
     rows = slice(None, -1) if run.stopped else slice(None)  # where it stopped depends on the last bits
-    return float(max(np.abs(getattr(run, name)[rows] - getattr(other, name)[rows]).max() for name in ("q", "nu", "tau", "y")))
+    return float(
+        max(
+            np.abs(getattr(run, name)[rows] - getattr(other, name)[rows]).max()
+            for name in ("q", "nu", "tau", "y")
+        )
+    )

@@ -17,7 +17,8 @@ def reversals(values: np.ndarray, still: float = STILL) -> list[int]:
 
 
 def cusps(run) -> list[int]:
-    """Rows at which P_o turns back on its path: it cannot move sideways, so its locus has a cusp where its speed changes sign."""
+    """Rows at which P_o turns back on its path: it cannot move sideways,
+    so its locus has a cusp where its speed changes sign."""
     return reversals(run.speed)
 
 
@@ -27,7 +28,8 @@ def overshoot(distance: np.ndarray) -> float:
 
 
 def time_to_stay_within(t: np.ndarray, distance: np.ndarray, band: float) -> float:
-    """First row's time from which on |distance| stays within the band; infinite when it does not end there."""
+    """First row's time from which on |distance| stays within the band;
+    infinite when it does not end there."""
     outside = np.flatnonzero(np.abs(distance) > band)
     if len(outside) == 0:
         return float(t[0])

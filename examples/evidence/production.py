@@ -1,4 +1,5 @@
-"""Produces figures: each SPEC is run once, in separate processes, while figures with complete runs are drawn in this one."""
+"""Produces figures: each SPEC is run once, in separate processes,
+while figures with complete runs are drawn in this one."""
 
 import pickle
 import subprocess
@@ -19,7 +20,8 @@ WORKER = (sys.executable, "-m", f"{__package__}.worker")
 
 @dataclass(frozen=True)
 class Made:
-    """A finished figure: its runs by label, its claims, its picture as the bytes of a file, by kind (png, svg)."""
+    """A finished figure: its runs by label, its claims, its picture as the bytes of a file,
+    by kind (png, svg)."""
 
     figure: Figure
     runs: Runs
@@ -28,16 +30,24 @@ class Made:
 
 
 def produce(figures: Sequence[Figure], jobs: int, done: Callable[[Made], None]) -> list[Made]:
-    """Produce the figures with `jobs` processes and call `done` with each. Raises BadInput if a SPEC is invalid or cannot be
-    run."""
-    tasks = {f.name: {label: (case.spec(), case.singular, case.engine) for label, case in f.cases.items()} for f in figures}
+    """Produce the figures with `jobs` processes and call `done` with each. Raises BadInput if a SPEC is
+    invalid or cannot be run."""
+    tasks = {
+        f.name: {label: (case.spec(), case.singular, case.engine) for label, case in f.cases.items()}
+        for f in figures
+    }
     to_run = {repr(task): task for runs in tasks.values() for task in runs.values()}
     made = []
     with _workers(min(jobs, len(to_run))) as carry_out, ThreadPoolExecutor(jobs) as pool:
         futures = {key: pool.submit(carry_out, *task) for key, task in to_run.items()}
         try:
             for figure in figures:
-                made.append(_draw(figure, {label: futures[repr(task)].result() for label, task in tasks[figure.name].items()}))
+                made.append(
+                    _draw(
+                        figure,
+                        {label: futures[repr(task)].result() for label, task in tasks[figure.name].items()},
+                    )
+                )
                 done(made[-1])
         finally:
             pool.shutdown(cancel_futures=True)
@@ -51,12 +61,15 @@ def _draw(figure: Figure, runs: Runs) -> Made:
 
 @contextmanager
 def _workers(count: int) -> Iterator[Callable[[Spec, bool, str | None], FigureRun]]:
-    """`framework.carry_out`, but executed by the first idle one of `count` processes; to be called from as many threads.
+    """`framework.carry_out`, but executed by the first idle one of `count` processes; to be called from as
+    many threads.
 
     The processes have their own session, so that only this process receives Ctrl-C; when it ends, they end.
     """
     pipe = subprocess.PIPE
-    workers = [subprocess.Popen(WORKER, stdin=pipe, stdout=pipe, start_new_session=True) for _ in range(count)]
+    workers = [
+        subprocess.Popen(WORKER, stdin=pipe, stdout=pipe, start_new_session=True) for _ in range(count)
+    ]
     free: SimpleQueue[subprocess.Popen] = SimpleQueue()
     for worker in workers:
         free.put(worker)

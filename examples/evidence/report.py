@@ -56,7 +56,11 @@ def summary(made: Iterable[Made]) -> str:
     found = [claim for claim in claims if claim.as_expected and not claim.holds]
     said = [_count(len(claims) - len(failing) - len(found), "claim holds", "claims hold")]
     said += [_count(len(found), "does not (as found here)", "do not (as found here)")] if found else []
-    said += [_count(len(failing), "FAILS", "FAIL") + ": " + "; ".join(claim.text for claim in failing)] if failing else []
+    said += (
+        [_count(len(failing), "FAILS", "FAIL") + ": " + "; ".join(claim.text for claim in failing)]
+        if failing
+        else []
+    )
     return ", ".join(said)
 
 
@@ -69,15 +73,18 @@ def repeated(made: Iterable[Made]) -> set[str]:
 def by_whom(made: Iterable[Made]) -> list[str]:
     """Return the summaries of the paper's claims and of this project's, apart."""
     made = list(made)
-    return [
-        f"{whose}: {summary([replace(each, claims=[claim for claim in each.claims if claim.paper == paper]) for each in made])}"
-        for whose, paper in (("claims of the paper", True), ("claims of this project", False))
-    ]
+    found = []
+    for whose, paper in (("claims of the paper", True), ("claims of this project", False)):
+        own = [
+            replace(each, claims=[claim for claim in each.claims if claim.paper == paper]) for each in made
+        ]
+        found.append(f"{whose}: {summary(own)}")
+    return found
 
 
 def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
-    """Return figures with their claims, and for each run the worst slip, integral and difference from CasADi, and on a floor the
-    fastest a wheel slips (m/s).
+    """Return figures with their claims, and for each run the worst slip, integral and difference from CasADi,
+    and on a floor the fastest a wheel slips (m/s).
     """
     return [
         {
@@ -103,7 +110,8 @@ def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
 
 
 def _friction(run: FigureRun) -> float | None:
-    """Return the friction coefficient that rolling requires at the worst row; None for a robot without contacts."""
+    """Return the friction coefficient that rolling requires at the worst row;
+    None for a robot without contacts."""
     return max((float(contact.needs.max()) for contact in run.grip.contacts), default=None)
 
 
@@ -113,7 +121,9 @@ def _ending(run: FigureRun) -> str:
 
 def _versions() -> dict[str, str]:
     packages = {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "matplotlib")}
-    said = subprocess.run([*compiler(), "--version"], capture_output=True, encoding="utf-8", errors="replace").stdout.splitlines()
+    said = subprocess.run(
+        [*compiler(), "--version"], capture_output=True, encoding="utf-8", errors="replace"
+    ).stdout.splitlines()
     return {
         "generator": TOOLS,
         "Python": platform.python_version(),

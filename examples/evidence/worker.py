@@ -1,4 +1,5 @@
-"""A process that carries out runs: reads pickled arguments of `carry_out` and writes outcomes or exceptions."""
+"""A process that carries out runs: reads pickled arguments of `carry_out` and writes outcomes or
+exceptions."""
 
 import os
 import pickle
@@ -30,7 +31,8 @@ def main() -> None:
 
 
 def _listen(asked: SimpleQueue) -> None:
-    """Pass on requests; when the parent process has ended, exit at once, even during a run, and leave no files."""
+    """Pass on requests; when the parent process has ended, exit at once, even during a run,
+    and leave no files."""
     try:
         while True:
             asked.put(pickle.load(sys.stdin.buffer))

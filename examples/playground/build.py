@@ -1,4 +1,5 @@
-"""Makes the playground: compiles the loop of each robot to WebAssembly and writes one page that holds everything.
+"""Makes the playground: compiles the loop of each robot to WebAssembly and writes one page that holds
+everything.
 
 python examples/playground/build.py FOLDER
 """
@@ -32,12 +33,22 @@ from noslip.simulation.guidance import vehicle_motion
 from noslip.simulation.plant import functions
 
 HERE = Path(__file__).resolve().parent
-ROBOTS = ("labmate", "car", "forklift", "mecanum", "balancer", *(f"tractor_trailer:{count}" for count in range(4)))
+ROBOTS = (
+    "labmate",
+    "car",
+    "forklift",
+    "mecanum",
+    "balancer",
+    *(f"tractor_trailer:{count}" for count in range(4)),
+)
 PATHS = ("line", "circle", "ellipse", "segment")
 LAWS = ("type_i", "type_ii", "type_iii", *(f"type_iv_{path}" for path in PATHS))
 OWN_LAWS = {"mecanum": ("pose",), "balancer": ("drive",)}
-EXPORTS = tuple(f"playground_{name}" for name in ("numbers", "start", "step", "headings")) + ("noslip_status_name",)
-# What the plant's C takes from math.h: instructions of WebAssembly, but for fmax, which there differs for NaN.
+EXPORTS = tuple(f"playground_{name}" for name in ("numbers", "start", "step", "headings")) + (
+    "noslip_status_name",
+)
+# What the plant's C takes from math.h: instructions of WebAssembly, but for fmax, which there differs for
+# NaN.
 MATH = """#define sqrt __builtin_sqrt
 #define floor __builtin_floor
 #define fabs __builtin_fabs
@@ -57,33 +68,42 @@ def desired_places(law: ControlLaw, unit: str = "") -> list[int]:
 
 
 def ahead(system: ReducedSystem) -> ca.Function:
-    """How far the vehicle's point is ahead of its axle, m, as a function of the parameters; 0 for a robot without an axle."""
+    """How far the vehicle's point is ahead of its axle, m, as a function of the parameters;
+    0 for a robot without an axle."""
     distance = ca.DM(0) if system.mechanism.name in OWN_LAWS else 0.0 - axle(system)
     return ca.Function("ahead", [system.mechanism.p], [ca.densify(distance)])
 
 
 def ground(system: ReducedSystem) -> ca.Function:
-    """The ground's force on each contact, along and across, N, and the mass on it, kg, as a function of state, inputs and
-    parameters: C' F = -lambda, and contacts share a force in proportion to their loads (simulation/contact.py).
+    """The ground's force on each contact, along and across, N, and the mass on it, kg, as a function of
+    state, inputs and parameters: C' F = -lambda, and contacts share a force in proportion to their loads
+    (simulation/contact.py).
     """
     mechanism = system.mechanism
     C = combination(mechanism)
     x, p, tau = ca.vertcat(mechanism.q, system.nu), mechanism.p, ca.SX.sym("tau", len(mechanism.inputs))
     mass = ca.vertcat(*[contact.mass for contact in mechanism.contacts])
-    rows, kept = ([k for k, part in enumerate(split(C)) if part.nnz()] for split in (ca.vertsplit, ca.horzsplit))
+    rows, kept = (
+        [k for k, part in enumerate(split(C)) if part.nnz()] for split in (ca.vertsplit, ca.horzsplit)
+    )
     block, load = C[rows, kept], ca.diag(ca.vec(ca.horzcat(mass, mass).T)[rows])
     force = ca.SX(C.shape[0], 1)
-    force[rows] = load @ block @ ca.solve(block.T @ load @ block, -functions(system)["forces"](x, tau, p)[kept])
+    force[rows] = (
+        load @ block @ ca.solve(block.T @ load @ block, -functions(system)["forces"](x, tau, p)[kept])
+    )
     return portable(ca.Function("ground", [x, tau, p], [ca.densify(force), ca.densify(mass)]))
 
 
 def evaluated(system: ReducedSystem) -> str:
-    """The C of what is evaluated besides the law: a step of the plant, forces, the vehicle's motion, lines to draw."""
+    """The C of what is evaluated besides the law: a step of the plant, forces, the vehicle's motion,
+    lines to draw."""
     generator = ca.CodeGenerator("plant.c", {"with_header": False})
     for function in (functions(system)["step"], ground(system), vehicle_motion(system), ahead(system)):
         generator.add(function)
     q, p = system.mechanism.q, system.mechanism.p
-    generator.add(portable(ca.Function("lines", [q, p], [ca.vertcat(*lines_function(system.mechanism)(q, p))])))
+    generator.add(
+        portable(ca.Function("lines", [q, p], [ca.vertcat(*lines_function(system.mechanism)(q, p))]))
+    )
     return generator.dump()
 
 
@@ -91,11 +111,24 @@ def robot_header(system: ReducedSystem) -> str:
     """The text of robot.h, which playground.c includes."""
     mechanism = system.mechanism
     laws = laws_of(system)
-    counts = {"PARAMETERS": len(mechanism.parameters), "STATES": len(system.state), "INPUTS": len(mechanism.inputs)}
-    counts |= {"OUTPUTS": len(laws[0].output.rows), "CONTACTS": len(mechanism.contacts), "DEGREES": system.dof}
+    counts = {
+        "PARAMETERS": len(mechanism.parameters),
+        "STATES": len(system.state),
+        "INPUTS": len(mechanism.inputs),
+    }
+    counts |= {
+        "OUTPUTS": len(laws[0].output.rows),
+        "CONTACTS": len(mechanism.contacts),
+        "DEGREES": system.dof,
+    }
     lines = [f'#include "{mechanism.name}_{law.name}.h"' for law in laws]
-    lines += ["#define LAWS(X) " + " ".join(f"X({law.name}, {max(desired_places(law, 'rad'), default=0)})" for law in laws)]
-    lines += [f"#define {name} {count}" for name, count in counts.items()] + [f"#define GRAVITY {GRAVITY} /* m/s^2 */"]
+    lines += [
+        "#define LAWS(X) "
+        + " ".join(f"X({law.name}, {max(desired_places(law, 'rad'), default=0)})" for law in laws)
+    ]
+    lines += [f"#define {name} {count}" for name, count in counts.items()] + [
+        f"#define GRAVITY {GRAVITY} /* m/s^2 */"
+    ]
     lines += ["#define GRIPS"] * can_grip(system)
     return "\n".join([*lines, f"#define ROBOT(name) {mechanism.name}_##name", ""])
 
@@ -117,7 +150,17 @@ def module(files: dict[str, str]) -> bytes:
         fixed = [HERE / "playground.c", RUNTIME / "noslip_path.c", RUNTIME / "noslip_status.c"]
         compiled = [*map(str, fixed), *WASM.start, *(name for name in files if name.endswith(".c"))]
         link = ["-nostdlib", "-Wl,--no-entry,--strip-all", *(f"-Wl,--export={name}" for name in EXPORTS)]
-        command = [*WASM.compile("clang"), *STANDARD, "-O2", "-I.", f"-I{RUNTIME}", *compiled, *link, "-o", "loop.wasm"]
+        command = [
+            *WASM.compile("clang"),
+            *STANDARD,
+            "-O2",
+            "-I.",
+            f"-I{RUNTIME}",
+            *compiled,
+            *link,
+            "-o",
+            "loop.wasm",
+        ]
         result = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
         if result.returncode:
             raise BadInput(f"clang cannot compile the playground: {result.stderr}")
@@ -136,7 +179,8 @@ def layout() -> dict[str, list[int]]:
 
 
 def described(robot: str) -> dict:
-    """What model.js knows of a robot: default parameters, counts, contacts with known loads, points of the lines drawn."""
+    """What model.js knows of a robot: default parameters, counts, contacts with known loads,
+    points of the lines drawn."""
     system = system_of(find_robot(robot))
     mechanism = system.mechanism
     return {
@@ -152,20 +196,29 @@ def described(robot: str) -> dict:
 
 
 def script() -> str:
-    """The page's model.js with what it needs: the modules, compressed, the layout of their numbers, and the robots."""
+    """The page's model.js with what it needs: the modules, compressed, the layout of their numbers,
+    and the robots."""
     require("clang", "wasm-ld")
     written = [sources(robot) for robot in ROBOTS]
     with ThreadPoolExecutor(2) as pool:
         modules = dict(zip(ROBOTS, pool.map(module, written), strict=True))
-    packed = {robot: base64.b64encode(gzip.compress(code, 9, mtime=0)).decode() for robot, code in modules.items()}
-    constants = {"MODULES": packed, "LAYOUT": layout(), "ROBOTS": {robot: described(robot) for robot in ROBOTS}}
+    packed = {
+        robot: base64.b64encode(gzip.compress(code, 9, mtime=0)).decode() for robot, code in modules.items()
+    }
+    constants = {
+        "MODULES": packed,
+        "LAYOUT": layout(),
+        "ROBOTS": {robot: described(robot) for robot in ROBOTS},
+    }
     model = (HERE / "model.js").read_text(encoding="utf-8")
     return "\n".join([*(f"const {k} = {json.dumps(v)};" for k, v in constants.items()), model])
 
 
 def main(folder: Path) -> None:
     """Write FOLDER/index.html."""
-    page, style, shown = ((HERE / name).read_text(encoding="utf-8") for name in ("page.html", "style.css", "page.js"))
+    page, style, shown = (
+        (HERE / name).read_text(encoding="utf-8") for name in ("page.html", "style.css", "page.js")
+    )
     folder.mkdir(parents=True, exist_ok=True)
     page = page.replace("/* style */", style).replace("/* model */", script()).replace("/* page */", shown)
     (folder / "index.html").write_text(page, encoding="utf-8")

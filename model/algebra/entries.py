@@ -1,6 +1,7 @@
 """Canonical forms of single expressions.
 
-Sines and cosines of sums are also expanded by the addition theorems, because sin(a + b) and sin(a) are independent otherwise.
+Sines and cosines of sums are also expanded by the addition theorems, because sin(a + b) and sin(a) are
+independent otherwise.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,10 +35,12 @@ def examined(entry: ca.SX, symbols: list[ca.SX]) -> Known:
 
 
 def _simplify(entry: ca.SX) -> tuple[CanonicalForm, ca.SX]:
-    """Return the entry's element, and its magnitude as an expression: the canonical one, or the entry's own if that is shorter.
+    """Return the entry's element, and its magnitude as an expression: the canonical one, or the entry's own
+    if that is shorter.
 
-    The entry's own form is not used if it contains a symbol without effect or a removable pole. It is used if the canonical
-    form has a pole where the entry has none: 1 / (1 + sin) is (1 - sin) / cos^2, but not where the sine is 1.
+    The entry's own form is not used if it contains a symbol without effect or a removable pole. It is used if
+    the canonical form has a pole where the entry has none: 1 / (1 + sin) is (1 - sin) / cos^2, but not where
+    the sine is 1.
     """
     tried = [_tried(way) for way in (entry, by_addition_theorems(entry)) if way is not None]
     as_written, *expanded = tried
@@ -70,7 +73,8 @@ def _as_written(entry: ca.SX) -> tuple[CanonicalForm, ca.SX]:
 
 
 def _divides_by_quotient(entry: ca.SX) -> bool:
-    """Return whether an entry divides somewhere by a quotient with a divisor that is not constant, or by its multiple."""
+    """Return whether an entry divides somewhere by a quotient with a divisor that is not constant,
+    or by its multiple."""
     stack, visited = [(entry, False)], set()
     while stack:
         node, below = stack.pop()
@@ -87,7 +91,8 @@ def _divides_by_quotient(entry: ca.SX) -> bool:
 
 
 def _without_quotients_below(entry: ca.SX) -> ca.SX:
-    """Return the entry with a c / b for a / (b / c), whose value may be right where c = 0, but not its derivatives."""
+    """Return the entry with a c / b for a / (b / c), whose value may be right where c = 0,
+    but not its derivatives."""
     symbols = free_symbols(entry)
 
     def apply(code: int, parts: tuple[_Fraction, ...]) -> _Fraction:
@@ -103,7 +108,9 @@ def _without_quotients_below(entry: ca.SX) -> ca.SX:
             return top**2, bottom**2
         return operate(code, *[top / bottom for top, bottom in parts]), ca.SX(1)
 
-    ((top, bottom),) = fold(entry, symbols, lambda k: (symbols[k], ca.SX(1)), lambda value: (ca.SX(value), ca.SX(1)), apply)
+    ((top, bottom),) = fold(
+        entry, symbols, lambda k: (symbols[k], ca.SX(1)), lambda value: (ca.SX(value), ca.SX(1)), apply
+    )
     return top / bottom
 
 
@@ -112,7 +119,8 @@ def _cost(expression: ca.SX) -> tuple[int, int]:
 
 
 def by_addition_theorems(entry: ca.SX) -> ca.SX | None:
-    """Return the entry with sines and cosines of sums and integer multiples of symbols expanded; None if there are none."""
+    """Return the entry with sines and cosines of sums and integer multiples of symbols expanded;
+    None if there are none."""
     symbols = free_symbols(entry)
     expanded = False
 
@@ -125,13 +133,16 @@ def by_addition_theorems(entry: ca.SX) -> ca.SX | None:
         terms = parts[0].combined(code, *parts[1:])
         return _Sum(operate(code, *[part.expression for part in parts]), terms)
 
-    (whole,) = fold(entry, symbols, lambda k: _Sum(symbols[k], {k: 1}), lambda value: _Sum(ca.SX(value)), apply)
+    (whole,) = fold(
+        entry, symbols, lambda k: _Sum(symbols[k], {k: 1}), lambda value: _Sum(ca.SX(value)), apply
+    )
     return whole.expression if expanded else None
 
 
 @dataclass(frozen=True)
 class _Sum:
-    """An expression; if it is a sum of integer multiples of symbols, also these, by the index of the symbol."""
+    """An expression; if it is a sum of integer multiples of symbols, also these,
+    by the index of the symbol."""
 
     expression: ca.SX
     terms: Mapping[int, int] | None = None

@@ -1,8 +1,8 @@
 """Exact simplification: rational functions in canonical form, modulo sin^2 + cos^2 = 1 and sqrt(a)^2 = a.
 
-Common factors cancel, and symbols without effect (such as the heading in S'MS) disappear with proof. Entries of a matrix that are
-equal as rational functions of the same symbols, sines, cosines and roots become the same expression, and K and -K one expression
-and its negative.
+Common factors cancel, and symbols without effect (such as the heading in S'MS) disappear with proof. Entries
+of a matrix that are equal as rational functions of the same symbols, sines, cosines and roots become the same
+expression, and K and -K one expression and its negative.
 """
 
 import casadi as ca
@@ -14,8 +14,8 @@ REMEMBERED = 50_000  # entries whose forms are remembered
 
 
 def canonical(expression: ca.SX) -> ca.SX:
-    """Return the same matrix with each entry simplified exactly; an entry that is too large or would become longer is
-    unchanged.
+    """Return the same matrix with each entry simplified exactly; an entry that is too large or would become
+    longer is unchanged.
     """
     expression = ca.SX(expression)
     simplified = ca.SX(expression)
@@ -34,7 +34,8 @@ def canonical(expression: ca.SX) -> ca.SX:
     return ca.sparsify(simplified)
 
 
-_known: dict[tuple[str, tuple[int, ...]], Known] = {}  # by operations and symbols: the laws of a robot have many in common
+# By operations and symbols: the laws of a robot have many in common
+_known: dict[tuple[str, tuple[int, ...]], Known] = {}
 _stores: list[Store] = []  # of other runs, at most one
 
 
@@ -46,8 +47,8 @@ def keep_in(store: Store) -> None:
 def _simplified(entry: ca.SX) -> tuple[ca.SX, Known | None, ca.SX]:
     """Return the entry without quotients below, what is known of it, None of a leaf, and its magnitude.
 
-    Computed once for each expression in the same symbols. What is the entry's own is returned as the nodes of this entry, so that
-    the result does not depend on what was computed before.
+    Computed once for each expression in the same symbols. What is the entry's own is returned as the nodes of
+    this entry, so that the result does not depend on what was computed before.
     """
     if entry.is_leaf():
         return entry, None, entry
@@ -69,7 +70,8 @@ def _found(entry: ca.SX, operations: str, symbols: list[ca.SX]) -> Known:
     for store in _stores:
         if text := store.read(operations):
             return known_of(text, symbols)
-    from .entries import examined  # imports SymPy, which takes long: not before there is something to simplify
+    # Imports SymPy, which takes long: not before there is something to simplify
+    from .entries import examined
 
     known = examined(entry, symbols)
     for store in _stores:

@@ -11,7 +11,8 @@ Value = TypeVar("Value")
 
 
 class ScalarOperation(NamedTuple):
-    """One scalar operation `code` (a casadi.OP_* number) on earlier `values`; `result` is its index in the work vector."""
+    """One scalar operation `code` (a casadi.OP_* number) on earlier `values`;
+    `result` is its index in the work vector."""
 
     code: int
     arguments: tuple[int, ...]
@@ -20,15 +21,22 @@ class ScalarOperation(NamedTuple):
 
 
 def operations(function: ca.Function) -> Iterator[ScalarOperation]:
-    """Yield the operations of an SX function in order of execution, with the indices assigned by CasADi (which are reused)."""
+    """Yield the operations of an SX function in order of execution,
+    with the indices assigned by CasADi (which are reused)."""
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
         if code == ca.OP_CONST:
-            yield ScalarOperation(code, (), function.instruction_output(k)[0], function.instruction_constant(k))
+            yield ScalarOperation(
+                code, (), function.instruction_output(k)[0], function.instruction_constant(k)
+            )
         elif code == ca.OP_OUTPUT:
-            yield ScalarOperation(code, tuple(function.instruction_input(k)), function.instruction_output(k)[1])
+            yield ScalarOperation(
+                code, tuple(function.instruction_input(k)), function.instruction_output(k)[1]
+            )
         elif code == ca.OP_INPUT:
-            yield ScalarOperation(code, (function.instruction_input(k)[1],), function.instruction_output(k)[0])
+            yield ScalarOperation(
+                code, (function.instruction_input(k)[1],), function.instruction_output(k)[0]
+            )
         else:
             arguments = tuple(function.instruction_input(k))
             yield ScalarOperation(code, arguments, function.instruction_output(k)[0])
@@ -67,8 +75,8 @@ def operate(code: int, *arguments: ca.SX) -> ca.SX:
 
 
 def largest(expression: ca.SX) -> ca.SX:
-    """Return a bound of the absolute value of each entry, in which no terms cancel and sines and cosines are 1. Divisors keep
-    their values.
+    """Return a bound of the absolute value of each entry, in which no terms cancel and sines and cosines
+    are 1. Divisors keep their values.
     """
 
     def apply(code: int, arguments: tuple[tuple[ca.SX, ca.SX], ...]) -> tuple[ca.SX, ca.SX]:
@@ -85,7 +93,13 @@ def largest(expression: ca.SX) -> ca.SX:
         return value, bounds[0] if code == ca.OP_NEG else ca.fabs(value)
 
     symbols = free_symbols(expression)
-    pairs = fold(expression, symbols, lambda k: (symbols[k], ca.fabs(symbols[k])), lambda x: (ca.SX(x), ca.SX(abs(x))), apply)
+    pairs = fold(
+        expression,
+        symbols,
+        lambda k: (symbols[k], ca.fabs(symbols[k])),
+        lambda x: (ca.SX(x), ca.SX(abs(x))),
+        apply,
+    )
     return ca.reshape(ca.vertcat(*[bound for _, bound in pairs]), expression.shape)
 
 
@@ -95,7 +109,8 @@ def free_symbols(expression: ca.SX) -> list[ca.SX]:
 
 
 def as_text(expression: ca.SX) -> str:
-    """Shape, symbols and operations of an expression, constants to their last bit; CasADi's own text has six digits of them."""
+    """Shape, symbols and operations of an expression, constants to their last bit;
+    CasADi's own text has six digits of them."""
     symbols, dense = free_symbols(expression), ca.densify(expression)
     function = ca.Function("walk", [ca.vertcat(*symbols)], [ca.vec(dense)])
     steps = [f"{o.code} {o.arguments} {o.result} {o.constant!r}" for o in operations(function)]
@@ -103,11 +118,12 @@ def as_text(expression: ca.SX) -> str:
 
 
 def degree(expression: ca.SX, variables: ca.SX) -> float:
-    """Return the degree of an expression (the largest of a matrix's entries) as a polynomial in `variables`, from its structure.
+    """Return the degree of an expression (the largest of a matrix's entries) as a polynomial in `variables`,
+    from its structure.
 
-    The degree is infinite for expressions that are not written as polynomials, such as fabs(v), sqrt(v), fmax(v, 0) or 1/v.
-    Derivatives would not show this: they vanish almost everywhere for functions with corners or steps. The degree is an upper
-    bound, because terms may cancel.
+    The degree is infinite for expressions that are not written as polynomials, such as fabs(v), sqrt(v),
+    fmax(v, 0) or 1/v. Derivatives would not show this: they vanish almost everywhere for functions with
+    corners or steps. The degree is an upper bound, because terms may cancel.
     """
     chosen = {variables.nz[k].element_hash() for k in range(variables.nnz())}
     symbols = free_symbols(expression)
@@ -145,5 +161,6 @@ def _power_of_result(code: int, arguments: tuple[_Power, ...]) -> _Power:
 
 
 def time_derivative(expression: ca.SX, variables: ca.SX, rates: ca.SX) -> ca.SX:
-    """Return d/dt of `expression` (any shape) for `variables` with these rates: (d expression / d variables) rates."""
+    """Return d/dt of `expression` (any shape) for `variables` with these rates:
+    (d expression / d variables) rates."""
     return ca.reshape(ca.jtimes(ca.vec(expression), variables, rates), expression.shape)

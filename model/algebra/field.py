@@ -33,13 +33,16 @@ from .ratios import (
     without_squares,
 )
 
-Step = tuple[Any, ...]  # (operation, indices of its arguments), (SYMBOL, k), (CONSTANT, value), (POWER, index, n)
-FACTORED = 15  # terms up to which a polynomial is factored; longer ones rarely have factors, and factoring them is slow
+# (operation, indices of its arguments), (SYMBOL, k), (CONSTANT, value), (POWER, index, n)
+Step = tuple[Any, ...]
+# Terms up to which a polynomial is factored; longer ones rarely have factors, and factoring them is slow
+FACTORED = 15
 
 
 @dataclass(frozen=True)
 class CanonicalForm:
-    """A rational function in canonical form, sign and magnitude; elements of equal magnitude have equal symbols and texts."""
+    """A rational function in canonical form, sign and magnitude;
+    elements of equal magnitude have equal symbols and texts."""
 
     symbols: list[ca.SX]
     text: str
@@ -50,13 +53,16 @@ class CanonicalForm:
 
 
 class Field:
-    """Rational functions over QQ of an expression's symbols and of its atoms, the subexpressions that are not rational.
+    """Rational functions over QQ of an expression's symbols and of its atoms, the subexpressions that are not
+    rational.
 
-    Sines (with their cosines) and roots are atoms whose square is known; other functions are treated as independent.
+    Sines (with their cosines) and roots are atoms whose square is known; other functions are treated as
+    independent.
     """
 
     def __init__(self, entry: ca.SX):
-        self.symbols = sorted(free_symbols(entry), key=str)  # the same order everywhere, so that equal factors are equal
+        # The same order everywhere, so that equal factors are equal
+        self.symbols = sorted(free_symbols(entry), key=str)
         self.steps: list[Step] = []
         self.places: dict[Step, int] = {}
         self._expression_of: dict[int, ca.SX] = {}
@@ -67,7 +73,10 @@ class Field:
             lambda value: self._step(CONSTANT, value),
             self._operation,
         )
-        atoms = sorted((step for step in self.steps if step[0] not in (SYMBOL, CONSTANT, POWER, *RATIONAL)), key=self._text)
+        atoms = sorted(
+            (step for step in self.steps if step[0] not in (SYMBOL, CONSTANT, POWER, *RATIONAL)),
+            key=self._text,
+        )
         self.generator_of = {atom: len(self.symbols) + k for k, atom in enumerate(atoms)}
         self.expressions = [*self.symbols, *[self._rebuilt(self.places[atom]) for atom in atoms]]
         self.ring, *self.generators = ring([f"g{k}" for k in range(len(self.expressions))], QQ)
@@ -80,8 +89,8 @@ class Field:
     def simplify(self) -> CanonicalForm:
         """Return the expression in canonical form.
 
-        The denominator has no sine or root, and there is no common factor. Then, if this has fewer terms, a sine or root is
-        moved to the denominator and squares of cosines are written as squares of sines.
+        The denominator has no sine or root, and there is no common factor. Then, if this has fewer terms, a
+        sine or root is moved to the denominator and squares of cosines are written as squares of sines.
         """
         fraction = self._evaluate()
         numerator, denominator = self._rationalize(*fraction)
@@ -108,7 +117,7 @@ class Field:
             upper, lower = content, 1
         return self._multiple(upper, above) / self._multiple(lower, below)
 
-    # -- the expression as steps ----------------------------------------------------------------------------------
+    # -- the expression as steps -----------------------------------------------------------------------------
 
     def _step(self, *step: Any) -> int:
         """Return the index of a step; equal steps have the same index."""
@@ -121,7 +130,13 @@ class Field:
         """Return the step of an operation. A sine also adds its cosine; tangents and powers are expanded."""
         if code in (ca.OP_SIN, ca.OP_COS, ca.OP_TAN):
             sine, cosine = self._step(ca.OP_SIN, *arguments), self._step(ca.OP_COS, *arguments)
-            return sine if code == ca.OP_SIN else cosine if code == ca.OP_COS else self._step(ca.OP_DIV, sine, cosine)
+            return (
+                sine
+                if code == ca.OP_SIN
+                else cosine
+                if code == ca.OP_COS
+                else self._step(ca.OP_DIV, sine, cosine)
+            )
         if code in (ca.OP_POW, ca.OP_CONSTPOW):
             kind, exponent = self.steps[arguments[1]][:2]
             if kind == CONSTANT and abs(exponent) <= LARGEST_POWER and (2 * exponent).is_integer():
@@ -150,7 +165,7 @@ class Field:
         code, *arguments = atom
         return " ".join(str(self._rebuilt(argument)) for argument in arguments), code
 
-    # -- arithmetic -----------------------------------------------------------------------------------------------
+    # -- arithmetic ------------------------------------------------------------------------------------------
 
     def _evaluate(self) -> Ratio:
         values: list[Ratio] = []
@@ -171,7 +186,8 @@ class Field:
         return values[self.result]
 
     def _number(self, value: float) -> QQ:
-        """Return the exact number for a float, and store the float, so that converting back gives the same bits."""
+        """Return the exact number for a float, and store the float,
+        so that converting back gives the same bits."""
         fraction = exact(value)
         self.floats.setdefault(abs(fraction), abs(value))
         return fraction
@@ -228,14 +244,15 @@ class Field:
         return numerator, denominator
 
     def _divides(self, divisor: PolyElement, polynomial: PolyElement) -> bool:
-        """Return whether the divisor divides the square of the polynomial, so that it vanishes only where the polynomial does."""
+        """Return whether the divisor divides the square of the polynomial,
+        so that it vanishes only where the polynomial does."""
         try:
             numerator, denominator = self._rationalize(*self._reduce(times(polynomial, polynomial), divisor))
             return in_lowest_terms(numerator, denominator)[1].is_ground
         except NotRational:  # too large to decide
             return False
 
-    # -- the shorter of two forms ---------------------------------------------------------------------------------
+    # -- the shorter of two forms ----------------------------------------------------------------------------
 
     def _roots_below(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
         """Return a/(b sqrt(c)) instead of a sqrt(c)/(b c) where this is shorter, for each radical."""
@@ -257,10 +274,11 @@ class Field:
             polynomial = other if len(other) < len(polynomial) else polynomial
         return polynomial
 
-    # -- back to expressions --------------------------------------------------------------------------------------
+    # -- back to expressions ---------------------------------------------------------------------------------
 
     def _product(self, polynomial: PolyElement, divisors: Iterable[PolyElement] = ()) -> tuple[QQ, ca.SX]:
-        """Return a number, and the polynomial divided by it as a product of its factors, each a sum of products.
+        """Return a number, and the polynomial divided by it as a product of its factors, each a sum of
+        products.
 
         Factors are also looked for among the divisors.
         """
@@ -278,25 +296,35 @@ class Field:
         parts = [self._sum(factor) ** power for factor, power in powers.items()]
         return content, prod(parts[1:], start=parts[0])
 
-    def _split(self, polynomial: PolyElement, divisors: Iterable[PolyElement]) -> tuple[QQ, list[PolyElement]]:
-        """Return a number and shorter factors of a polynomial: divisors and quotients by them, or the polynomial alone.
+    def _split(
+        self, polynomial: PolyElement, divisors: Iterable[PolyElement]
+    ) -> tuple[QQ, list[PolyElement]]:
+        """Return a number and shorter factors of a polynomial: divisors and quotients by them, or the
+        polynomial alone.
 
-        A square of a sum with sines has no factors as a polynomial once sin^2 + cos^2 = 1 was used in it, and where the sum is
-        small, most of the digits of the expanded square cancel.
+        A square of a sum with sines has no factors as a polynomial once sin^2 + cos^2 = 1 was used in it, and
+        where the sum is small, most of the digits of the expanded square cancel.
         """
         shorter = []
         rest, _ = self._reduce(polynomial, self.ring.one)
         for divisor in sorted(divisors, key=len):
-            while len(divisor) < len(rest) and (quotient := self._quotient(rest, divisor)) and len(quotient) < len(rest):
+            while (
+                len(divisor) < len(rest)
+                and (quotient := self._quotient(rest, divisor))
+                and len(quotient) < len(rest)
+            ):
                 shorter.append(divisor)
                 rest = quotient
         if not shorter:
             return QQ(1), [polynomial]
-        contents, factors = zip(*[_primitive(self._by_sines(factor)) for factor in (*shorter, rest)], strict=True)
+        contents, factors = zip(
+            *[_primitive(self._by_sines(factor)) for factor in (*shorter, rest)], strict=True
+        )
         return prod(contents, start=QQ(1)), list(factors)
 
     def _quotient(self, polynomial: PolyElement, divisor: PolyElement) -> PolyElement | None:
-        """Return polynomial / divisor, modulo the squares of radicals, if it is a polynomial that is not too large."""
+        """Return polynomial / divisor, modulo the squares of radicals,
+        if it is a polynomial that is not too large."""
         try:
             upper, lower = self._rationalize(*self._reduce(polynomial, divisor))
         except NotRational:
@@ -323,8 +351,8 @@ class Field:
 def _factors(polynomial: PolyElement) -> tuple[QQ, Sequence[tuple[PolyElement, int]]]:
     """Return content and irreducible factors, as `factored` does, which is slow for many symbols.
 
-    After division by its common monomial, a polynomial that is linear in some generator, with a single term in it, is
-    irreducible.
+    After division by its common monomial, a polynomial that is linear in some generator, with a single term
+    in it, is irreducible.
     Long polynomials are treated as irreducible.
     """
     common = tuple(map(min, zip(*polynomial, strict=True)))
@@ -338,6 +366,7 @@ def _factors(polynomial: PolyElement) -> tuple[QQ, Sequence[tuple[PolyElement, i
 
 
 def _primitive(polynomial: PolyElement) -> tuple[QQ, PolyElement]:
-    """Return a number, and the polynomial divided by it: whole coefficients without a common factor, the leading one positive."""
+    """Return a number, and the polynomial divided by it: whole coefficients without a common factor,
+    the leading one positive."""
     content, primitive = polynomial.primitive()
     return (-content, -primitive) if primitive.LC < 0 else (content, primitive)

@@ -10,7 +10,8 @@ State = TypeVar("State", ca.SX, np.ndarray)
 
 
 def runge_kutta(rates: Iterable[Callable[[State], State]], x: State, h: State | float) -> State:
-    """Return x after a step of length h of order 4; `rates` of x at its beginning, twice in its middle, and at its end."""
+    """Return x after a step of length h of order 4; `rates` of x at its beginning, twice in its middle,
+    and at its end."""
     begin, middle, again, end = rates
     k1 = begin(x)
     k2 = middle(x + h / 2 * k1)

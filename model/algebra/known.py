@@ -12,10 +12,11 @@ import casadi as ca
 class Known:
     """What is known of an entry of a matrix.
 
-    `symbols`: those of the entry, which exist as long as this does, so that no other ones have their hashes. `rewritten`: the
-    entry without quotients below; None if it has none. `form`: the places in `symbols` of those in its canonical form, and the
-    magnitude of that as text, equal for equal magnitudes; None if it has none. `negative`: the sign of the canonical form.
-    `magnitude`: the shortest expression of the magnitude; None if that is the entry's own.
+    `symbols`: those of the entry, which exist as long as this does, so that no other ones have their hashes.
+    `rewritten`: the entry without quotients below; None if it has none. `form`: the places in `symbols` of
+    those in its canonical form, and the magnitude of that as text, equal for equal magnitudes; None if it has
+    none. `negative`: the sign of the canonical form. `magnitude`: the shortest expression of the magnitude;
+    None if that is the entry's own.
     """
 
     symbols: Sequence[ca.SX]
@@ -27,13 +28,18 @@ class Known:
     @property
     def key(self) -> Hashable:
         """Return what is equal for entries of equal magnitude; None without a canonical form."""
-        return self.form and (tuple(self.symbols[place].element_hash() for place in self.form[0]), self.form[1])
+        return self.form and (
+            tuple(self.symbols[place].element_hash() for place in self.form[0]),
+            self.form[1],
+        )
 
     def text(self) -> str:
         """Return all but the symbols as text."""
         parts = [part for part in (self.rewritten, self.magnitude) if part is not None]
         expressions = ca.Function("parts", [ca.vertcat(*self.symbols)], parts).serialize() if parts else None
-        return json.dumps([self.form, self.negative, self.rewritten is not None, self.magnitude is not None, expressions])
+        return json.dumps(
+            [self.form, self.negative, self.rewritten is not None, self.magnitude is not None, expressions]
+        )
 
 
 def known_of(text: str, symbols: Sequence[ca.SX]) -> Known:
@@ -41,7 +47,13 @@ def known_of(text: str, symbols: Sequence[ca.SX]) -> Known:
     form, negative, has_rewritten, has_magnitude, expressions = json.loads(text)
     parts = iter(ca.Function.deserialize(expressions).call([ca.vertcat(*symbols)]) if expressions else ())
     rewritten = next(parts) if has_rewritten else None
-    return Known(symbols, rewritten, form and (tuple(form[0]), form[1]), negative, next(parts) if has_magnitude else None)
+    return Known(
+        symbols,
+        rewritten,
+        form and (tuple(form[0]), form[1]),
+        negative,
+        next(parts) if has_magnitude else None,
+    )
 
 
 class Store(Protocol):

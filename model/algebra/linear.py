@@ -14,7 +14,8 @@ COFACTORS = 5  # largest matrix, in rows, that is inverted by cofactors
 def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Return matrix^-1 right, n x any, without a pivot that can vanish unless the determinant does.
 
-    Uses cofactors up to n = 3; larger matrices are solved block by block, blocks above 3 by orthogonalization.
+    Uses cofactors up to n = 3; larger matrices are solved block by block, blocks above 3 by
+    orthogonalization.
     """
     n = matrix.shape[0]
     if n > 3:
@@ -24,7 +25,8 @@ def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Return matrix^-1 right for a symmetric positive definite matrix: as `solve` up to 3 x 3, by L D L' above."""
+    """Return matrix^-1 right for a symmetric positive definite matrix: as `solve` up to 3 x 3,
+    by L D L' above."""
     if matrix.shape[0] <= 3:
         return solve(matrix, right)
     D, U, order = ca.ldl(matrix)
@@ -52,8 +54,8 @@ def _solve_block(matrix: ca.SX, right: ca.SX) -> ca.SX:
 def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Return matrix^-1 right by the modified Gram-Schmidt process on the columns of [matrix right].
 
-    There are no pivots and hence no branches. The accuracy is that of elimination with pivoting, because `right` is treated
-    like the columns of the matrix.
+    There are no pivots and hence no branches. The accuracy is that of elimination with pivoting, because
+    `right` is treated like the columns of the matrix.
     """
     n = matrix.shape[0]
     columns = ca.horzsplit(ca.densify(ca.horzcat(matrix, right)))
@@ -70,11 +72,13 @@ def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def condition(matrix: ca.SX) -> ca.SX:
-    """Return the condition number |matrix| |matrix^-1| in the 1-norm; large, infinite or NaN for a singular matrix.
+    """Return the condition number |matrix| |matrix^-1| in the 1-norm; large, infinite or NaN for a singular
+    matrix.
 
-    Where the matrix is exactly singular, `solve` may return numbers of ordinary size: the part r of a column a that does not
-    depend on the columns before it is then rounding, in the numerator as well as in the denominator. Therefore the lower bound
-    |a| / (sqrt(n) |r|) is taken into account: the matrix is singular at the distance |r|.
+    Where the matrix is exactly singular, `solve` may return numbers of ordinary size: the part r of a column
+    a that does not depend on the columns before it is then rounding, in the numerator as well as in the
+    denominator. Therefore the lower bound |a| / (sqrt(n) |r|) is taken into account: the matrix is singular
+    at the distance |r|.
     """
     n = matrix.shape[0]
     number = norm(matrix) * norm(solve(matrix, ca.SX.eye(n)))
@@ -91,9 +95,11 @@ def condition(matrix: ca.SX) -> ca.SX:
 
 
 def regularity(matrix: ca.SX, size: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return two nonnegative expressions whose quotient tells how far a matrix is from singular; `size` bounds its entries.
+    """Return two nonnegative expressions whose quotient tells how far a matrix is from singular; `size`
+    bounds its entries.
 
-    Up to 2 x 2 these are |det matrix| and the product of the row norms of `size`; above, 1 and |size| |matrix^-1| in the 1-norm.
+    Up to 2 x 2 these are |det matrix| and the product of the row norms of `size`; above, 1 and |size|
+    |matrix^-1| in the 1-norm.
     """
     if matrix.shape[0] > 2:
         return ca.SX(1), norm(size) / norm(matrix) * condition(matrix)
@@ -121,9 +127,9 @@ def larger(a: ca.SX, b: ca.SX) -> ca.SX:
 def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
     """Return matrix^-1 right in canonical form, with poles only where the determinant vanishes.
 
-    Uses elimination with pivots that are as simple as possible; if one of them remains in the result as a pole, cofactors,
-    block by block. `moving` are the symbols that may have any value including zero; the others are positive. Raises ModelError
-    with the name of the robot if a pole remains.
+    Uses elimination with pivots that are as simple as possible; if one of them remains in the result as a
+    pole, cofactors, block by block. `moving` are the symbols that may have any value including zero; the
+    others are positive. Raises ModelError with the name of the robot if a pole remains.
     """
     solution = _by_pivots(matrix, right)
     if added_pole(solution, (matrix, right), quotient, moving) is None:
@@ -146,8 +152,8 @@ def _by_cofactors(matrix: ca.SX, right: ca.SX) -> ca.SX:
 def _by_pivots(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Return matrix^-1 right by elimination with exact simplification after every step.
 
-    A pivot that vanishes somewhere cancels from the result unless the determinant vanishes there too, or the simplification does
-    not detect it.
+    A pivot that vanishes somewhere cancels from the result unless the determinant vanishes there too, or the
+    simplification does not detect it.
     """
     n = matrix.shape[0]
     table = canonical(ca.densify(ca.horzcat(matrix, right)))

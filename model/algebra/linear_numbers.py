@@ -1,4 +1,5 @@
-"""Small systems of linear equations with sums in a fixed order: those of BLAS and LAPACK depend on the processor."""
+"""Small systems of linear equations with sums in a fixed order:
+those of BLAS and LAPACK depend on the processor."""
 
 import numpy as np
 
@@ -6,7 +7,8 @@ DEPENDENT = 1e-13  # of a row: a smaller remainder after subtracting the others 
 
 
 def least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the least-norm x with A x = b, (N, k) from (N, m, k) and (N, m). A row that depends on those before it is ignored.
+    """Return the least-norm x with A x = b, (N, k) from (N, m, k) and (N, m). A row that depends on those
+    before it is ignored.
 
     Uses the Gram-Schmidt process twice.
     """
@@ -26,7 +28,8 @@ def least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def least_squares(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the x with the smallest |A x - b|, the shortest if there are several, (k,) from (m, k) and (m,)."""
+    """Return the x with the smallest |A x - b|, the shortest if there are several, (k,) from (m,
+    k) and (m,)."""
     directions: list[np.ndarray] = []
     for column in A.T:
         left = column

@@ -9,13 +9,16 @@ from ..errors import ModelError
 from .exact import canonical
 from .expression import free_symbols
 
-LINES, STEPS, BISECTIONS = 6, 200, 60  # straight lines in the space of all symbols on which zeros are bracketed and bisected
+# Straight lines in the space of all symbols on which zeros are bracketed and bisected
+LINES, STEPS, BISECTIONS = 6, 200, 60
 BESIDE = 1e-9  # distance from a zero at which values are compared
 LARGEST_BLOCK = 5  # largest block, in rows, whose determinant is computed symbolically
-REGULAR = 1e-3  # smallest singular value, with rows scaled to length 1, above which a matrix is regarded as regular
+# Smallest singular value, with rows scaled to length 1, above which a matrix is regarded as regular
+REGULAR = 1e-3
 DEVIATION = 1e-8  # relative; a removable pole of order 1 has about 1e-16 / BESIDE
 LONGEST = 60  # characters of a denominator that a message shows
-ROUNDING = 1e-12  # relative to the product of the largest given values: bound of the rounding error of their combination
+# Relative to the product of the largest given values: bound of the rounding error of their combination
+ROUNDING = 1e-12
 
 
 def denominators(expression: ca.SX) -> list[ca.SX]:
@@ -36,22 +39,35 @@ def denominators(expression: ca.SX) -> list[ca.SX]:
 
 
 def _factors(node: ca.SX) -> Iterator[ca.SX]:
-    """Yield the factors of a product, power or root; a power of 2 has the zeros of its base, but no change of sign there."""
+    """Yield the factors of a product, power or root; a power of 2 has the zeros of its base,
+    but no change of sign there."""
     if node.is_constant():
         return
-    if not node.is_leaf() and node.op() in (ca.OP_MUL, ca.OP_SQ, ca.OP_SQRT, ca.OP_NEG, ca.OP_TWICE, ca.OP_CONSTPOW, ca.OP_DIV):
+    if not node.is_leaf() and node.op() in (
+        ca.OP_MUL,
+        ca.OP_SQ,
+        ca.OP_SQRT,
+        ca.OP_NEG,
+        ca.OP_TWICE,
+        ca.OP_CONSTPOW,
+        ca.OP_DIV,
+    ):
         for k in range(node.n_dep()):
             yield from _factors(node.dep(k))
     else:
         yield node
 
 
-def added_pole(formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX) -> ca.SX | None:
-    """Return a denominator of `formula`, not of `parts`, where `formula` is wrong and `parts` are regular; None if there is none.
+def added_pole(
+    formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX
+) -> ca.SX | None:
+    """Return a denominator of `formula`, not of `parts`, where `formula` is wrong and `parts` are regular;
+    None if there is none.
 
-    `formula` must equal `combined` of the values of `parts`, which returns None where these are singular. Both are compared at a
-    distance of BESIDE from zeros of each denominator, on random lines in the space of the `moving` symbols, and where some of
-    these are exactly 0, a common position of joints. The other symbols are random positive numbers.
+    `formula` must equal `combined` of the values of `parts`, which returns None where these are singular.
+    Both are compared at a distance of BESIDE from zeros of each denominator, on random lines in the space of
+    the `moving` symbols, and where some of these are exactly 0, a common position of joints. The other
+    symbols are random positive numbers.
     """
     present = {str(each) for part in parts for each in denominators(ca.SX(part))}
     below = [each for each in denominators(formula) if str(each) not in present]
@@ -62,7 +78,9 @@ def added_pole(formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., n
     divisors = ca.Function("denominators", [place], [ca.vertcat(*below)])
     values = ca.Function("values", [place], [ca.densify(each) for each in (formula, *parts)])
     way = ca.SX.sym("way", len(symbols))
-    rates = ca.Function("rates", [place, way], [ca.densify(ca.jtimes(each, place, way)) for each in (formula, *parts)])
+    rates = ca.Function(
+        "rates", [place, way], [ca.densify(ca.jtimes(each, place, way)) for each in (formula, *parts)]
+    )
     names = {symbol.element_hash() for symbol in ca.vertsplit(moving)}
     moves = np.array([symbol.element_hash() in names for symbol in symbols])
     random = np.random.default_rng(1997)
@@ -90,7 +108,9 @@ def added_pole(formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., n
         for k, row in enumerate(table):
             for j in np.flatnonzero(row[:-1] * row[1:] < 0)[:3]:
 
-                def divisor(s: float, k: int = k, origin: np.ndarray = origin, along: np.ndarray = along) -> float:
+                def divisor(
+                    s: float, k: int = k, origin: np.ndarray = origin, along: np.ndarray = along
+                ) -> float:
                     return float(divisors(origin + along * s)[k])
 
                 zero = _bisected(divisor, t[j], t[j + 1])
@@ -98,13 +118,16 @@ def added_pole(formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., n
                     return below[k]
 
     def is_rough(at: np.ndarray) -> bool:
-        """Whether derivatives of `formula` are not finite where those of `parts` are, as of 1 / (1 / x) at 0."""
+        """Whether derivatives of `formula` are not finite where those of `parts` are,
+        as of 1 / (1 / x) at 0."""
         value, *others = (each.full() for each in rates(at, random.normal(size=len(moves)) * moves))
         smooth = all(np.isfinite(each).all() for each in others)
         return smooth and compared(at)[1] is not None and not np.isfinite(value).all()
 
     some = random.random((len(moves), LINES)) < 0.5
-    zeroed = np.where(moves[:, None] & np.column_stack([np.eye(len(moves), dtype=bool), some, moves]), 0.0, start()[:, None])
+    zeroed = np.where(
+        moves[:, None] & np.column_stack([np.eye(len(moves), dtype=bool), some, moves]), 0.0, start()[:, None]
+    )
     for at, row in zip(zeroed.T, divisors(zeroed).full().T, strict=True):
         vanishing = np.flatnonzero((row == 0) | ~np.isfinite(row))
         if len(vanishing) and (is_wrong(at) or is_rough(at)):
@@ -113,9 +136,15 @@ def added_pole(formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., n
 
 
 def without_pole(
-    robot: str, name: str, formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX
+    robot: str,
+    name: str,
+    formula: ca.SX,
+    parts: Sequence[ca.SX],
+    combined: Callable[..., np.ndarray | None],
+    moving: ca.SX,
 ) -> ca.SX:
-    """Return `formula`, an expression for `name` of a robot. Raises ModelError where `added_pole` finds a denominator."""
+    """Return `formula`, an expression for `name` of a robot. Raises ModelError where `added_pole` finds a
+    denominator."""
     pole = added_pole(formula, parts, combined, moving)
     if pole is None:
         return formula
@@ -123,8 +152,8 @@ def without_pole(
     if len(text) > LONGEST or "@" in text:  # CasADi numbers what appears twice
         text = f"an expression in {', '.join(sorted(map(str, free_symbols(pole))))}"
     raise ModelError(
-        f"{robot}: no expression for {name} was found without a division by {text}, which vanishes where the robot and its "
-        "quasi-velocities are regular; choose other quasi-velocities"
+        f"{robot}: no expression for {name} was found without a division by {text}, which vanishes where the "
+        "robot and its quasi-velocities are regular; choose other quasi-velocities"
     )
 
 
@@ -143,11 +172,14 @@ def _is_regular(matrix: np.ndarray) -> bool:
     return length.min() > 0.0 and np.linalg.svd(matrix / length, compute_uv=False)[-1] >= REGULAR
 
 
-def singular_sets(matrix: ca.SX, rows: int, states: ca.SX, parameters: ca.SX, values: Sequence[float]) -> list[tuple[str, bool]]:
-    """Return sets on which a square matrix is singular: a text "f = 0" each, and whether its first `rows` rows lose rank there.
+def singular_sets(
+    matrix: ca.SX, rows: int, states: ca.SX, parameters: ca.SX, values: Sequence[float]
+) -> list[tuple[str, bool]]:
+    """Return sets on which a square matrix is singular: a text "f = 0" each, and whether its first `rows`
+    rows lose rank there.
 
-    The sets are those of the determinants of its diagonal blocks, up to LARGEST_BLOCK. Factors without a change of sign on random
-    lines, and larger blocks, are not reported.
+    The sets are those of the determinants of its diagonal blocks, up to LARGEST_BLOCK. Factors without a
+    change of sign on random lines, and larger blocks, are not reported.
     """
     count, i, j, first, _, *_ = (matrix := ca.sparsify(matrix)).sparsity().btf()
     sets: dict[str, bool] = {}
@@ -168,7 +200,9 @@ def singular_sets(matrix: ca.SX, rows: int, states: ca.SX, parameters: ca.SX, va
                 signs = [m for m in range(STEPS) if at[m] * at[m + 1] < 0]
                 if signs:
 
-                    def value(s: float, f: ca.Function = function, a: np.ndarray = start, b: np.ndarray = along) -> float:
+                    def value(
+                        s: float, f: ca.Function = function, a: np.ndarray = start, b: np.ndarray = along
+                    ) -> float:
                         return float(f(a + b * s, values)[0])
 
                     zero = _bisected(value, t[signs[0]], t[signs[0] + 1])

@@ -11,7 +11,8 @@ def portable(function: ca.Function) -> ca.Function:
     arguments, shapes = function.sx_in(), [function.size_out(k) for k in range(function.n_out())]
     results = function.call(arguments)
     leaves = [entry for argument in arguments for entry in ca.vertsplit(ca.vec(argument))]
-    cache: dict[int, tuple[ca.SX, tuple[ca.SX, ca.SX]]] = {}  # by hash; stores the angle too, so that its hash stays unique
+    # By hash; stores the angle too, so that its hash stays unique
+    cache: dict[int, tuple[ca.SX, tuple[ca.SX, ca.SX]]] = {}
 
     def apply(code: int, parts: tuple[ca.SX, ...]) -> ca.SX:
         if code not in (ca.OP_SIN, ca.OP_COS, ca.OP_TAN):
@@ -22,6 +23,11 @@ def portable(function: ca.Function) -> ca.Function:
         s, c = cache[key][1]
         return s if code == ca.OP_SIN else c if code == ca.OP_COS else s / c
 
-    entries = iter(fold(ca.vertcat(*map(ca.vec, map(ca.densify, results))), leaves, leaves.__getitem__, ca.SX, apply))
-    outputs = [ca.reshape(ca.vertcat(*[next(entries) for _ in range(rows * columns)]), rows, columns) for rows, columns in shapes]
+    entries = iter(
+        fold(ca.vertcat(*map(ca.vec, map(ca.densify, results))), leaves, leaves.__getitem__, ca.SX, apply)
+    )
+    outputs = [
+        ca.reshape(ca.vertcat(*[next(entries) for _ in range(rows * columns)]), rows, columns)
+        for rows, columns in shapes
+    ]
     return ca.Function(function.name(), arguments, outputs, function.name_in(), function.name_out())

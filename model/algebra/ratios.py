@@ -1,4 +1,5 @@
-"""Ratios of polynomials with exact coefficients: rational operations, with size limits that keep them fast."""
+"""Ratios of polynomials with exact coefficients: rational operations,
+with size limits that keep them fast."""
 
 import math
 import sys
@@ -16,7 +17,8 @@ TERMS, DEGREE = 100, 64  # of a polynomial; larger ones take too long to divide 
 SIMPLE = 10**5  # largest denominator of a float that is interpreted as a fraction
 DIGITS = 12  # significant digits of a float that is interpreted as a decimal
 ULPS = 4  # assumed rounding error of a float
-NOISE = QQ(1, 10**14)  # a sum of decimals below this, relative to its largest term, is regarded as rounding error
+# a sum of decimals below this, relative to its largest term, is regarded as rounding error
+NOISE = QQ(1, 10**14)
 LARGEST_WHOLE = 1000  # as a coefficient
 Ratio = tuple[PolyElement, PolyElement]
 
@@ -37,15 +39,17 @@ class Radical:
 def exact(value: float) -> QQ:
     """Return the rational number that a float represents.
 
-    It is a simple fraction such as 1/3 or a decimal of at most DIGITS digits, if there is one within the rounding error of a few
-    operations (0.2 is 1/5, and so is 0.1 * 2; 0.1 + 0.2 is 3/10), else the shortest decimal that rounds to the float. Raises
-    NotRational for a value that is not finite.
+    It is a simple fraction such as 1/3 or a decimal of at most DIGITS digits, if there is one within the
+    rounding error of a few operations (0.2 is 1/5, and so is 0.1 * 2; 0.1 + 0.2 is 3/10), else the shortest
+    decimal that rounds to the float. Raises NotRational for a value that is not finite.
     """
     if not math.isfinite(value):
         raise NotRational
     written = Fraction(repr(float(value)))
     near = Fraction(f"{value:.{DIGITS - 1}e}"), Fraction(value).limit_denominator(SIMPLE)
-    fraction = next((each for each in near if abs(each - written) <= ULPS * Fraction(math.ulp(value))), written)
+    fraction = next(
+        (each for each in near if abs(each - written) <= ULPS * Fraction(math.ulp(value))), written
+    )
     return QQ(fraction.numerator, fraction.denominator)
 
 
@@ -63,7 +67,8 @@ def number(coefficient: QQ) -> float:
 def normalized(polynomial: PolyElement) -> tuple[QQ, PolyElement]:
     """Return a factor, and the polynomial divided by it, with short coefficients of magnitude near 1.
 
-    Integer coefficients up to LARGEST_WHOLE are unchanged; otherwise the polynomial is divided by one of its coefficients.
+    Integer coefficients up to LARGEST_WHOLE are unchanged; otherwise the polynomial is divided by one of its
+    coefficients.
     """
     coefficients = list(polynomial.values())
     if all(c.denominator == 1 and abs(c) <= LARGEST_WHOLE for c in coefficients):
@@ -102,7 +107,8 @@ def _sizes(polynomial: PolyElement) -> PolyElement:
 
 
 def _without_noise(total: PolyElement, size: Callable[[tuple[int, ...]], QQ]) -> PolyElement:
-    """Return the polynomial without coefficients that are negligible relative to the terms of which they are sums."""
+    """Return the polynomial without coefficients that are negligible relative to the terms of which they are
+    sums."""
     return total.ring.from_dict({powers: c for powers, c in total.items() if abs(c) >= NOISE * size(powers)})
 
 
@@ -114,7 +120,8 @@ def size(numerator: PolyElement, denominator: PolyElement) -> tuple[int, int]:
 def in_lowest_terms(numerator: PolyElement, denominator: PolyElement) -> Ratio:
     """Return numerator.cancel(denominator), computed in the ring of the generators that occur.
 
-    The others do not matter, but SymPy's greatest common divisor evaluates them one after the other, each with a larger number.
+    The others do not matter, but SymPy's greatest common divisor evaluates them one after the other, each
+    with a larger number.
     """
     whole, used = numerator.ring, tuple(sorted(generators_of(numerator) | generators_of(denominator)))
     above, below = _restricted(numerator, used).cancel(_restricted(denominator, used))
@@ -125,7 +132,9 @@ def _restricted(polynomial: PolyElement, used: tuple[int, ...]) -> PolyElement:
     """Return the polynomial in the ring of these generators, all that it has; unchanged if there are none."""
     if not used:
         return polynomial
-    return _smaller(polynomial.ring, used).from_dict({tuple(powers[k] for k in used): c for powers, c in polynomial.items()})
+    return _smaller(polynomial.ring, used).from_dict(
+        {tuple(powers[k] for k in used): c for powers, c in polynomial.items()}
+    )
 
 
 def _lifted(polynomial: PolyElement, whole: PolyRing, used: tuple[int, ...]) -> PolyElement:
@@ -148,8 +157,8 @@ def _smaller(whole: PolyRing, used: tuple[int, ...]) -> PolyRing:
 
 @lru_cache(maxsize=4096)
 def factored(polynomial: PolyElement) -> tuple[QQ, tuple[tuple[PolyElement, int], ...]]:
-    """Return the content and the irreducible factors with their powers, in SymPy's order, found by FLINT, which takes seconds
-    for polynomials for which SymPy takes minutes.
+    """Return the content and the irreducible factors with their powers, in SymPy's order, found by FLINT,
+    which takes seconds for polynomials for which SymPy takes minutes.
     """
     ring = polynomial.ring
     if ring.domain.is_FiniteField:
@@ -157,7 +166,9 @@ def factored(polynomial: PolyElement) -> tuple[QQ, tuple[tuple[PolyElement, int]
         return content, tuple(factors)
     scale = math.lcm(*(int(c.denominator) for c in polynomial.values()))
     context = flint.fmpz_mpoly_ctx.get([f"x{k}" for k in range(ring.ngens)], "lex")
-    content, factors = context.from_dict({powers: int(c * scale) for powers, c in polynomial.items()}).factor()
+    content, factors = context.from_dict(
+        {powers: int(c * scale) for powers, c in polynomial.items()}
+    ).factor()
     made = [(_of_flint(ring, factor), int(power)) for factor, power in factors]
     made.sort(key=lambda pair: (pair[0].degree(), pair[1], pair[0].to_dense()))
     return ring.domain(int(content)) / scale, tuple(made)
@@ -165,7 +176,9 @@ def factored(polynomial: PolyElement) -> tuple[QQ, tuple[tuple[PolyElement, int]
 
 def _of_flint(ring: PolyRing, polynomial: flint.fmpz_mpoly) -> PolyElement:
     terms = polynomial.to_dict().items()
-    return ring.from_dict({tuple(map(int, powers)): ring.domain(int(coefficient)) for powers, coefficient in terms})
+    return ring.from_dict(
+        {tuple(map(int, powers)): ring.domain(int(coefficient)) for powers, coefficient in terms}
+    )
 
 
 def generators_of(polynomial: PolyElement) -> set[int]:
@@ -174,7 +187,8 @@ def generators_of(polynomial: PolyElement) -> set[int]:
 
 
 def without_squares(polynomial: PolyElement, radical: Radical) -> tuple[PolyElement, int]:
-    """Return a polynomial with at most the first power of the radical, and the power of radical.denominator to divide it by."""
+    """Return a polynomial with at most the first power of the radical,
+    and the power of radical.denominator to divide it by."""
     if all(powers[radical.place] < 2 for powers in polynomial):
         return polynomial, 0
     parts = by_squares(polynomial, radical.place)
@@ -188,7 +202,8 @@ def without_squares(polynomial: PolyElement, radical: Radical) -> tuple[PolyElem
 
 
 def by_squares(polynomial: PolyElement, place: int) -> list[PolyElement]:
-    """Polynomials with at most the first power of a generator: the given one is their sum, the k-th times generator^(2 k)."""
+    """Polynomials with at most the first power of a generator: the given one is their sum,
+    the k-th times generator^(2 k)."""
     parts: list[dict[tuple[int, ...], QQ]] = [
         {} for _ in range(max((powers[place] for powers in polynomial), default=0) // 2 + 1)
     ]
@@ -200,7 +215,9 @@ def by_squares(polynomial: PolyElement, place: int) -> list[PolyElement]:
 
 def conjugate(polynomial: PolyElement, place: int) -> PolyElement:
     """The polynomial with the other sign of a generator."""
-    return polynomial.ring.from_dict({powers: -c if powers[place] % 2 else c for powers, c in polynomial.items()})
+    return polynomial.ring.from_dict(
+        {powers: -c if powers[place] % 2 else c for powers, c in polynomial.items()}
+    )
 
 
 def _add(a: Ratio, b: Ratio) -> Ratio:

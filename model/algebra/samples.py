@@ -20,7 +20,9 @@ class Sampled:
     """
 
     def __init__(self, matrix: ca.SX, states: ca.SX, parameters: Sequence[Quantity], where: str):
-        function = ca.Function("sample", [states, ca.vertcat(*[p.symbol for p in parameters])], [ca.densify(matrix)])
+        function = ca.Function(
+            "sample", [states, ca.vertcat(*[p.symbol for p in parameters])], [ca.densify(matrix)]
+        )
         random = np.random.default_rng(1992)
         points = random.uniform(-1.5, 1.5, (SAMPLES, states.numel()))
         around = random.uniform(-0.5, 0.5, (SAMPLES, len(parameters)))
@@ -32,7 +34,9 @@ class Sampled:
         self.values = [value for value in values if np.all(np.isfinite(value))]
         self.at_defaults = [value for value in values[::2] if np.all(np.isfinite(value))]
         if not self.values:
-            raise ModelError(f"{where}: not finite at any of {SAMPLES} random states; check for a division by zero")
+            raise ModelError(
+                f"{where}: not finite at any of {SAMPLES} random states; check for a division by zero"
+            )
 
     def rank(self) -> int:
         """Return the largest rank in the samples, which is the generic rank."""
@@ -67,7 +71,8 @@ def dependent_sets(values: Sequence[np.ndarray]) -> Iterator[list[int]]:
 
 
 def smallest_eigenvalue(value: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix, scaled to a diagonal of ones, so that units have no effect."""
+    """Return the smallest eigenvalue of a symmetric matrix, scaled to a diagonal of ones,
+    so that units have no effect."""
     diagonal = np.diag(value)
     if diagonal.min() <= 0.0:
         return -1.0 if diagonal.min() < 0.0 else 0.0
@@ -76,7 +81,8 @@ def smallest_eigenvalue(value: np.ndarray) -> float:
 
 
 def _near(parameter: Quantity, change: float) -> float:
-    """Return a value near the default with the required sign; near zero if the default is zero and may have either sign."""
+    """Return a value near the default with the required sign;
+    near zero if the default is zero and may have either sign."""
     size = abs(parameter.default) or 1.0
     middle = parameter.default if parameter.sign == "any" or not change else size
     return middle + change * size

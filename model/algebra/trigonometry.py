@@ -1,8 +1,9 @@
 """Sine, cosine and the angle of a vector with the same bits on every processor.
 
-The C library and NumPy choose their sine and cosine by processor, some with fused operations, so that the last bits differ
-between machines. Here only + - * /, floor and the square root are used, which IEEE 754 defines exactly. The series are Taylor
-series, so that the fitted polynomials of runtime_c/noslip_trig.h are compared with an independent computation.
+The C library and NumPy choose their sine and cosine by processor, some with fused operations, so that the
+last bits differ between machines. Here only + - * /, floor and the square root are used, which IEEE 754
+defines exactly. The series are Taylor series, so that the fitted polynomials of runtime_c/noslip_trig.h are
+compared with an independent computation.
 """
 
 import math
@@ -16,13 +17,21 @@ if TYPE_CHECKING:  # slow to import
 
 Number = TypeVar("Number", float, np.ndarray, "SX")
 
-# pi/2 in three parts; the first two have 33 bits, so that their product with fewer than 2^20 quarter turns is exact
+# pi/2 in three parts; the first two have 33 bits, so that their product with fewer than 2^20 quarter turns is
+# exact
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 SINE = [(-1) ** k / math.factorial(2 * k + 1) for k in range(1, 9)]  # of r^3, r^5, ...
 COSINE = [(-1) ** k / math.factorial(2 * k) for k in range(2, 9)]  # of r^4, r^6, ...
 ARCTANGENT = [(-1) ** k / (2 * k + 1) for k in range(1, 7)]  # of t^3, t^5, ...
 EIGHTHS = np.array(  # atan(k/8)
-    [0.0, 0.12435499454676144, 0.24497866312686414, 0.35877067027057225, 0.4636476090008061, 0.5585993153435624]
+    [
+        0.0,
+        0.12435499454676144,
+        0.24497866312686414,
+        0.35877067027057225,
+        0.4636476090008061,
+        0.5585993153435624,
+    ]
     + [0.6435011087932844, 0.7188299996216245, 0.7853981633974483]
 )
 
@@ -33,16 +42,21 @@ def whole(x: Number) -> Number:
 
 
 def sine_cosine(x: Number, floor: Callable[[Number], Number] = whole) -> tuple[Number, Number]:
-    """Return sin x and cos x, x in rad, for a float, an array, or with CasADi's floor for an expression. NaN for infinity.
+    """Return sin x and cos x, x in rad, for a float, an array, or with CasADi's floor for an expression. NaN
+    for infinity.
 
-    The absolute error is below 3e-16 for |x| <= 2^20; for larger |x| it is that of an angle which differs from x by a rounding
-    error.
+    The absolute error is below 3e-16 for |x| <= 2^20; for larger |x| it is that of an angle which differs
+    from x by a rounding error.
     """
     n = floor(x * (2 / math.pi) + 0.5)
     r = ((x - n * HALF_PI[0]) - n * HALF_PI[1]) - n * HALF_PI[2]
     z = r * r
     s, c = r + r * z * _polynomial(SINE, z), 1 - z * (0.5 - z * _polynomial(COSINE, z))
-    odd, sine_sign, cosine_sign = _odd(n, floor), _odd(floor(n * 0.5), floor), _odd(floor((n + 1) * 0.5), floor)
+    odd, sine_sign, cosine_sign = (
+        _odd(n, floor),
+        _odd(floor(n * 0.5), floor),
+        _odd(floor((n + 1) * 0.5), floor),
+    )
     return (1 - 2 * sine_sign) * ((1 - odd) * s + odd * c), (1 - 2 * cosine_sign) * ((1 - odd) * c + odd * s)
 
 
@@ -71,7 +85,8 @@ def angle_of(y: np.ndarray, x: np.ndarray) -> np.ndarray: ...
 
 
 def angle_of(y: float | np.ndarray, x: float | np.ndarray) -> float | np.ndarray:
-    """Return the angle in [-pi, pi] of the finite vector (x, y), 0 for (0, 0); the absolute error is below 1e-15.
+    """Return the angle in [-pi, pi] of the finite vector (x, y), 0 for (0, 0); the absolute error is below
+    1e-15.
 
     The vector is rotated by the nearest atan(k/8); the remaining angle of at most 1/16 is a short series.
     """

@@ -1,10 +1,12 @@
 """The plate-ball problem: a ball between a fixed plate and a plate above it that is pushed.
 
-R. W. Brockett and L. Dai, Non-holonomic kinematics and the role of elliptic functions in constructive controllability
-(1993); V. Jurdjevic, The geometry of the plate-ball problem (1993). The ball does not slip on either plate and does not
-spin about the vertical. The kinematics of contact are D. J. Montana's, as in the paper's section 2.2.
+R. W. Brockett and L. Dai, Non-holonomic kinematics and the role of elliptic functions in constructive
+controllability (1993); V. Jurdjevic, The geometry of the plate-ball problem (1993). The ball does not slip on
+either plate and does not spin about the vertical. The kinematics of contact are D. J. Montana's, as in the
+paper's section 2.2.
 
-A ball on one plate that moves in x and y has 4 velocities and 2 inputs. With the plate above, which does not rotate, 2 remain.
+A ball on one plate that moves in x and y has 4 velocities and 2 inputs. With the plate above, which does not
+rotate, 2 remain.
 """
 
 from math import pi
@@ -29,7 +31,9 @@ def ball_plate() -> Mechanism:
     y_p = robot.coordinate("y_p", "m", "position of the plate above")
     m = robot.parameter("m", 0.5, "kg", "mass of the ball (assumed)")
     R = robot.parameter("R", 0.05, "m", "radius of the ball (assumed)")
-    I = robot.parameter("I", 0.0005, "kg m^2", "inertia of the ball about its centre, 2/5 m R^2 if solid (assumed)")  # noqa: E741
+    I = robot.parameter(  # noqa: E741
+        "I", 0.0005, "kg m^2", "inertia of the ball about its centre, 2/5 m R^2 if solid (assumed)"
+    )
     m_p = robot.parameter("m_p", 1.0, "kg", "mass of the plate above (assumed)")
 
     contact, place = RollingContact(sphere(R), plane()), vertcat(u, v, x, y, psi)
@@ -46,7 +50,11 @@ def ball_plate() -> Mechanism:
     robot.input("force_y", "N", on=y_p_dot, about="push on the plate above")
     robot.quasi_velocity("speed_x", "m/s", x_dot, "velocity of the ball's centre")
     robot.quasi_velocity("speed_y", "m/s", y_dot, "velocity of the ball's centre")
-    robot.output("ball", "position of the ball", [("x_b", "m", x, "x of the ball"), ("y_b", "m", y, "y of the ball")])
+    robot.output(
+        "ball", "position of the ball", [("x_b", "m", x, "x of the ball"), ("y_b", "m", y, "y of the ball")]
+    )
     circle = [2 * pi * k / 40 for k in range(41)]
-    robot.draws([(x + R * cos(angle), y + R * sin(angle)) for angle in circle], box((x_p, y_p), 0.0, 0.05, 0.05, 0.05))
+    robot.draws(
+        [(x + R * cos(angle), y + R * sin(angle)) for angle in circle], box((x_p, y_p), 0.0, 0.05, 0.05, 0.05)
+    )
     return robot

@@ -1,7 +1,9 @@
-"""A planar arm of two links in a vertical plane, each driven by a motor through gears: all constraints are holonomic.
+"""A planar arm of two links in a vertical plane, each driven by a motor through gears: all constraints are
+holonomic.
 
-The arm is that of M. W. Spong, S. Hutchinson and M. Vidyasagar, Robot Modeling and Control (2006), sections 6.4 and 7.3. Each
-pair of gears rolls without slip, which is a constraint C(q) = const (1), treated like any other.
+The arm is that of M. W. Spong, S. Hutchinson and M. Vidyasagar, Robot Modeling and Control (2006), sections
+6.4 and 7.3. Each pair of gears rolls without slip, which is a constraint C(q) = const (1), treated like any
+other.
 """
 
 from casadi import SX, cos, sin, vertcat
@@ -10,7 +12,8 @@ from ..mechanism import Mechanism
 
 
 def geared_arm() -> Mechanism:
-    """Two joints and two rotors: 4 coordinates, 2 holonomic constraints, 2 motor torques; all sizes are assumed."""
+    """Two joints and two rotors: 4 coordinates, 2 holonomic constraints, 2 motor torques;
+    all sizes are assumed."""
     robot = Mechanism("geared_arm", "planar arm of two links under gravity, motors behind gears")
     q_1 = robot.coordinate("q_1", "rad", "link 1, up from the horizontal x axis")
     q_2 = robot.coordinate("q_2", "rad", "link 2, from link 1")
@@ -21,8 +24,14 @@ def geared_arm() -> Mechanism:
         return robot.parameter(name, value, unit, f"{about} (assumed)", sign)
 
     l_1, l_2 = size("l_1", 0.5, "m", "length of link 1"), size("l_2", 0.4, "m", "length of link 2")
-    c_1, c_2 = size("c_1", 0.25, "m", "centre of mass along link 1"), size("c_2", 0.2, "m", "centre of mass along link 2")
-    m_1, m_2 = size("m_1", 4.0, "kg", "mass of link 1 with both motors"), size("m_2", 2.5, "kg", "mass of link 2")
+    c_1, c_2 = (
+        size("c_1", 0.25, "m", "centre of mass along link 1"),
+        size("c_2", 0.2, "m", "centre of mass along link 2"),
+    )
+    m_1, m_2 = (
+        size("m_1", 4.0, "kg", "mass of link 1 with both motors"),
+        size("m_2", 2.5, "kg", "mass of link 2"),
+    )
     I_1 = size("I_1", 0.1, "kg m^2", "link 1 about its centre of mass")
     I_2 = size("I_2", 0.04, "kg m^2", "link 2 about its centre of mass")
     J = size("J", 1e-4, "kg m^2", "each rotor about its axis")
@@ -47,7 +56,15 @@ def geared_arm() -> Mechanism:
     robot.input("tau_2", "N m", on=robot.rate(theta_2), about="torque of motor 2")
     robot.quasi_velocity("qdot_1", "rad/s", robot.rate(q_1), "rate of joint 1")
     robot.quasi_velocity("qdot_2", "rad/s", robot.rate(q_2), "rate of joint 2")
-    robot.output("tip", "position of the tip", [("x_t", "m", tip[0], "x of the tip"), ("z_t", "m", tip[1], "height of the tip")])
-    robot.output("joints", "angles of the joints", [("angle_1", "rad", q_1, "joint 1"), ("angle_2", "rad", q_2, "joint 2")])
+    robot.output(
+        "tip",
+        "position of the tip",
+        [("x_t", "m", tip[0], "x of the tip"), ("z_t", "m", tip[1], "height of the tip")],
+    )
+    robot.output(
+        "joints",
+        "angles of the joints",
+        [("angle_1", "rad", q_1, "joint 1"), ("angle_2", "rad", q_2, "joint 2")],
+    )
     robot.draws([(0, 0), (elbow[0], elbow[1]), (tip[0], tip[1])])
     return robot

@@ -11,19 +11,34 @@ from ..mechanism import Mechanism
 def labmate() -> Mechanism:
     """5 coordinates, 3 rolling constraints, 2 wheel torques."""
     robot = Mechanism("labmate", "LABMATE mobile platform, two driven wheels, castors ignored")
-    # The wheel radius is illegible in the scan: 0.15 is the value of later literature; the inertias suggest 0.10.
+    # The wheel radius is illegible in the scan: 0.15 is the value of later literature; the inertias suggest
+    # 0.10.
     assumed = {"r": " (assumed: illegible in the scan)"}
-    sizes = {"b": 0.75, "d": 0.30, "r": 0.15, "m_c": 30.0, "m_w": 1.0, "I_c": 15.625, "I_w": 0.005, "I_m": 0.0025}
+    sizes = {
+        "b": 0.75,
+        "d": 0.30,
+        "r": 0.15,
+        "m_c": 30.0,
+        "m_w": 1.0,
+        "I_c": 15.625,
+        "I_w": 0.005,
+        "I_m": 0.0025,
+    }
     return two_wheels(robot, sizes, 1.0, 1.0, assumed)  # the paper's platform is 2 m long
 
 
 def two_wheels(
-    robot: Mechanism, sizes: Mapping[str, float], behind: float, ahead: float, assumed: Mapping[str, str] | None = None
+    robot: Mechanism,
+    sizes: Mapping[str, float],
+    behind: float,
+    ahead: float,
+    assumed: Mapping[str, str] | None = None,
 ) -> Mechanism:
-    """The platform from its bodies' energies; `sizes` are the defaults of its parameters, drawn `behind` and `ahead` of P_c (m).
+    """The platform from its bodies' energies; `sizes` are the defaults of its parameters, drawn `behind` and
+    `ahead` of P_c (m).
 
-    P_c is the centre of mass, P_o the middle of the axle, a distance d behind it; the right wheel is on the body's -Y side.
-    `assumed` is added to what parameters mean.
+    P_c is the centre of mass, P_o the middle of the axle, a distance d behind it; the right wheel is on the
+    body's -Y side. `assumed` is added to what parameters mean.
     """
 
     def size(name: str, unit: str, about: str, sign: str = "positive") -> SX:
@@ -45,7 +60,8 @@ def two_wheels(
     I_m = size("I_m", "kg m^2", "wheel with motor about a vertical diameter", sign="nonnegative")
 
     def body(expression: tuple[SX, SX]) -> tuple[SX, SX]:
-        """Return the components along the body's X (forward) and Y (left) axes of the velocity of a point given in the world."""
+        """Return the components along the body's X (forward) and Y (left) axes of the velocity of a point
+        given in the world."""
         x_dot, y_dot = (robot.rate(component) for component in expression)
         return x_dot * cos(phi) + y_dot * sin(phi), y_dot * cos(phi) - x_dot * sin(phi)
 
@@ -66,9 +82,14 @@ def two_wheels(
     robot.rolls("left wheel rolls", r * robot.rate(theta_l) - body(left)[0])
 
     # Half of the weight rests on each driven wheel: castors are ignored.
-    for name, wheel, angle, left_of in (("right wheel", right, theta_r, -b), ("left wheel", left, theta_l, b)):
+    for name, wheel, angle, left_of in (
+        ("right wheel", right, theta_r, -b),
+        ("left wheel", left, theta_l, b),
+    ):
         forward, sideways = body(wheel)
-        robot.contact(name, (m_c + 2 * m_w) / 2, along=forward - r * robot.rate(angle), across=sideways, left=left_of)
+        robot.contact(
+            name, (m_c + 2 * m_w) / 2, along=forward - r * robot.rate(angle), across=sideways, left=left_of
+        )
 
     robot.input("tau_r", "N m", on=robot.rate(theta_r), about="right wheel torque")
     robot.input("tau_l", "N m", on=robot.rate(theta_l), about="left wheel torque")

@@ -1,7 +1,8 @@
 """A platform on four mecanum wheels, each with rollers on its rim at 45 degrees: it moves in any direction.
 
-P. F. Muir and C. P. Neuman, Kinematic modeling for feedback control of an omnidirectional wheeled mobile robot (1987). Sizes are
-those of the KUKA youBot's base in K. M. Lynch and F. C. Park, Modern Robotics (2017), chapter 13; masses are assumed.
+P. F. Muir and C. P. Neuman, Kinematic modeling for feedback control of an omnidirectional wheeled mobile
+robot (1987). Sizes are those of the KUKA youBot's base in K. M. Lynch and F. C. Park, Modern Robotics (2017),
+chapter 13; masses are assumed.
 """
 
 from math import pi
@@ -15,8 +16,8 @@ from ..mechanism import Mechanism
 def mecanum() -> Mechanism:
     """7 coordinates, 4 rolling constraints, 4 wheel torques for 3 degrees of freedom.
 
-    A wheel's lowest roller turns freely about its own axis, so that nothing moves over the ground along this axis only. Rollers
-    are parts of their wheels: their own inertia is not modelled.
+    A wheel's lowest roller turns freely about its own axis, so that nothing moves over the ground along this
+    axis only. Rollers are parts of their wheels: their own inertia is not modelled.
     """
     robot = Mechanism("mecanum", "platform on four mecanum wheels, which moves in any direction")
     x = robot.coordinate("x", "m", "middle of the wheels")
@@ -25,10 +26,16 @@ def mecanum() -> Mechanism:
     l_x = robot.parameter("l_x", 0.235, "m", "half the distance between the axles")
     l_y = robot.parameter("l_y", 0.15, "m", "half the distance between the wheels of an axle")
     r = robot.parameter("r", 0.0475, "m", "radius of the wheels")
-    gamma = robot.parameter("gamma", pi / 4, "rad", "from the heading to the axis of the lowest roller of the right front wheel")
+    gamma = robot.parameter(
+        "gamma", pi / 4, "rad", "from the heading to the axis of the lowest roller of the right front wheel"
+    )
     m = robot.parameter("m", 20.0, "kg", "mass with all wheels (assumed)")
-    I_z = robot.parameter("I_z", 0.8, "kg m^2", "platform with wheels about the vertical through their middle (assumed)")
-    I_w = robot.parameter("I_w", 0.0016, "kg m^2", "a wheel with its motor about its axle (assumed)", "nonnegative")
+    I_z = robot.parameter(
+        "I_z", 0.8, "kg m^2", "platform with wheels about the vertical through their middle (assumed)"
+    )
+    I_w = robot.parameter(
+        "I_w", 0.0016, "kg m^2", "a wheel with its motor about its axle (assumed)", "nonnegative"
+    )
 
     forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
     left = cos(phi) * robot.rate(y) - sin(phi) * robot.rate(x)
@@ -53,6 +60,10 @@ def mecanum() -> Mechanism:
     robot.quasi_velocity("left", "m/s", left, "speed of the middle to the left")
     robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate")
     robot.moves_in_plane(x, y, phi)
-    place = [("x_o", "m", x, "x of the middle"), ("y_o", "m", y, "y of the middle"), ("heading", "rad", phi, "heading")]
+    place = [
+        ("x_o", "m", x, "x of the middle"),
+        ("y_o", "m", y, "y of the middle"),
+        ("heading", "rad", phi, "heading"),
+    ]
     robot.output("pose", "place and heading", place)
     return robot

@@ -1,7 +1,9 @@
-"""The LABMATE with a planar arm of two links on it: the end point follows a trajectory, the platform follows the arm.
+"""The LABMATE with a planar arm of two links on it: the end point follows a trajectory, the platform follows
+the arm.
 
-After Y. Yamamoto and X. Yun, Coordinating locomotion and manipulation of a mobile manipulator (1994): the end point tracks,
-and the platform moves so that the arm keeps its preferred posture. The sizes of the arm are assumed.
+After Y. Yamamoto and X. Yun, Coordinating locomotion and manipulation of a mobile manipulator (1994): the end
+point tracks, and the platform moves so that the arm keeps its preferred posture. The sizes of the arm are
+assumed.
 """
 
 from dataclasses import replace
@@ -14,7 +16,8 @@ from .labmate import labmate
 
 
 def mobile_manipulator() -> Mechanism:
-    """7 coordinates, 3 constraints, 4 torques; the arm moves in the horizontal plane, its base ahead of P_c."""
+    """7 coordinates, 3 constraints, 4 torques; the arm moves in the horizontal plane,
+    its base ahead of P_c."""
     robot = labmate()
     robot.name, robot.about = "mobile_manipulator", "LABMATE platform with a planar arm of two links"
     q_1 = robot.coordinate("q_1", "rad", "link 1, from the platform's X axis")
@@ -31,9 +34,16 @@ def mobile_manipulator() -> Mechanism:
 
     # Velocities along each body's own axes, from one to the next: P_c, the base, the elbow.
     phi, x_dot, y_dot = robot["phi"], robot.rate(robot["x_c"]), robot.rate(robot["y_c"])
-    forward, left, yaw_rate = cos(phi) * x_dot + sin(phi) * y_dot, cos(phi) * y_dot - sin(phi) * x_dot, robot.rate(phi)
+    forward, left, yaw_rate = (
+        cos(phi) * x_dot + sin(phi) * y_dot,
+        cos(phi) * y_dot - sin(phi) * x_dot,
+        robot.rate(phi),
+    )
     to_joint = a
-    for name, angle, length, mass, inertia in (("link_1", q_1, l_1, m_1, I_1), ("link_2", q_2, l_2, m_2, I_2)):
+    for name, angle, length, mass, inertia in (
+        ("link_1", q_1, l_1, m_1, I_1),
+        ("link_2", q_2, l_2, m_2, I_2),
+    ):
         left = left + to_joint * yaw_rate
         forward, left = cos(angle) * forward + sin(angle) * left, cos(angle) * left - sin(angle) * forward
         yaw_rate, to_joint = yaw_rate + robot.rate(angle), length
@@ -49,7 +59,8 @@ def mobile_manipulator() -> Mechanism:
     def along(angle: SX | float) -> SX:
         return vertcat(cos(angle), sin(angle))
 
-    reach = a * along(0) + l_1 * along(q_1) + l_2 * along(q_1 + q_2)  # from P_c to the end point, in the platform's axes
+    # From P_c to the end point, in the platform's axes
+    reach = a * along(0) + l_1 * along(q_1) + l_2 * along(q_1 + q_2)
     robot.output(
         "end_point",
         "position of the end point, and position of the end point relative to the platform",
@@ -60,5 +71,11 @@ def mobile_manipulator() -> Mechanism:
             ("left", "m", reach[1], "distance of the end point to the left of the platform's axis"),
         ],
     )
-    robot.draws(placed((robot["x_c"], robot["y_c"]), phi, [(a, 0), (a + l_1 * cos(q_1), l_1 * sin(q_1)), (reach[0], reach[1])]))
+    robot.draws(
+        placed(
+            (robot["x_c"], robot["y_c"]),
+            phi,
+            [(a, 0), (a + l_1 * cos(q_1), l_1 * sin(q_1)), (reach[0], reach[1])],
+        )
+    )
     return robot

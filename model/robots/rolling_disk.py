@@ -1,6 +1,7 @@
 """A disk that rolls upright on a level plane, driven about its axle and turned about the vertical.
 
-A. M. Bloch, Nonholonomic Mechanics and Control (2003), section 1.4; the sizes of a bicycle wheel here are assumed.
+A. M. Bloch, Nonholonomic Mechanics and Control (2003), section 1.4; the sizes of a bicycle wheel here are
+assumed.
 """
 
 from casadi import cos, sin

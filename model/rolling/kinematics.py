@@ -1,4 +1,5 @@
-"""A system given by its velocities only: coordinates and constraints A(q) qdot = 0 (2), or qdot = S(q) nu (9)."""
+"""A system given by its velocities only: coordinates and constraints A(q) qdot = 0 (2),
+or qdot = S(q) nu (9)."""
 
 from dataclasses import dataclass
 
@@ -14,8 +15,8 @@ from ..reduction import ReducedSystem, check_constraints, check_number
 class Kinematics:
     """n coordinates with m constraints, given by A(q), m x n, by S(q), n x (n-m), or by both.
 
-    Entries are exact: a number represents the simplest fraction, multiple of pi or root that equals it up to rounding. Raises
-    ModelError for matrices of the wrong shape, unknown symbols, and names used twice.
+    Entries are exact: a number represents the simplest fraction, multiple of pi or root that equals it up to
+    rounding. Raises ModelError for matrices of the wrong shape, unknown symbols, and names used twice.
     """
 
     name: str
@@ -40,7 +41,9 @@ class Kinematics:
                 refuse_strangers(checked, symbols, f"{self.name}: {name}", "coordinate or parameter of it")
                 object.__setattr__(self, name, checked)
         if self.A is not None and (self.A.shape[1] != n or self.A.shape[0] >= n):
-            raise ModelError(f"{self.name}: A is {self.A.shape[0]} x {self.A.shape[1]}, it must be m x n with m < n = {n}")
+            raise ModelError(
+                f"{self.name}: A is {self.A.shape[0]} x {self.A.shape[1]}, it must be m x n with m < n = {n}"
+            )
         columns = n - self.A.shape[0] if self.A is not None else None
         if self.S is not None and (
             self.S.shape[0] != n or not 0 < self.S.shape[1] <= n or columns not in (None, self.S.shape[1])
@@ -65,16 +68,23 @@ class Kinematics:
 
 
 def kinematics(system: Kinematics | Mechanism | ReducedSystem) -> Kinematics:
-    """Return the kinematics of a mechanism: its A, and S for its quasi-velocities if it has some; energy and inputs are not used.
+    """Return the kinematics of a mechanism: its A, and S for its quasi-velocities if it has some; energy and
+    inputs are not used.
 
-    Raises ModelError if there are no coordinates or constraints, or if the number of quasi-velocities is not n - m.
+    Raises ModelError if there are no coordinates or constraints, or if the number of quasi-velocities is not
+    n - m.
     """
     if isinstance(system, Kinematics):
         return system
-    mechanism, S = (system.mechanism, system.S) if isinstance(system, ReducedSystem) else (system, system.given_null_space)
+    mechanism, S = (
+        (system.mechanism, system.S)
+        if isinstance(system, ReducedSystem)
+        else (system, system.given_null_space)
+    )
     if not mechanism.coordinates or not mechanism.constraint_names:
         raise ModelError(
-            f"{mechanism.name}: the analysis requires coordinates and constraints; add them with coordinate and rolls"
+            f"{mechanism.name}: the analysis requires coordinates and constraints; add them with coordinate "
+            "and rolls"
         )
     A, gamma = mechanism.A, mechanism.quasi_velocity_rows
     if A.shape[0] >= len(mechanism.coordinates):
@@ -86,13 +96,15 @@ def kinematics(system: Kinematics | Mechanism | ReducedSystem) -> Kinematics:
 
 
 def _null_space(mechanism: Mechanism, gamma: ca.SX) -> ca.SX | None:
-    """Return S with A S = 0 and gamma S = 1; None if the two together are singular, for example because of dependent
-    constraints.
+    """Return S with A S = 0 and gamma S = 1; None if the two together are singular, for example because of
+    dependent constraints.
     """
     A, name = mechanism.A, mechanism.name
     m, n = A.shape
     check_number(mechanism, gamma.shape[0])
     try:
-        return eliminate(ca.vertcat(A, gamma), ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m)), mechanism.q, name)
+        return eliminate(
+            ca.vertcat(A, gamma), ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m)), mechanism.q, name
+        )
     except ValueError:  # no pivot left
         return None

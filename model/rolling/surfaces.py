@@ -1,8 +1,8 @@
 """Surfaces and curves that roll on each other: metric, curvature and torsion forms from any parametrization.
 
-D. J. Montana, The kinematics of contact and grasp, IJRR 7(3), 1988, used in the paper's section 2.2. Montana requires
-orthogonal coordinates, M = diag(|f_u|, |f_v|). Here M is the triangular root of the metric, which is the same for
-orthogonal coordinates and also valid for oblique ones (an ellipsoid of three axes).
+D. J. Montana, The kinematics of contact and grasp, IJRR 7(3), 1988, used in the paper's section 2.2. Montana
+requires orthogonal coordinates, M = diag(|f_u|, |f_v|). Here M is the triangular root of the metric, which is
+the same for orthogonal coordinates and also valid for oblique ones (an ellipsoid of three axes).
 """
 
 import math
@@ -41,9 +41,9 @@ class Condition:
 class _Patch(ABC):
     """Common base of curves and surfaces: coordinates, parameters, a regular place, conditions.
 
-    Parameters are the symbols of `position` that are not coordinates. `at` defines a regular place on the patch, by coordinates
-    (default 0) and parameters (default 1); every root is positive there. `singular` describes where the coordinates are not
-    regular.
+    Parameters are the symbols of `position` that are not coordinates. `at` defines a regular place on the
+    patch, by coordinates (default 0) and parameters (default 1); every root is positive there. `singular`
+    describes where the coordinates are not regular.
     """
 
     name: str
@@ -83,7 +83,8 @@ class _Patch(ABC):
     def refuse(self, place: Sequence[float], parameters: Mapping[str, float]) -> None:
         """Raise ModelError if a condition does not hold at these coordinates and parameters (by name).
 
-        A value below 1e-9 times that at the regular place counts as zero: cos(pi/2) is not exactly zero in floating point.
+        A value below 1e-9 times that at the regular place counts as zero: cos(pi/2) is not exactly zero in
+        floating point.
         """
         missing = [symbol.name() for symbol in self.parameters if symbol.name() not in parameters]
         if missing:
@@ -91,17 +92,24 @@ class _Patch(ABC):
         sizes = [parameters[symbol.name()] for symbol in self.parameters]
         regular = [self.at.get(name, 0.0) for name in self.names]
         for condition in self.conditions:
-            function = ca.Function("condition", [self.coordinates, ca.vertcat(*self.parameters)], [condition.expression])
+            function = ca.Function(
+                "condition", [self.coordinates, ca.vertcat(*self.parameters)], [condition.expression]
+            )
             value, scale = float(function(place, sizes)), abs(float(function(regular, sizes)))
             if not math.isfinite(value) or value <= (SMALLEST * scale if math.isfinite(scale) else 0.0):
-                where = ", ".join(f"{name} = {number:g}" for name, number in zip(self.names, place, strict=True))
-                raise ModelError(f"{self.name}: {condition.about} (here {where}: {condition.expression} = {value:.3g})")
+                where = ", ".join(
+                    f"{name} = {number:g}" for name, number in zip(self.names, place, strict=True)
+                )
+                raise ModelError(
+                    f"{self.name}: {condition.about} (here {where}: {condition.expression} = {value:.3g})"
+                )
 
-    # -- internal -----------------------------------------------------------------------------------------------
+    # -- internal --------------------------------------------------------------------------------------------
 
     @cached_property
     def _numbers(self) -> dict[float, ca.SX]:
-        """Numbers that arithmetic would round, each with the symbol that represents it until a form is complete."""
+        """Numbers that arithmetic would round, each with the symbol that represents it until a form is
+        complete."""
         return {}
 
     def _number(self, value: float) -> ca.SX:
@@ -114,7 +122,9 @@ class _Patch(ABC):
         """Return the expression with its numbers substituted."""
         if not self._numbers:
             return expression
-        return ca.substitute(expression, ca.vertcat(*self._numbers.values()), ca.SX(ca.DM(list(self._numbers))))
+        return ca.substitute(
+            expression, ca.vertcat(*self._numbers.values()), ca.SX(ca.DM(list(self._numbers)))
+        )
 
     @cached_property
     def _point(self) -> ca.SX:
@@ -123,24 +133,32 @@ class _Patch(ABC):
             parts = position if isinstance(position, list | tuple) else [position]
             entries = [matrix(part, f"{self.name}: the position") for part in parts]
         except TypeError as error:
-            raise ModelError(f"{self.name}: the position must be a function of ({', '.join(self.names)}): {error}") from error
+            raise ModelError(
+                f"{self.name}: the position must be a function of ({', '.join(self.names)}): {error}"
+            ) from error
         point = ca.vertcat(*entries)
         if point.numel() != self.dimension:
-            raise ModelError(f"{self.name}: the position must have {self.dimension} components, it has {point.numel()}")
+            raise ModelError(
+                f"{self.name}: the position must have {self.dimension} components, it has {point.numel()}"
+            )
 
         def apply(code: int, arguments: tuple[ca.SX, ...]) -> ca.SX:
             if code in KINKS:
-                raise ModelError(f"{self.name}: not smooth, its position uses {KINKS[code]}; give one smooth part of the surface")
+                raise ModelError(
+                    f"{self.name}: not smooth, its position uses {KINKS[code]}; give one smooth part of the "
+                    "surface"
+                )
             return operate(code, *arguments)
 
         symbols = free_symbols(point)
         return ca.vertcat(*fold(point, symbols, symbols.__getitem__, self._number, apply))
 
     def _root(self, square: ca.SX, name: str) -> tuple[ca.SX, tuple[Condition, ...]]:
-        """Return the root of a sum of squares, positive at the regular place, and what must be positive for it to be smooth.
+        """Return the root of a sum of squares, positive at the regular place, and what must be positive for
+        it to be smooth.
 
-        Squares are taken out of the root: sqrt(R^2 cos(u)^2) becomes R cos(u), smooth where |cos(u)| has a kink. A root in a
-        denominator is moved to the numerator, so that one radicand is one radical.
+        Squares are taken out of the root: sqrt(R^2 cos(u)^2) becomes R cos(u), smooth where |cos(u)| has a
+        kink. A root in a denominator is moved to the numerator, so that one radicand is one radical.
         """
         from ..algebra.field import Field
         from ..algebra.ratios import NotRational
@@ -160,13 +178,16 @@ class _Patch(ABC):
             self._value(factor, name)
         cause = f": {self.singular}" if self.singular else ""
         return canonical(root), tuple(
-            Condition(factor, f"{factor} must be positive; the coordinates are singular where it is zero{cause}")
+            Condition(
+                factor, f"{factor} must be positive; the coordinates are singular where it is zero{cause}"
+            )
             for factor in map(self._given, factors)
             if not factor.is_constant()
         )
 
     def _root_of(self, rationals: "Field", polynomial: "PolyElement", name: str) -> tuple[ca.SX, list[ca.SX]]:
-        """Return the root of a polynomial's magnitude, and its factors and radicand, each positive at the regular place."""
+        """Return the root of a polynomial's magnitude, and its factors and radicand,
+        each positive at the regular place."""
         from ..algebra.ratios import factored, number
 
         content, powers = factored(polynomial) if not polynomial.is_ground else (polynomial.LC, [])
@@ -185,16 +206,25 @@ class _Patch(ABC):
 
     def _upright(self, rationals: "Field", factor: "PolyElement", name: str) -> "PolyElement":
         """Return the factor or its negative, whichever is positive at the regular place."""
-        return factor if self._value(rationals.expression((factor, rationals.ring.one)), name) > 0 else -factor
+        return (
+            factor if self._value(rationals.expression((factor, rationals.ring.one)), name) > 0 else -factor
+        )
 
     def _value(self, expression: ca.SX, name: str) -> float:
         """Return the value at the regular place. Raises ModelError if it is zero or not finite."""
-        values = {**dict.fromkeys(self.names, 0.0), **{s.name(): value for value, s in self._numbers.items()}, **self.at}
+        values = {
+            **dict.fromkeys(self.names, 0.0),
+            **{s.name(): value for value, s in self._numbers.items()},
+            **self.at,
+        }
         symbols = free_symbols(expression)
         numbers = [values.get(s.name(), 1.0) for s in symbols]
         value = float(ca.Function("value", [ca.vertcat(*symbols)], [expression])(numbers))
         if not math.isfinite(value) or abs(value) <= SMALLEST:
-            where = ", ".join(f"{s.name()} = {number:g}" for s, number in zip(symbols, numbers, strict=True)) or "all places"
+            where = (
+                ", ".join(f"{s.name()} = {number:g}" for s, number in zip(symbols, numbers, strict=True))
+                or "all places"
+            )
             raise ModelError(
                 f"{self.name}: {name} is {'zero' if math.isfinite(value) else 'not finite'} at {where}; "
                 "name a regular place with at={...}"
@@ -208,8 +238,8 @@ class Surface(_Patch):
 
     `outward` is 1 if f_u x f_v points out of the body and -1 if it points into it.
 
-    The first use of a property raises ModelError if the surface is not smooth, does not have three components, or `at` is
-    singular.
+    The first use of a property raises ModelError if the surface is not smooth, does not have three
+    components, or `at` is singular.
     """
 
     outward: int = 1
@@ -229,9 +259,12 @@ class Surface(_Patch):
 
     @cached_property
     def M(self) -> ca.SX:
-        """Metric form, 2 x 2: (x.f', y.f')' = M (u', v')'. Upper triangular, M'M = metric; diagonal when orthogonal."""
+        """Metric form, 2 x 2: (x.f', y.f')' = M (u', v')'. Upper triangular, M'M = metric;
+        diagonal when orthogonal."""
         E, F, _, _ = ca.vertsplit(ca.vec(self._metric))
-        return self._given(canonical(ca.blockcat([[self._length, F / self._length], [0, self._area / self._length]])))
+        return self._given(
+            canonical(ca.blockcat([[self._length, F / self._length], [0, self._area / self._length]]))
+        )
 
     @cached_property
     def inverse(self) -> ca.SX:
@@ -240,7 +273,8 @@ class Surface(_Patch):
 
     @cached_property
     def frame(self) -> ca.SX:
-        """Gauss frame [x y z], 3 x 3: x along f_u, z the outward normal, y = z x x; the columns in the body's frame."""
+        """Gauss frame [x y z], 3 x 3: x along f_u, z the outward normal, y = z x x;
+        the columns in the body's frame."""
         E, F, _, _ = ca.vertsplit(ca.vec(self._metric))
         f_u, f_v = ca.horzsplit(self._tangents)
         y = (E * f_v - F * f_u) / (self._area * self._length)
@@ -248,13 +282,15 @@ class Surface(_Patch):
 
     @cached_property
     def K(self) -> ca.SX:
-        """Curvature form, 2 x 2, symmetric: (x.z', y.z')' = K M (u', v')'. Positive where the body is convex, 1/m."""
+        """Curvature form, 2 x 2, symmetric: (x.z', y.z')' = K M (u',
+        v')'. Positive where the body is convex, 1/m."""
         inverse = self._inverse
         return self._given(canonical(-inverse.T @ (self._second / self._area) @ inverse))
 
     @cached_property
     def turning(self) -> ca.SX:
-        """T M, 1 x 2: y.x' = T M (u', v')', the turning of the frame about the normal; it depends on the metric only."""
+        """T M, 1 x 2: y.x' = T M (u', v')', the turning of the frame about the normal;
+        it depends on the metric only."""
         return self._given(self._turning)
 
     @cached_property
@@ -275,7 +311,7 @@ class Surface(_Patch):
             conditions.setdefault(str(condition.expression), condition)
         return tuple(conditions.values())
 
-    # -- internal -----------------------------------------------------------------------------------------------
+    # -- internal --------------------------------------------------------------------------------------------
 
     @cached_property
     def _roots(self) -> tuple[tuple[ca.SX, tuple[Condition, ...]], ...]:
@@ -313,7 +349,12 @@ class Surface(_Patch):
     def _second(self) -> ca.SX:
         """Second derivatives of f along f_u x f_v, 2 x 2."""
         return canonical(
-            ca.horzcat(*[canonical(ca.jacobian(f, self.coordinates).T) @ self._normal for f in ca.horzsplit(self._tangents)])
+            ca.horzcat(
+                *[
+                    canonical(ca.jacobian(f, self.coordinates).T) @ self._normal
+                    for f in ca.horzsplit(self._tangents)
+                ]
+            )
         )
 
     @cached_property
@@ -326,16 +367,23 @@ class Surface(_Patch):
     @cached_property
     def _inverse(self) -> ca.SX:
         _, F, _, _ = ca.vertsplit(ca.vec(self._metric))
-        return canonical(ca.blockcat([[1 / self._length, -F / (self._length * self._area)], [0, self._length / self._area]]))
+        return canonical(
+            ca.blockcat(
+                [[1 / self._length, -F / (self._length * self._area)], [0, self._length / self._area]]
+            )
+        )
 
 
 def _sum(rationals: "Field", polynomial: "PolyElement") -> ca.SX:
-    """Return a polynomial as a sum: the radicand of a root keeps its sign, which a common factor -1 would hide."""
+    """Return a polynomial as a sum: the radicand of a root keeps its sign,
+    which a common factor -1 would hide."""
     from ..algebra.ratios import number
 
     terms = [
         ca.SX(number(coefficient))
-        * math.prod((rationals.expressions[k] ** power for k, power in enumerate(powers) if power), start=ca.SX(1))
+        * math.prod(
+            (rationals.expressions[k] ** power for k, power in enumerate(powers) if power), start=ca.SX(1)
+        )
         for powers, coefficient in polynomial.terms()
     ]
     return sum(terms[1:], start=terms[0])
@@ -363,7 +411,9 @@ class Curve(_Patch):
         """Curvature, 1/m: positive where the curve turns left."""
         f_u = ca.jacobian(self._point, self.coordinates)
         f_uu = ca.jacobian(f_u, self.coordinates)
-        return self._given(canonical((f_u[0] * f_uu[1] - f_u[1] * f_uu[0]) / self._root_and_conditions[0] ** 3))
+        return self._given(
+            canonical((f_u[0] * f_uu[1] - f_u[1] * f_uu[0]) / self._root_and_conditions[0] ** 3)
+        )
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
@@ -381,7 +431,7 @@ def backward(curve: Curve) -> Curve:
     return replace(curve, name=f"{curve.name} backward", position=lambda u: curve.position(-u), at=at)
 
 
-# -- shipped surfaces and curves ------------------------------------------------------------------------------------------
+# -- shipped surfaces and curves -----------------------------------------------------------------------------
 
 
 def plane() -> Surface:
@@ -390,8 +440,8 @@ def plane() -> Surface:
 
 
 def sphere(R: ca.SX | float) -> Surface:
-    """Return a sphere of radius R about the origin: u latitude, v longitude (rad), clockwise seen from above. Montana's
-    example.
+    """Return a sphere of radius R about the origin: u latitude, v longitude (rad), clockwise seen from above.
+    Montana's example.
     """
     R, needs = _size(R, "sphere: radius R")
     return Surface(
@@ -409,12 +459,14 @@ def cylinder(R: ca.SX | float) -> Surface:
 
 
 def ellipsoid(a: ca.SX | float, b: ca.SX | float, c: ca.SX | float) -> Surface:
-    """Return an ellipsoid with half axes a, b, c along x, y, z; u, v (rad): latitude and longitude of the sphere before
-    stretching.
+    """Return an ellipsoid with half axes a, b, c along x, y, z; u, v (rad): latitude and longitude of the
+    sphere before stretching.
 
     The coordinates are orthogonal if a = b.
     """
-    (a, of_a), (b, of_b), (c, of_c) = (_size(size, f"ellipsoid: half axis {n}") for size, n in ((a, "a"), (b, "b"), (c, "c")))
+    (a, of_a), (b, of_b), (c, of_c) = (
+        _size(size, f"ellipsoid: half axis {n}") for size, n in ((a, "a"), (b, "b"), (c, "c"))
+    )
     return Surface(
         "ellipsoid",
         lambda u, v: (a * ca.cos(u) * ca.cos(v), -b * ca.cos(u) * ca.sin(v), c * ca.sin(u)),
@@ -424,7 +476,8 @@ def ellipsoid(a: ca.SX | float, b: ca.SX | float, c: ca.SX | float) -> Surface:
 
 
 def torus(R: ca.SX | float, r: ca.SX | float) -> Surface:
-    """Return a tube of radius r around a circle of radius R > r about the z axis: u around the tube, v along it (rad)."""
+    """Return a tube of radius r around a circle of radius R > r about the z axis: u around the tube,
+    v along it (rad)."""
     (R, of_R), (r, of_r) = _size(R, "torus: radius R"), _size(r, "torus: radius r of the tube")
     _, of_both = _size(R - r, "torus: R - r")
     return Surface(
@@ -446,7 +499,8 @@ def circle(R: ca.SX | float) -> Curve:
 
 
 def _size(size: ca.SX | float, name: str) -> tuple[ca.SX, tuple[Condition, ...]]:
-    """Return a length, number or symbol, and the condition that it is positive. Raises ModelError for a number that is not."""
+    """Return a length, number or symbol, and the condition that it is positive. Raises ModelError for a
+    number that is not."""
     length = matrix(size, name)
     if length.shape != (1, 1):
         raise ModelError(f"{name} must be a number or a symbol")

@@ -41,7 +41,11 @@ class LinkMotion:
         ]:
             self.axes[joint] = self.document.pose(self.document.joints[joint].child)[:3, :3].T @ axis
         moving = [self.document.joints[name].child for name in self.axes]
-        self.tops = [link for link in self.document.subtree(self.document.root) if link in {self.document.root, *moving}]
+        self.tops = [
+            link
+            for link in self.document.subtree(self.document.root)
+            if link in {self.document.root, *moving}
+        ]
         self.before = {top: self._carrier(top) for top in self.tops[1:]}
         self.inertias = {top: self._inertia(top, {*moving}) for top in self.tops}
 
@@ -52,7 +56,8 @@ class LinkMotion:
         return link
 
     def _inertia(self, top: str, moving: set[str]) -> np.ndarray:
-        """Return the inertia of a link with all that is fixed to it, 6 x 6, about its origin and along its axes.
+        """Return the inertia of a link with all that is fixed to it, 6 x 6, about its origin and along its
+        axes.
 
         It belongs to the velocity (m/s) and the angular velocity (rad/s) in these axes.
         """
@@ -65,7 +70,8 @@ class LinkMotion:
         centres = np.array([body.centre for body in bodies]).reshape(-1, 3)
         x, y, z = np.einsum("kij,kj->ik", turn, centres) + poses[:, :3, 3].T
         zero = np.zeros(len(bodies))
-        arm = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)  # velocity of the centre: arm @ w
+        # Velocity of the centre: arm @ w
+        arm = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
         own = turn @ np.array([body.inertia for body in bodies]).reshape(-1, 3, 3) @ turn.swapaxes(1, 2)
         mixed = np.einsum("k,kij->ij", mass, arm)
         about = np.einsum("k,kli,klj->ij", mass, arm, arm) + own.sum(axis=0)
@@ -94,7 +100,9 @@ class LinkMotion:
             poses[link] = poses[before] @ place @ _turned(self.axes[joint.name], angle)
         return poses
 
-    def twists(self, q, rates: Mapping[str, float], poses: dict[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def twists(
+        self, q, rates: Mapping[str, float], poses: dict[str, np.ndarray]
+    ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Return the velocity (m/s) of every link's frame and its angular velocity (rad/s), in the world."""
         turning = {name: self.angle(part, rates, "_dot") for name, part in self.carried.items()}
         without = self._moved(q, rates, poses, turning)
@@ -124,11 +132,15 @@ class LinkMotion:
             columns = [self.twists(q, {f"{n}_dot": float(n == name) for n in names}, poses) for name in names]
             for link, pose in poses.items():
                 back = pose[:3, :3].T
-                motion = np.array([[*(back @ column[link][0]), *(back @ column[link][1])] for column in columns])
+                motion = np.array(
+                    [[*(back @ column[link][0]), *(back @ column[link][1])] for column in columns]
+                )
                 mean += motion @ self.inertias[link] @ motion.T / QUARTERS
         return mean
 
-    def _moved(self, q, rates, poses, joints: Mapping[str, float]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def _moved(
+        self, q, rates, poses, joints: Mapping[str, float]
+    ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         turn = rates["phi_dot"] * UP
         at = np.array([rates["x_dot"], rates["y_dot"], 0.0])
         root = self.document.root
@@ -152,8 +164,11 @@ class LinkMotion:
         axle = poses[wheel.link][:3, :3] @ self.axes[wheel.joint] * wheel.sign
         return float(self._middle(poses, twists, wheel) @ np.cross(axle, UP)) / wheel.radius
 
-    def _spin(self, part: Part, wheel: LinkWheel, rates: Mapping[str, float], speeds: Mapping[str, float]) -> float:
-        """Return the rate of a wheel's joint: that of its coordinate, or, if it has none, that at which it rolls."""
+    def _spin(
+        self, part: Part, wheel: LinkWheel, rates: Mapping[str, float], speeds: Mapping[str, float]
+    ) -> float:
+        """Return the rate of a wheel's joint: that of its coordinate, or, if it has none,
+        that at which it rolls."""
         layout = self.layout
         left = layout.seen(wheel.centre, layout.base.origin)[1]
         if layout.kind == "mecanum":
@@ -165,14 +180,19 @@ class LinkMotion:
         elif part in layout.steered and layout.front:
             rolling = rates["theta_dot"]
         else:
-            alike = [each.joint for p in layout.steered for each in p.wheels] if part in layout.steered else [wheel.joint]
+            alike = (
+                [each.joint for p in layout.steered for each in p.wheels]
+                if part in layout.steered
+                else [wheel.joint]
+            )
             rolling = float(np.mean([speeds[joint] for joint in alike]))
         return wheel.sign * rolling
 
 
 def compare(system: ReducedSystem, layout: Layout) -> tuple[float, float | None]:
-    """Return the largest relative difference of the mass matrix, and the largest velocity of a rim in rolling (of the fastest
-    link's), at random states; None where a pair of wheels is described by one, or four by two.
+    """Return the largest relative difference of the mass matrix, and the largest velocity of a rim in rolling
+    (of the fastest link's), at random states; None where a pair of wheels is described by one, or four by
+    two.
     """
     robot, kinematics = system.mechanism, LinkMotion(layout)
     names = [coordinate.name for coordinate in robot.coordinates]
@@ -196,19 +216,22 @@ def compare(system: ReducedSystem, layout: Layout) -> tuple[float, float | None]
 def check_wheels(layout: Layout) -> None:
     """Raise BadInput unless each wheel's shapes reach the ground where its middle and its radius say.
 
-    No mass matrix shows a wrong middle. The wheel is turned, and its lowest points are compared within ROUND and ON_LINE.
+    No mass matrix shows a wrong middle. The wheel is turned, and its lowest points are compared within ROUND
+    and ON_LINE.
     """
     document, left = layout.document, np.cross(UP, layout.heading)
     for wheel in (wheel for part in layout.parts for wheel in part.wheels if wheel.kind):
-        found = [touches(document, wheel.link, wheel.kind, left, turn) for turn in np.linspace(0.1, 6.2, TURNS)]
+        found = [
+            touches(document, wheel.link, wheel.kind, left, turn) for turn in np.linspace(0.1, 6.2, TURNS)
+        ]
         depths, middles = np.transpose(found)
         radius = depths.max() if wheel.source.startswith("--radius") else wheel.radius
         off = float(np.median(middles)) - left @ (wheel.centre - document.pose(wheel.link)[:3, 3])
         if abs(depths.max() / radius - 1) > ROUND or abs(off) > ON_LINE * wheel.radius:
             raise BadInput(
-                f"{document.path}: nothing is written: the lowest points of link {wheel.link!r} are {depths.max():.4g} m below "
-                f"its joint and {abs(off):.2g} m beside the middle of the wheel, whose radius is {wheel.radius:.4g} m; please "
-                "report this"
+                f"{document.path}: nothing is written: the lowest points of link {wheel.link!r} are "
+                f"{depths.max():.4g} m below its joint and {abs(off):.2g} m beside the middle of the wheel, "
+                f"whose radius is {wheel.radius:.4g} m; please report this"
             )
 
 

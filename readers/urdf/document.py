@@ -1,4 +1,5 @@
-"""Reads a URDF: links, joints and their numbers, each complete and finite, or an error that names the link or joint."""
+"""Reads a URDF: links, joints and their numbers, each complete and finite,
+or an error that names the link or joint."""
 
 import io
 import math
@@ -18,10 +19,13 @@ from .from_mjcf import urdf_of
 from .inertial import Inertial
 
 QUARTER = math.pi / 2
-ROUNDED = 2e-3  # rad: an angle so near to a multiple of a quarter turn, such as 1.57, is read as that multiple
+# rad: an angle so near to a multiple of a quarter turn, such as 1.57, is read as that multiple
+ROUNDED = 2e-3
 LARGEST = 1e30  # of any number
 TRIANGLE = 1e-9  # relative: by how much a principal moment may exceed the sum of the others
-NO_BODY = "no body has such an inertia, with a principal moment above the sum of the others; correct <inertia>"
+NO_BODY = (
+    "no body has such an inertia, with a principal moment above the sum of the others; correct <inertia>"
+)
 COMPLETE = {  # attributes that have no default in URDF, by element
     "robot": ("name",),
     "link": ("name",),
@@ -35,21 +39,49 @@ COMPLETE = {  # attributes that have no default in URDF, by element
     "box": ("size",),
     "mesh": ("filename",),
 }
-ELEMENTS = {"inertial": ("mass", "inertia"), "joint": ("parent", "child"), "visual": ("geometry",), "collision": ("geometry",)}
-ONCE = ("inertial", "mass", "inertia", "origin", "axis", "parent", "child", "geometry", "limit", "mimic")  # in an element
+ELEMENTS = {
+    "inertial": ("mass", "inertia"),
+    "joint": ("parent", "child"),
+    "visual": ("geometry",),
+    "collision": ("geometry",),
+}
+# In an element
+ONCE = ("inertial", "mass", "inertia", "origin", "axis", "parent", "child", "geometry", "limit", "mimic")
 VECTORS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3}  # attributes with several numbers
-NUMBERS = {*COMPLETE["inertia"], "radius", "length", "value", "multiplier", "offset", "lower", "upper", "effort", "velocity"}
-UNUSED = ("material", "gazebo", "transmission", "ros2_control", "dynamics", "calibration", "safety_controller")
-MOVES = re.compile(r"diff_?drive|skid_?steer|ackermann|tricycle|mecanum|planar_move", re.IGNORECASE)  # plugins of Gazebo
-LISTENS = re.compile(r"encoder|publish|state", re.IGNORECASE)  # elements of these that name joints which they do not drive
+NUMBERS = {
+    *COMPLETE["inertia"],
+    "radius",
+    "length",
+    "value",
+    "multiplier",
+    "offset",
+    "lower",
+    "upper",
+    "effort",
+    "velocity",
+}
+UNUSED = (
+    "material",
+    "gazebo",
+    "transmission",
+    "ros2_control",
+    "dynamics",
+    "calibration",
+    "safety_controller",
+)
+# Plugins of Gazebo
+MOVES = re.compile(r"diff_?drive|skid_?steer|ackermann|tricycle|mecanum|planar_move", re.IGNORECASE)
+# Elements of these that name joints which they do not drive
+LISTENS = re.compile(r"encoder|publish|state", re.IGNORECASE)
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
 @dataclass(frozen=True)
 class Document:
-    """A URDF as a tree. `links` and `joints` are yourdfpy's, by name; `driven` the joints that have a transmission or are driven
-    by a plugin; `notes` what was not taken literally; `without_axis` the joints that turn about the x axis of their frame because
-    the file names none; `vertices` those of meshes read so far, or that are in no file, (count, 3), by the name in <mesh>.
+    """A URDF as a tree. `links` and `joints` are yourdfpy's, by name; `driven` the joints that have a
+    transmission or are driven by a plugin; `notes` what was not taken literally; `without_axis` the joints
+    that turn about the x axis of their frame because the file names none; `vertices` those of meshes read so
+    far, or that are in no file, (count, 3), by the name in <mesh>.
     """
 
     path: Path
@@ -109,13 +141,18 @@ class Document:
 
     def moved(self, origins: Mapping[str, np.ndarray]) -> "Document":
         """Return the same tree with other origins of some joints, 4 x 4, by name."""
-        joints = {name: replace(joint, origin=origins.get(name, joint.origin)) for name, joint in self.joints.items()}
+        joints = {
+            name: replace(joint, origin=origins.get(name, joint.origin))
+            for name, joint in self.joints.items()
+        }
         return replace(self, joints=joints)
 
     @cached_property
     def weightless(self) -> tuple[str, ...]:
         """Return the links with a mass of zero, whose inertia then means nothing."""
-        return tuple(name for name, link in self.links.items() if link.inertial is not None and link.inertial.mass == 0)
+        return tuple(
+            name for name, link in self.links.items() if link.inertial is not None and link.inertial.mass == 0
+        )
 
     def inertial(self, link: str) -> Inertial | None:
         """Return mass, centre and inertia of a link in its own frame; None of one without mass.
@@ -140,8 +177,8 @@ def placed(element: Any) -> np.ndarray:
 
 
 def read(file: str, root: Any = None) -> Document:
-    """Read a URDF; `root` is its first element if it is `parsed` already, whose angles are then exact. Raises BadInput, naming
-    the link or joint, for a file that is not one complete tree, and OSError.
+    """Read a URDF; `root` is its first element if it is `parsed` already, whose angles are then exact. Raises
+    BadInput, naming the link or joint, for a file that is not one complete tree, and OSError.
     """
     etree, URDF = _parsers()
     root = parsed(file) if root is None else root
@@ -150,12 +187,16 @@ def read(file: str, root: Any = None) -> Document:
         root, vertices = urdf_of(file)
     notes = _checked(file, root)
     driven = {
-        j.get("name") for path in ("transmission/joint", "ros2_control/joint[command_interface]") for j in root.iterfind(path)
+        j.get("name")
+        for path in ("transmission/joint", "ros2_control/joint[command_interface]")
+        for j in root.iterfind(path)
     }
     for plugin in root.iterfind("gazebo/plugin"):
         if MOVES.search(f"{plugin.get('filename')} {plugin.get('name')}"):
             driven |= {(e.text or "").strip() for e in plugin.iter() if not LISTENS.search(str(e.tag))}
-    without_axis = {j.get("name") for j in root.iterfind("joint") if j.get("type") != "fixed" and j.find("axis") is None}
+    without_axis = {
+        j.get("name") for j in root.iterfind("joint") if j.get("type") != "fixed" and j.find("axis") is None
+    }
     rubbing = [e.getparent().get("name") for e in root.iterfind("joint/dynamics") if _rubs(e)]
     if rubbing:
         notes = (*notes, f"damping and friction are left out: joints {', '.join(rubbing)}")
@@ -165,26 +206,34 @@ def read(file: str, root: Any = None) -> Document:
         robot = URDF.load(io.BytesIO(etree.tostring(used)), build_scene_graph=False, load_meshes=False).robot
     joints = {joint.name: joint for joint in robot.joints}
     links, transmitted = {link.name: link for link in robot.links}, frozenset(driven & joints.keys())
-    document = Document(Path(file), robot.name, links, joints, transmitted, notes, frozenset(without_axis), vertices)
+    document = Document(
+        Path(file), robot.name, links, joints, transmitted, notes, frozenset(without_axis), vertices
+    )
     _check_tree(document)
     return document
 
 
 def parsed(file: str) -> Any:
-    """Return the first element of a URDF or an MJCF, as lxml has it. Raises BadInput for another file, and OSError."""
+    """Return the first element of a URDF or an MJCF, as lxml has it. Raises BadInput for another file,
+    and OSError."""
     etree, _ = _parsers()
     with naming(f"{file}: not XML", etree.XMLSyntaxError, "correct it, or export it again"):
         root = etree.fromstring(read_input(file), etree.XMLParser(remove_comments=True, remove_pis=True))
     _refuse_unexpanded(file, root)
     if root.tag not in ("robot", "mujoco"):
-        raise BadInput(f"{file}: the first element is <{root.tag}>, that of a URDF is <robot> and of an MJCF <mujoco>; give one")
+        raise BadInput(
+            f"{file}: the first element is <{root.tag}>, that of a URDF is <robot> and of an MJCF <mujoco>; "
+            "give one"
+        )
     return root
 
 
 def _parsers() -> tuple[Any, Any]:
     """Return lxml's etree and yourdfpy's URDF. Raises BadInput if one is missing."""
     names = ("lxml.etree", "yourdfpy")
-    etree, yourdfpy = (library(name, f"reading a URDF requires {name.split('.')[0]}", "physics") for name in names)
+    etree, yourdfpy = (
+        library(name, f"reading a URDF requires {name.split('.')[0]}", "physics") for name in names
+    )
     return etree, yourdfpy.URDF
 
 
@@ -199,7 +248,10 @@ def _refuse_unexpanded(file: str, root: Any) -> None:
         element.sourceline
         for element in root.iter()
         if isinstance(element.tag, str)
-        and ("xacro}" in element.tag or any(mark in value for value in element.attrib.values() for mark in ("${", "$(")))
+        and (
+            "xacro}" in element.tag
+            or any(mark in value for value in element.attrib.values() for mark in ("${", "$("))
+        )
     ]
     if file.endswith(".xacro") or lines:
         stem = re.sub(r"(\.urdf)?(\.xacro)?$", "", Path(file).name)
@@ -209,7 +261,8 @@ def _refuse_unexpanded(file: str, root: Any) -> None:
 
 
 def _checked(file: str, root: Any) -> tuple[str, ...]:
-    """Check every number of links and joints and make angles such as 1.57 exact. Return notes about these. Raises BadInput."""
+    """Check every number of links and joints and make angles such as 1.57 exact. Return notes about these.
+    Raises BadInput."""
     rounded, repeated = list[str](), list[str]()
     named: dict[str, set[str]] = {"link": set(), "joint": set()}
     _check_complete(file, root)
@@ -259,16 +312,23 @@ def _check_numbers(where: str, element: Any, attribute: str) -> None:
         return
     text = element.get(attribute)
     try:
-        numbers = [float(part) for part in (text.replace(",", " ") if attribute in ("size", "scale") else text).split()]
+        numbers = [
+            float(part)
+            for part in (text.replace(",", " ") if attribute in ("size", "scale") else text).split()
+        ]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(number) <= LARGEST for number in numbers):
         requirement = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise BadInput(f"{where}, line {element.sourceline}: {attribute}={text!r} of <{element.tag}> must be {requirement}")
+        raise BadInput(
+            f"{where}, line {element.sourceline}: {attribute}={text!r} of <{element.tag}> must be "
+            f"{requirement}"
+        )
 
 
 def _make_exact(origin: Any) -> bool:
-    """Replace angles that are a rounded multiple of a quarter turn. Return whether one was replaced by more than rounding."""
+    """Replace angles that are a rounded multiple of a quarter turn. Return whether one was replaced by more
+    than rounding."""
     angles = [float(angle) for angle in origin.get("rpy", "0 0 0").split()]
     exact = [round(angle / QUARTER) * QUARTER for angle in angles]
     near = [0 < abs(angle - turn) <= ROUNDED and turn != 0 for angle, turn in zip(angles, exact, strict=True)]
@@ -289,19 +349,26 @@ def _check_tree(document: Document) -> None:
             check_named(link, document.links, f"{where}: joint {name!r}: its {role} is no link:")
         if joint.child in carried:
             raise BadInput(
-                f"{where}: link {joint.child!r} is the child of joints {carried[joint.child]!r} and {name!r}; a URDF is a tree"
+                f"{where}: link {joint.child!r} is the child of joints {carried[joint.child]!r} and "
+                f"{name!r}; a URDF is a tree"
             )
         carried[joint.child] = name
         if joint.type != "fixed" and not np.linalg.norm(joint.axis) > 0:
             raise BadInput(f"{where}: joint {name!r}: its axis has length zero")
         if joint.mimic is not None:
-            check_named(joint.mimic.joint, document.joints, f"{where}: joint {name!r} mimics what is no joint:")
+            check_named(
+                joint.mimic.joint, document.joints, f"{where}: joint {name!r} mimics what is no joint:"
+            )
     roots = [link for link in document.links if link not in carried]
     if len(roots) != 1:
-        loose = f"links {', '.join(map(repr, roots[:3]))} have no parent" if roots else "every link has a parent"
+        loose = (
+            f"links {', '.join(map(repr, roots[:3]))} have no parent" if roots else "every link has a parent"
+        )
         raise BadInput(f"{where}: {loose}; the joints must connect all links to one tree")
     if lost := set(document.links) - set(document.subtree(roots[0])):
-        raise BadInput(f"{where}: link {min(lost)!r} is not connected to {roots[0]!r}; its joints form a circle")
+        raise BadInput(
+            f"{where}: link {min(lost)!r} is not connected to {roots[0]!r}; its joints form a circle"
+        )
 
 
 def _inertial(link: Any, where: str) -> Inertial | None:
@@ -311,9 +378,13 @@ def _inertial(link: Any, where: str) -> Inertial | None:
     if mass == 0:
         return None
     if mass < 0:
-        raise BadInput(f"{where}: its mass is {mass:g} kg; give it a positive mass, or no <inertial> if it is a frame")
+        raise BadInput(
+            f"{where}: its mass is {mass:g} kg; give it a positive mass, or no <inertial> if it is a frame"
+        )
     inertia = origin[:3, :3] @ link.inertial.inertia @ origin[:3, :3].T
     moments = np.linalg.eigvalsh(inertia)
     if moments[0] < -1e-9 * abs(moments[2]):
-        raise BadInput(f"{where}: its inertia has a negative principal moment, {moments[0]:.3g} kg m^2; correct it")
+        raise BadInput(
+            f"{where}: its inertia has a negative principal moment, {moments[0]:.3g} kg m^2; correct it"
+        )
     return Inertial(mass, origin[:3, 3], inertia)

@@ -1,4 +1,5 @@
-"""Makes a robot file from a URDF, and puts it in place only after its model has been compared with the URDF."""
+"""Makes a robot file from a URDF, and puts it in place only after its model has been compared with the
+URDF."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,9 +19,11 @@ SAME = 1e-9  # relative: differences of the mass matrix and velocities of rims, 
 
 
 def import_urdf(file: str, options: Options, folder: Path) -> tuple[str, Mapping[str, Any]]:
-    """Return the text of a robot file and what it describes: see `_described`. A temporary file is made in a `folder`.
+    """Return the text of a robot file and what it describes: see `_described`. A temporary file is made in a
+    `folder`.
 
-    Raises BadInput for a URDF that cannot be described, ModelError for a robot that the method does not apply to.
+    Raises BadInput for a URDF that cannot be described, ModelError for a robot that the method does not apply
+    to.
     """
     layout = recognize(read(file), options)
     text = robot_file(layout)
@@ -33,8 +36,9 @@ def import_urdf(file: str, options: Options, folder: Path) -> tuple[str, Mapping
     check_wheels(layout)
     if not max(difference, slip or 0.0) <= SAME:
         raise BadInput(
-            f"{file}: nothing is written: the robot file differs from the URDF, in the mass matrix by {difference:.1e} and in "
-            f"the velocity of a rim by {slip or 0.0:.1e} (relative); please report this"
+            f"{file}: nothing is written: the robot file differs from the URDF, in the mass matrix by "
+            f"{difference:.1e} and in the velocity of a rim by {slip or 0.0:.1e} (relative); please report "
+            "this"
         )
     if layout.original:
         difference, _ = compare(system, replace(layout, document=layout.original))
@@ -42,7 +46,8 @@ def import_urdf(file: str, options: Options, folder: Path) -> tuple[str, Mapping
 
 
 def _described(name: str, layout: Layout, difference: float, robot: Any) -> dict[str, Any]:
-    """Return name and kind, wheels and castors, notes, parameters, and the largest relative difference of the mass matrix."""
+    """Return name and kind, wheels and castors, notes, parameters,
+    and the largest relative difference of the mass matrix."""
     wheels = [wheel for part in layout.parts for wheel in part.wheels]
     return {
         "robot": name,
@@ -58,11 +63,14 @@ def _described(name: str, layout: Layout, difference: float, robot: Any) -> dict
             for name, place in layout.castors.items()
             for ahead, left in [layout.seen(place, layout.base.origin)]
         },
-        "height": sum(part.mass * part.height for part in layout.parts) / sum(part.mass for part in layout.parts),
+        "height": sum(part.mass * part.height for part in layout.parts)
+        / sum(part.mass for part in layout.parts),
         "steered": [part.joint for part in layout.steered],
         "trailers": [part.joint for part in layout.trailers],
         "arm": [part.joint for part in layout.arm],
         "notes": list(layout.notes),
-        "parameters": {p.name: {"default": p.default, "unit": p.unit, "about": p.about} for p in robot.parameters},
+        "parameters": {
+            p.name: {"default": p.default, "unit": p.unit, "about": p.about} for p in robot.parameters
+        },
         "mass_matrix_difference": difference,
     }

@@ -25,7 +25,8 @@ class Inertial:
         return self.inertia + self.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
 
     def spun(self, point: np.ndarray, axis: np.ndarray) -> tuple["Inertial", float]:
-        """Return its mean over a turn about an axle, through a point and of length 1, and its inertia about that axle."""
+        """Return its mean over a turn about an axle, through a point and of length 1,
+        and its inertia about that axle."""
         foot = point + axis * (axis @ (self.centre - point))
         inertia = self.about(foot)
         along = float(axis @ inertia @ axis)

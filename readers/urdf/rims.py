@@ -28,8 +28,9 @@ class NotRound(Exception):
 
 @dataclass(frozen=True)
 class Rim:
-    """The rim of a wheel: its radius (m), how far its middle is from the joint along the axis (m), where this comes from, the
-    `kind` of shapes that show it, "collision" or "visual", and the radius of the other kind, 0 if that shows none.
+    """The rim of a wheel: its radius (m), how far its middle is from the joint along the axis (m), where this
+    comes from, the `kind` of shapes that show it, "collision" or "visual", and the radius of the other kind,
+    0 if that shows none.
     """
 
     radius: float
@@ -42,8 +43,8 @@ class Rim:
 def rim(document: Document, joint: Any) -> Rim:
     """Return the rim of the wheel on a joint. Raises NotRound.
 
-    Cylinders and spheres come first, those of collisions before those of visuals, then meshes. The middle is that of all shapes
-    that reach to the rim, as far as they do: a tyre with a shaft counts without the shaft.
+    Cylinders and spheres come first, those of collisions before those of visuals, then meshes. The middle is
+    that of all shapes that reach to the rim, as far as they do: a tyre with a shaft counts without the shaft.
     """
     links = document.subtree(joint.child, lambda below: below.type == "fixed")
     axis, centre = document.axis(joint), document.pose(joint.child)[:3, 3]
@@ -62,7 +63,9 @@ def rim(document: Document, joint: Any) -> Rim:
                     reasons.append(f"link {link!r}: {error}")
             if circles:
                 radius, _, _, source = max(circles, key=lambda circle: circle[0])
-                _, low, high, _ = zip(*(circle for circle in circles if circle[0] >= (1 - RIM) * radius), strict=True)
+                _, low, high, _ = zip(
+                    *(circle for circle in circles if circle[0] >= (1 - RIM) * radius), strict=True
+                )
                 rims.append((radius, (min(low) + max(high)) / 2, source, kind))
     if not rims:
         reason = reasons[0] if reasons else f"link {joint.child!r} has no cylinder, sphere or mesh"
@@ -72,8 +75,8 @@ def rim(document: Document, joint: Any) -> Rim:
 
 
 def bottoms(document: Document, link: str) -> list[tuple[float, np.ndarray]]:
-    """Return height (m) and place (3) of the lowest point of each of a link's spheres, boxes, cylinders, and meshes that can be
-    read; the lowest first. The place is the middle of what is lowest.
+    """Return height (m) and place (3) of the lowest point of each of a link's spheres, boxes, cylinders, and
+    meshes that can be read; the lowest first. The place is the middle of what is lowest.
     """
     points = []
     for kind in ("collision", "visual"):
@@ -91,7 +94,8 @@ def bottoms(document: Document, link: str) -> list[tuple[float, np.ndarray]]:
 
 
 def lies_on(document: Document, link: str, ground: float, within: float) -> bool:
-    """Return whether a link has a cylinder on a level axis whose rim is as high as the ground, within a height (all m)."""
+    """Return whether a link has a cylinder on a level axis whose rim is as high as the ground,
+    within a height (all m)."""
     shapes = [shape for kind in ("collision", "visual") for shape in _shapes(document, [link], kind)]
     rims = [(pose, geometry.cylinder) for _, pose, geometry in shapes if geometry.cylinder is not None]
     level = [pose[2, 3] - each.radius for pose, each in rims if abs(pose[2, 2]) < LYING]
@@ -99,10 +103,11 @@ def lies_on(document: Document, link: str, ground: float, within: float) -> bool
 
 
 def touches(document: Document, link: str, kind: str, axis: np.ndarray, turn: float) -> tuple[float, float]:
-    """Return how far a wheel, turned by an angle (rad) about its level `axis`, reaches down from its joint, m, and where.
+    """Return how far a wheel, turned by an angle (rad) about its level `axis`, reaches down from its joint,
+    m, and where.
 
-    Where is the middle, along the axis, of what is lowest, m from the joint. Both follow from the points of the link's shapes,
-    and of the links fixed to it, without the circles of `rim`: import compares them.
+    Where is the middle, along the axis, of what is lowest, m from the joint. Both follow from the points of
+    the link's shapes, and of the links fixed to it, without the circles of `rim`: import compares them.
     """
     links = document.subtree(link, lambda below: below.type == "fixed")
     centre = document.pose(link)[:3, 3]
@@ -126,9 +131,15 @@ def touches(document: Document, link: str, kind: str, axis: np.ndarray, turn: fl
 
 
 def extent(document: Document, links: Sequence[str]) -> np.ndarray:
-    """Return the corners of the boxes around the shapes of links but meshes, in the frame of the root, count x 3."""
-    shapes = [s for kind in ("collision", "visual") for s in _shapes(document, links, kind) if s[2].mesh is None]
-    poses, halves = np.array([s[1] for s in shapes]).reshape(-1, 4, 4), np.array([_half_sizes(s[2]) for s in shapes])
+    """Return the corners of the boxes around the shapes of links but meshes, in the frame of the root,
+    count x 3."""
+    shapes = [
+        s for kind in ("collision", "visual") for s in _shapes(document, links, kind) if s[2].mesh is None
+    ]
+    poses, halves = (
+        np.array([s[1] for s in shapes]).reshape(-1, 4, 4),
+        np.array([_half_sizes(s[2]) for s in shapes]),
+    )
     signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1)
     corners = poses[:, :3, :3] @ (signs * halves.reshape(-1, 3, 1)) + poses[:, :3, 3:]
     return corners.swapaxes(1, 2).reshape(-1, 3)
@@ -139,7 +150,11 @@ def span(document: Document, link: str) -> float:
     sizes = [0.0]
     for _, pose, geometry in (s for kind in ("collision", "visual") for s in _shapes(document, [link], kind)):
         with suppress(NotRound):
-            box = 2 * _half_sizes(geometry) if geometry.mesh is None else mesh_points(document, pose, geometry.mesh)
+            box = (
+                2 * _half_sizes(geometry)
+                if geometry.mesh is None
+                else mesh_points(document, pose, geometry.mesh)
+            )
             sizes.append(float(np.linalg.norm(box if geometry.mesh is None else np.ptp(box, axis=0))))
     return max(sizes)
 
@@ -175,7 +190,8 @@ def _half_height(pose: np.ndarray, geometry: Any) -> float:
 def _circle(
     document: Document, pose: np.ndarray, geometry: Any, axis: np.ndarray, centre: np.ndarray
 ) -> tuple[float, float, float] | None:
-    """Return the radius of one shape about an axle, and where its rim begins and ends along that, m; None of a box.
+    """Return the radius of one shape about an axle, and where its rim begins and ends along that, m; None of
+    a box.
 
     Raises NotRound.
     """
@@ -196,15 +212,19 @@ def _circle(
 
 
 def mesh_file(urdf: Path, name: str) -> Path | None:
-    """Return the file of a mesh: `package://NAME/...` is searched for in the folders above the URDF, with and without NAME."""
+    """Return the file of a mesh: `package://NAME/...` is searched for in the folders above the URDF,
+    with and without NAME."""
     scheme, _, rest = name.rpartition("://")
     rests = [rest, *([rest.partition("/")[2]] if scheme == "package" else [])]
     folders = urdf.resolve().parents
-    return next((folder / each for folder in folders for each in rests if each and (folder / each).is_file()), None)
+    return next(
+        (folder / each for folder in folders for each in rests if each and (folder / each).is_file()), None
+    )
 
 
 def mesh_points(document: Document, pose: np.ndarray, mesh: Any) -> np.ndarray:
-    """Return the vertices of a mesh at a pose, with its scale, (count, 3), m. Raises NotRound if there are none."""
+    """Return the vertices of a mesh at a pose, with its scale, (count, 3),
+    m. Raises NotRound if there are none."""
     if mesh.filename not in document.vertices:
         document.vertices[mesh.filename] = _vertices(document.path, mesh.filename)
     scale = np.ones(3) if mesh.scale is None else np.asarray(mesh.scale) * np.ones(3)
@@ -232,7 +252,8 @@ def _vertices(urdf: Path, name: str) -> np.ndarray:
 def _circle_of_mesh(
     document: Document, pose: np.ndarray, mesh: Any, axis: np.ndarray, centre: np.ndarray
 ) -> tuple[float, float, float]:
-    """Return the largest distance of a mesh from the axle, and where what is so far from it begins and ends along it, m.
+    """Return the largest distance of a mesh from the axle, and where what is so far from it begins and ends
+    along it, m.
 
     Raises NotRound.
     """
@@ -245,8 +266,13 @@ def _circle_of_mesh(
         raise NotRound(f"its mesh {mesh.filename} has no size; correct its scale")
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     side /= np.linalg.norm(side)
-    reach = [extreme for d in (side, np.cross(axis, side)) for extreme in (-(arms @ d).min(), (arms @ d).max())]
+    reach = [
+        extreme for d in (side, np.cross(axis, side)) for extreme in (-(arms @ d).min(), (arms @ d).max())
+    ]
     if min(reach) < (1 - ROUND) * size:
-        raise NotRound(f"its mesh {mesh.filename} is not round about the axle: it reaches from {min(reach):.3g} to {size:.3g} m")
+        raise NotRound(
+            f"its mesh {mesh.filename} is not round about the axle: it reaches from {min(reach):.3g} to "
+            f"{size:.3g} m"
+        )
     at_rim = along[distances >= (1 - RIM) * size]
     return size, float(at_rim.min()), float(at_rim.max())

@@ -8,14 +8,20 @@ from .parts import Part, ahead_and_left
 
 
 def shares(
-    base: Part, others: Sequence[Part], trailers: Sequence[Part], castors: Mapping[str, np.ndarray], heading: np.ndarray
+    base: Part,
+    others: Sequence[Part],
+    trailers: Sequence[Part],
+    castors: Mapping[str, np.ndarray],
+    heading: np.ndarray,
 ) -> tuple[dict[str, float], dict[str, float], bool]:
-    """Return the part of the whole weight on each wheel, by joint, and on each castor, by link, and whether they can carry it.
+    """Return the part of the whole weight on each wheel, by joint, and on each castor, by link, and whether
+    they can carry it.
 
     The robot is straight and level. If they cannot carry it, the wheels are taken to carry all.
 
-    A trailer rests on its axle and on its hitch. The base with `others`, its steered parts and links of an arm, rests on wheels
-    and castors; if these are more than three, the loads are taken as linear in the place, as on equal springs.
+    A trailer rests on its axle and on its hitch. The base with `others`, its steered parts and links of an
+    arm, rests on wheels and castors; if these are more than three, the loads are taken as linear in the
+    place, as on equal springs.
     """
     total = sum(part.mass for part in (base, *others, *trailers))
     carried: dict[str, float] = {}
@@ -28,7 +34,9 @@ def shares(
         on_hitch = (part.mass * part.ahead + pulled * behind) / length
         half = ahead_and_left(part.wheels[1].centre - part.origin, heading)[1]
         for wheel, side in zip(part.wheels, (-1, 1), strict=True):
-            carried[wheel.joint] = (part.mass + pulled - on_hitch) / 2 + side * part.mass * part.left / (2 * half)
+            carried[wheel.joint] = (part.mass + pulled - on_hitch) / 2 + side * part.mass * part.left / (
+                2 * half
+            )
         pulled = on_hitch
     if trailers:
         weights.append((pulled, *ahead_and_left(trailers[0].pivot - base.origin, heading)))
@@ -37,7 +45,9 @@ def shares(
     stands = np.array([ahead_and_left(place - base.origin, heading) for place in places])
     loads, stable = _loads(np.array(weights), stands, len(wheels))
     carried |= {wheel.joint: load for wheel, load in zip(wheels, loads, strict=False)}
-    on_castors = {link: load / total for link, load in zip(castors, loads[len(wheels) :].tolist(), strict=True)}
+    on_castors = {
+        link: load / total for link, load in zip(castors, loads[len(wheels) :].tolist(), strict=True)
+    }
     return {joint: max(0.0, load) / total for joint, load in carried.items()}, on_castors, stable
 
 

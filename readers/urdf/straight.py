@@ -1,4 +1,5 @@
-"""Moves the joints of a robot into line where a URDF has them almost there, so that what is compared with it is exact."""
+"""Moves the joints of a robot into line where a URDF has them almost there,
+so that what is compared with it is exact."""
 
 from collections.abc import Iterator
 
@@ -14,17 +15,21 @@ EXACT = 1e-12  # m, rad: rounding of numbers
 def straightened(layout: Layout) -> tuple[Document, list[str]]:
     """Return the URDF with its joints in line, and for each joint that was moved how far.
 
-    The wheels of an axle are in line then, axes of wheels exactly to the left, vertical joints vertical, hitches and a steering
-    axis on the middle line, and the joints of a steered pair opposite each other. What a joint carries moves with it. An axis is
-    turned by the least angle, about the middle of the wheel or the pivot.
+    The wheels of an axle are in line then, axes of wheels exactly to the left, vertical joints vertical,
+    hitches and a steering axis on the middle line, and the joints of a steered pair opposite each other. What
+    a joint carries moves with it. An axis is turned by the least angle, about the middle of the wheel or the
+    pivot.
     """
     document, left = layout.document, np.cross(UP, layout.heading)
     moves = {"": np.eye(4)}  # of the parts, by joint, in the frame of the root
     origins: dict[str, np.ndarray] = {}
     said: list[str] = []
 
-    def move(name: str, before: np.ndarray, point: np.ndarray, axis: np.ndarray, place: tuple[float, float]) -> np.ndarray:
-        """Return the motion of what a joint carries, 4 x 4, that turns its axis and brings a point to a place.
+    def move(
+        name: str, before: np.ndarray, point: np.ndarray, axis: np.ndarray, place: tuple[float, float]
+    ) -> np.ndarray:
+        """Return the motion of what a joint carries, 4 x 4, that turns its axis and brings a point to a
+        place.
 
         `before` is the motion of what carries the joint.
         """
@@ -39,14 +44,18 @@ def straightened(layout: Layout) -> tuple[Document, list[str]]:
         after, turn = np.eye(4), _least_turn(own, axis)
         after[:3, :3], after[:3, 3] = turn, start + shift - turn @ start
         after = after @ before
-        origins[name] = np.linalg.inv(before @ document.pose(joint.parent)) @ after @ document.pose(joint.child)
+        origins[name] = (
+            np.linalg.inv(before @ document.pose(joint.parent)) @ after @ document.pose(joint.child)
+        )
         said.append(f"{name} by {1000 * off:.2g} mm and {np.degrees(angle):.2g} deg")
         return after
 
     for part in layout.parts:
         if part.joint:
             carrier = layout.carrier(part)
-            moves[part.joint] = move(part.joint, moves[carrier.joint], part.pivot, part.sign * UP, _pivot(layout, part))
+            moves[part.joint] = move(
+                part.joint, moves[carrier.joint], part.pivot, part.sign * UP, _pivot(layout, part)
+            )
         for wheel, place in _wheels(layout, part):
             move(wheel.joint, moves[part.joint], wheel.centre, wheel.sign * left, place)
     return (document.moved(origins) if origins else document), said
@@ -82,7 +91,8 @@ def _wheels(layout: Layout, part: Part) -> Iterator[tuple[LinkWheel, tuple[float
 
 
 def _least_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the rotation by the least angle that turns one unit vector into another, which is nearly the same."""
+    """Return the rotation by the least angle that turns one unit vector into another,
+    which is nearly the same."""
     x, y, z = np.cross(a, b)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + cross + cross @ cross / (1 + a @ b)

@@ -1,4 +1,5 @@
-"""Writes what was recognized in a URDF as a robot file: its parameters here, its equations in templates/robot.txt."""
+"""Writes what was recognized in a URDF as a robot file: its parameters here,
+its equations in templates/robot.txt."""
 
 import re
 import textwrap
@@ -15,7 +16,8 @@ from ..templates import render
 from .parts import UP, Layout, LinkWheel, Part
 from .rims import extent
 
-NONE = 1e-10  # relative, of lengths to half the track: a smaller offset is none, as is a smaller difference of two wheels
+# Relative, of lengths to half the track: a smaller offset is none, as is a smaller difference of two wheels
+NONE = 1e-10
 WIDTH = 118
 SIDES = ("right", "left")
 WHERE = {"fr": "front right", "fl": "front left", "rr": "rear right", "rl": "rear left"}
@@ -28,13 +30,14 @@ ABOUT = {
     "tricycle": "tricycle: a fixed axle and a steered wheel",
 }
 WORDS = (
-    "Masses and inertias include all links that a part carries, merged by parallel axes; those of a wheel are the mean over a "
-    "turn. The comments name the links and joints that the numbers below them come from."
+    "Masses and inertias include all links that a part carries, merged by parallel axes; those of a wheel "
+    "are the mean over a turn. The comments name the links and joints that the numbers below them come from."
 )
 
 
 def name_of(text: str) -> str:
-    """Return a name of a URDF as one for a robot: letters, digits and _; `_robot` is added to a reserved name."""
+    """Return a name of a URDF as one for a robot: letters, digits and _;
+    `_robot` is added to a reserved name."""
     name = re.sub(r"\W", "_", text, flags=re.ASCII).strip("_")
     name = name if name[:1].isalpha() else f"robot_{name}".rstrip("_")
     try:
@@ -49,7 +52,11 @@ def robot_file(layout: Layout) -> str:
     count = len(layout.trailers)
     pulled = f", with {count} trailer{'s' * (count > 1)}" if count else ""
     about = _plain(f"{ABOUT[layout.kind]}{pulled}, from {layout.document.path.name}")
-    notes = [line for note in layout.notes for line in textwrap.wrap(f"- {_plain(note)}", WIDTH, subsequent_indent="  ")]
+    notes = [
+        line
+        for note in layout.notes
+        for line in textwrap.wrap(f"- {_plain(note)}", WIDTH, subsequent_indent="  ")
+    ]
     return render(
         __file__,
         "robot.txt",
@@ -67,7 +74,8 @@ def robot_file(layout: Layout) -> str:
 
 @dataclass
 class _Names:
-    """Coordinates and parameters as they are written, each with its source as a comment, and their names for the equations."""
+    """Coordinates and parameters as they are written, each with its source as a comment,
+    and their names for the equations."""
 
     layout: Layout
     coordinates: list[str] = field(default_factory=list)
@@ -78,7 +86,9 @@ class _Names:
     def collected(self) -> dict[str, object]:
         """Return what the template needs."""
         layout = self.layout
-        driven = self.mecanum if layout.kind == "mecanum" else self.steering if layout.steered else self.two_wheels
+        driven = (
+            self.mecanum if layout.kind == "mecanum" else self.steering if layout.steered else self.two_wheels
+        )
         entries = {"corners": [], "steered": [], "base": self.base(), **driven()}
         arm = [self.link(k) for k in range(1, len(layout.arm) + 1)]
         entries["castors"] = self.castors()
@@ -88,23 +98,30 @@ class _Names:
         total = f"({' + '.join(self.masses)})" if len(self.masses) > 1 else self.masses[0]
         return {"coordinates": self.coordinates, "parameters": self.parameters, "total": total, **entries}
 
-    # -- coordinates and parameters -----------------------------------------------------------------------------
+    # -- coordinates and parameters --------------------------------------------------------------------------
 
     def coordinate(self, name: str, unit: str, about: str, source: str = "") -> None:
         """Add a coordinate."""
         self.coordinates += _comment(source)
         self.coordinates.append(f'{name} = robot.coordinate("{name}", "{unit}", "{about}")')
 
-    def parameter(self, name: str, value: float, unit: str, about: str, source: str, sign: str = "positive") -> str:
+    def parameter(
+        self, name: str, value: float, unit: str, about: str, source: str, sign: str = "positive"
+    ) -> str:
         """Add a parameter and return its name."""
         sign = f', sign="{sign}"' if sign != "positive" else ""
         self.parameters += _comment(source) if source != self.source else []
         self.source = source
-        self.parameters.append(f'{name} = robot.parameter("{name}", {_number(value)}, "{unit}", "{about}"{sign})')
+        self.parameters.append(
+            f'{name} = robot.parameter("{name}", {_number(value)}, "{unit}", "{about}"{sign})'
+        )
         return name
 
-    def pair(self, name: str, values: Sequence[float], unit: str, about: str, source: str, sign: str = "positive") -> list[str]:
-        """Add one parameter for equal values of the right and left side, else one each. Return the name for each value."""
+    def pair(
+        self, name: str, values: Sequence[float], unit: str, about: str, source: str, sign: str = "positive"
+    ) -> list[str]:
+        """Add one parameter for equal values of the right and left side,
+        else one each. Return the name for each value."""
         if max(values) - min(values) <= NONE * abs(values[0]):
             return [self.parameter(name, values[0], unit, about, source, sign)] * len(values)
         sides = {side[0]: side for side in SIDES} if len(values) == 2 else WHERE
@@ -114,14 +131,16 @@ class _Names:
         ]
 
     def signed(self, name: str, values: Sequence[float], unit: str, about: str, source: str) -> list[str]:
-        """Add one parameter for values that are equal up to their signs, else one each. Return the term for each value."""
+        """Add one parameter for values that are equal up to their signs,
+        else one each. Return the term for each value."""
         if max(map(abs, values)) - min(map(abs, values)) > NONE * abs(values[0]):
             return self.pair(name, values, unit, about, source, "any")
         self.parameter(name, abs(values[0]), unit, about, source)
         return ["-" * (value < 0) + name for value in values]
 
     def offsets(self, name: str, values: Sequence[float], about: str, source: str) -> list[str]:
-        """Add lengths as `pair` does, one for values that are opposite; nothing for zero, whose name is empty."""
+        """Add lengths as `pair` does, one for values that are opposite; nothing for zero,
+        whose name is empty."""
         none = NONE * self.layout.half
         if max(map(abs, values)) <= none:
             return [""] * len(values)
@@ -130,7 +149,7 @@ class _Names:
             return [f"-{name}", name]
         return self.pair(name, values, "m", about, source, "any")
 
-    # -- parts --------------------------------------------------------------------------------------------------
+    # -- parts -----------------------------------------------------------------------------------------------
 
     def base(self) -> SimpleNamespace:
         """The body with its fixed axle."""
@@ -140,31 +159,61 @@ class _Names:
             self.coordinate(name, "m", "middle of the wheels" if skid or corners else "middle of the axle")
         self.coordinate("phi", "rad", "heading")
         if corners:
-            return SimpleNamespace(e=self.body(part, "", "I_z", "the body", "the middle of its wheels"), box=self.box(part))
+            return SimpleNamespace(
+                e=self.body(part, "", "I_z", "the body", "the middle of its wheels"), box=self.box(part)
+            )
         about = "half the effective track" if skid else "half the distance between the wheels"
         self.parameter("b", layout.half, "m", about, "--skid-steer-track" if skid else _joints(part.wheels))
-        return SimpleNamespace(e=self.body(part, "", "I_z", "the body"), box=self.box(part), **vars(self.axle(part, "")))
+        return SimpleNamespace(
+            e=self.body(part, "", "I_z", "the body"), box=self.box(part), **vars(self.axle(part, ""))
+        )
 
     def body(
-        self, part: Part, suffix: str, inertia: str, name: str, origin: str = "its axle", about: str = " with its wheels"
+        self,
+        part: Part,
+        suffix: str,
+        inertia: str,
+        name: str,
+        origin: str = "its axle",
+        about: str = " with its wheels",
     ) -> str:
-        """Add mass, inertia and centre of mass of a part on an axle. Return the name of its offset to the left, or nothing."""
+        """Add mass, inertia and centre of mass of a part on an axle. Return the name of its offset to the
+        left, or nothing."""
         source = f"links {', '.join(part.links)}"
         self.masses.append(self.parameter(f"m{suffix}", part.mass, "kg", f"mass of {name}{about}", source))
-        self.parameter(inertia, part.inertia, "kg m^2", f"{name} about the vertical through its centre of mass", source)
+        self.parameter(
+            inertia, part.inertia, "kg m^2", f"{name} about the vertical through its centre of mass", source
+        )
         ahead = part.ahead if abs(part.ahead) > NONE * self.layout.half else 0.0
         self.parameter(f"d{suffix}", ahead, "m", f"centre of mass of {name} ahead of {origin}", source, "any")
-        self.parameter(f"h{suffix}", part.height, "m", f"centre of mass of {name} above the ground", source, "any")
-        return self.offsets(f"e{suffix}", [part.left], f"centre of mass of {name} to the left of its middle", source)[0]
+        self.parameter(
+            f"h{suffix}", part.height, "m", f"centre of mass of {name} above the ground", source, "any"
+        )
+        return self.offsets(
+            f"e{suffix}", [part.left], f"centre of mass of {name} to the left of its middle", source
+        )[0]
 
     def axle(self, part: Part, suffix: str) -> SimpleNamespace:
-        """Add radius and inertia of the wheels of an axle, right and left; those of each side count together."""
+        """Add radius and inertia of the wheels of an axle, right and left;
+        those of each side count together."""
         sides = self.sides(part)
         links = ", ".join(wheel.link for side in sides for wheel in side)
         source = "; ".join(dict.fromkeys(wheel.source for side in sides for wheel in side))
-        radii = self.pair(f"r{suffix}", [side[0].radius for side in sides], "m", "radius of the wheels", source)
-        about = "a wheel about its axle" if len(sides[0]) == 1 else "the wheels of a side together, about their axles"
-        inertias = self.pair(f"I_w{suffix}", [sum(w.inertia for w in side) for side in sides], "kg m^2", about, f"links {links}")
+        radii = self.pair(
+            f"r{suffix}", [side[0].radius for side in sides], "m", "radius of the wheels", source
+        )
+        about = (
+            "a wheel about its axle"
+            if len(sides[0]) == 1
+            else "the wheels of a side together, about their axles"
+        )
+        inertias = self.pair(
+            f"I_w{suffix}",
+            [sum(w.inertia for w in side) for side in sides],
+            "kg m^2",
+            about,
+            f"links {links}",
+        )
         return SimpleNamespace(r=radii, I_w=inertias)
 
     def two_wheels(self) -> dict[str, object]:
@@ -172,9 +221,15 @@ class _Names:
         sides = self.sides(self.layout.base)
         wheel = "wheel" if len(sides[0]) == 1 else "wheels"
         for side, own in zip(SIDES, sides, strict=True):
-            self.coordinate(f"theta_{side[0]}", "rad", f"{side} {wheel}, positive rolls forward", _angles(own))
+            self.coordinate(
+                f"theta_{side[0]}", "rad", f"{side} {wheel}, positive rolls forward", _angles(own)
+            )
         load = self.loads("load", sides, f"part of the weight on the {wheel} of a side")
-        places = [[self.layout.seen(w.centre, self.layout.base.origin) for w in side] for side in sides if len(side) > 1]
+        places = [
+            [self.layout.seen(w.centre, self.layout.base.origin) for w in side]
+            for side in sides
+            if len(side) > 1
+        ]
         written = [f"[{', '.join(f'({_number(a)}, {_number(b)})' for a, b in side)}]" for side in places]
         return {"wheel": wheel, "load": load, "places": written}
 
@@ -189,9 +244,13 @@ class _Names:
         for k, link in enumerate(carrying, 1):
             ahead, left = layout.seen(layout.castors[link], layout.base.origin)
             which = f"castor {k}" if len(carrying) > 1 else "the castor"
-            a = self.parameter(f"a_c{k}", ahead, "m", f"{which} ahead of the middle of the wheels", f"link {link}", "any")
+            a = self.parameter(
+                f"a_c{k}", ahead, "m", f"{which} ahead of the middle of the wheels", f"link {link}", "any"
+            )
             b = self.offsets(f"b_c{k}", [left], f"{which} to the left of the middle", f"link {link}")[0]
-            load = self.parameter(f"load_c{k}", layout.on_castors[link], "1", f"part of the weight on {which}", f"link {link}")
+            load = self.parameter(
+                f"load_c{k}", layout.on_castors[link], "1", f"part of the weight on {which}", f"link {link}"
+            )
             made.append(SimpleNamespace(name=_plain(link), a=a, b=b, load=load))
         return made
 
@@ -209,14 +268,21 @@ class _Names:
             [f"theta_{corner}" for corner in layout.corners],
             self.signed("a", ahead, "m", "wheels ahead of and behind the middle", _joints(wheels)),
             self.signed("b", left, "m", "wheels to the left and right of the middle", _joints(wheels)),
-            self.signed("gamma", rollers, "rad", "axis of the roller on the ground, from ahead to the left", rims),
+            self.signed(
+                "gamma", rollers, "rad", "axis of the roller on the ground, from ahead to the left", rims
+            ),
             self.pair("r", [wheel.radius for wheel in wheels], "m", "radius of the wheels", rims),
             self.pair("I_w", [wheel.inertia for wheel in wheels], "kg m^2", "a wheel about its axle", links),
             self.loads("load", [[wheel] for wheel in wheels], "part of the weight on a wheel"),
         )
         names = ("theta", "a", "b", "gamma", "r", "I_w", "load")
         rows = zip(layout.corners, *columns, strict=True)
-        return {"corners": [SimpleNamespace(at=c, where=WHERE[c], **dict(zip(names, row, strict=True))) for c, *row in rows]}
+        return {
+            "corners": [
+                SimpleNamespace(at=c, where=WHERE[c], **dict(zip(names, row, strict=True)))
+                for c, *row in rows
+            ]
+        }
 
     def steering(self) -> dict[str, object]:
         """A steered wheel, or a pair that turns by the angle of a wheel in their middle."""
@@ -225,31 +291,52 @@ class _Names:
         turned = "front wheel" if len(parts) == 1 else "front wheels"
         driven = turned if layout.front else "rear wheels"
         self.coordinate("delta", "rad", "steering angle, from the body to the front wheel", _angles(parts))
-        self.coordinate("theta", "rad", f"{driven}, positive rolls forward", _angles(wheels if layout.front else rear))
+        self.coordinate(
+            "theta", "rad", f"{driven}, positive rolls forward", _angles(wheels if layout.front else rear)
+        )
         axes = np.array([layout.seen(part.pivot, layout.base.origin) for part in parts])
         places = np.array([layout.seen(part.wheels[0].centre, part.pivot) for part in parts])
         joints, links = _joints(parts), f"links {', '.join(link for part in parts for link in part.links)}"
-        self.parameter("l", float(axes[:, 0].mean()), "m", "steering axis ahead of the fixed axle", joints, "any")
+        self.parameter(
+            "l", float(axes[:, 0].mean()), "m", "steering axis ahead of the fixed axle", joints, "any"
+        )
         a = self.offsets("a_s", list(axes[:, 1]), "steering axis to the left of the middle", joints)
-        ahead = self.offsets("c_s", [float(places[:, 0].mean())], "front wheel ahead of the steering axis", _joints(wheels))[0]
+        ahead = self.offsets(
+            "c_s", [float(places[:, 0].mean())], "front wheel ahead of the steering axis", _joints(wheels)
+        )[0]
         beside = float(places[0, 1]) if len(parts) == 1 else 0.0  # a pair is described by a wheel on the axis
-        aside = self.offsets("w_s", [beside], "front wheel to the left of the steering axis", _joints(wheels))[0]
-        m = self.pair("m_s", [part.mass for part in parts], "kg", "mass of a steered part with its wheel", links)
+        aside = self.offsets(
+            "w_s", [beside], "front wheel to the left of the steering axis", _joints(wheels)
+        )[0]
+        m = self.pair(
+            "m_s", [part.mass for part in parts], "kg", "mass of a steered part with its wheel", links
+        )
         about = "a steered part about the vertical through its centre of mass"
         inertia = self.pair("I_s", [part.inertia for part in parts], "kg m^2", about, links)
-        d = self.offsets("d_s", [part.ahead for part in parts], "its centre of mass ahead of the steering axis", links)
-        e = self.offsets("e_s", [part.left for part in parts], "its centre of mass to the left of the steering axis", links)
-        h = self.pair("h_s", [part.height for part in parts], "m", "its centre of mass above the ground", links, "any")
+        d = self.offsets(
+            "d_s", [part.ahead for part in parts], "its centre of mass ahead of the steering axis", links
+        )
+        e = self.offsets(
+            "e_s", [part.left for part in parts], "its centre of mass to the left of the steering axis", links
+        )
+        h = self.pair(
+            "h_s", [part.height for part in parts], "m", "its centre of mass above the ground", links, "any"
+        )
         self.masses += m
         self.parameter("r_s", wheels[0].radius, "m", f"radius of the {turned}", wheels[0].source)
         of_wheels = f"links {', '.join(wheel.link for wheel in wheels)}"
-        self.parameter("I_ws", sum(wheel.inertia for wheel in wheels), "kg m^2", f"{turned} about the axle", of_wheels)
+        self.parameter(
+            "I_ws", sum(wheel.inertia for wheel in wheels), "kg m^2", f"{turned} about the axle", of_wheels
+        )
         self.loads("load_rear", [rear], "part of the weight on the rear wheels")
         self.loads("load_front", [wheels], f"part of the weight on the {turned}")
         names = ["steered"] if len(parts) == 1 else [f"steered_{side}" for side in SIDES]
         rows = zip(names, m, inertia, d, e, a, h, strict=True)
         return {
-            "steered": [SimpleNamespace(**dict(zip(("name", "m", "I", "d", "e", "a", "h"), row, strict=True))) for row in rows],
+            "steered": [
+                SimpleNamespace(**dict(zip(("name", "m", "I", "d", "e", "a", "h"), row, strict=True)))
+                for row in rows
+            ],
             "front": SimpleNamespace(ahead=ahead, aside=aside),
             "driven": driven,
             "driven_in_front": layout.front,
@@ -260,12 +347,19 @@ class _Names:
         layout, part = self.layout, self.layout.trailers[k - 1]
         before, after = (layout.trailers[k - 2], f"_{k - 1}") if k > 1 else (layout.base, "")
         joint = _joints([part])
-        self.coordinate(f"phi_{k}", "rad", f"heading of trailer {k}", f"{_angles([part])}, against phi{after}")
-        length, aside = layout.seen(part.pivot, part.origin)[0], layout.seen(part.wheels[1].centre, part.origin)[1]
+        self.coordinate(
+            f"phi_{k}", "rad", f"heading of trailer {k}", f"{_angles([part])}, against phi{after}"
+        )
+        length, aside = (
+            layout.seen(part.pivot, part.origin)[0],
+            layout.seen(part.wheels[1].centre, part.origin)[1],
+        )
         self.parameter(f"l_{k}", length, "m", f"from the hitch of trailer {k} to its axle", joint, "any")
         hitch = layout.seen(part.pivot, before.origin)[0]
         a = self.offsets(f"a_{k}", [hitch], f"hitch of trailer {k} ahead of the axle before it", joint)[0]
-        self.parameter(f"b_{k}", aside, "m", f"half the distance between the wheels of trailer {k}", _joints(part.wheels))
+        self.parameter(
+            f"b_{k}", aside, "m", f"half the distance between the wheels of trailer {k}", _joints(part.wheels)
+        )
         e = self.body(part, f"_{k}", f"I_{k}", f"trailer {k}")
         axle = self.axle(part, f"_{k}")
         self.loads(f"load_{k}", [part.wheels], f"part of the weight on the wheels of trailer {k}")
@@ -285,7 +379,9 @@ class _Names:
         e = self.body(part, f"_q{k}", f"I_q{k}", name, "its joint", "")
         tips = [layout.seen(each.pivot, part.origin) for each in layout.arm if layout.carrier(each) is part]
         tip = tips[0] if tips else (2 * part.ahead, 2 * part.left)
-        return SimpleNamespace(k=k, after=after, a=a, w=w, e=e, joint=_plain(part.joint), tip=f"{tip[0]:.3g}, {tip[1]:.3g}")
+        return SimpleNamespace(
+            k=k, after=after, a=a, w=w, e=e, joint=_plain(part.joint), tip=f"{tip[0]:.3g}, {tip[1]:.3g}"
+        )
 
     def loads(self, name: str, groups: Sequence[Sequence[LinkWheel]], about: str) -> list[str]:
         """Add the part of the weight on each group of wheels and return the names."""
@@ -297,13 +393,18 @@ class _Names:
     def sides(self, part: Part) -> list[list[LinkWheel]]:
         """Return the wheels of a part on the right and on the left."""
         aside = [self.layout.seen(wheel.centre, part.origin)[1] for wheel in part.wheels]
-        return [[wheel for wheel, left in zip(part.wheels, aside, strict=True) if (left > 0) == way] for way in (False, True)]
+        return [
+            [wheel for wheel, left in zip(part.wheels, aside, strict=True) if (left > 0) == way]
+            for way in (False, True)
+        ]
 
     def box(self, part: Part) -> str:
         """Return how far a part reaches behind, ahead and aside, from its shapes, else from a wheel."""
         corners, heading = extent(self.layout.document, part.links) - part.origin, self.layout.heading
         radius = part.wheels[0].radius
-        ahead, left = ([*(corners @ axis), -radius / 2, radius / 2] for axis in (heading, np.cross(UP, heading)))
+        ahead, left = (
+            [*(corners @ axis), -radius / 2, radius / 2] for axis in (heading, np.cross(UP, heading))
+        )
         return f"{-min(ahead):.3g}, {max(ahead):.3g}, {max(map(abs, left)):.3g}"
 
 
@@ -313,7 +414,9 @@ def _joints(items: Sequence[Part | LinkWheel]) -> str:
 
 def _angles(items: Sequence[Part | LinkWheel]) -> str:
     """Return the angles of joints, with a minus if they are the negative of the coordinate."""
-    return f"angle{'s' * (len(items) > 1)} of {', '.join('-' * (item.sign < 0) + item.joint for item in items)}"
+    return (
+        f"angle{'s' * (len(items) > 1)} of {', '.join('-' * (item.sign < 0) + item.joint for item in items)}"
+    )
 
 
 def _comment(source: str) -> list[str]:
@@ -334,5 +437,6 @@ def _term(sign: str, name: str, rate: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text of a URDF as it may stand in a comment or a string: on one line, without quotation marks."""
+    """Return a text of a URDF as it may stand in a comment or a string: on one line,
+    without quotation marks."""
     return "".join(c if c.isprintable() else " " for c in text).replace("\\", "/").replace('"', "'")

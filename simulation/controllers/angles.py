@@ -17,5 +17,12 @@ def compiled_nearest_angle(desired: float, actual: float, scalar: str = "double"
 
     made = runtime(HEADER)
     answer = made.array(scalar, [0.0])
-    made.call(f"angle nearest to {actual:g}, of {desired:g}", "noslip_nearest_angle", scalar, desired, actual, answer)
+    made.call(
+        f"angle nearest to {actual:g}, of {desired:g}",
+        "noslip_nearest_angle",
+        scalar,
+        desired,
+        actual,
+        answer,
+    )
     return answer[0]

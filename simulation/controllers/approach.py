@@ -1,5 +1,5 @@
-"""Desired distance and speed that lead a vehicle to its path with bounded acceleration, and jerk: the C (noslip_approach.h), or a
-reference implementation of the same.
+"""Desired distance and speed that lead a vehicle to its path with bounded acceleration, and jerk: the C
+(noslip_approach.h), or a reference implementation of the same.
 """
 
 from __future__ import annotations
@@ -22,16 +22,19 @@ PERIODS = 2.0  # and at least so many periods of the controller
 
 
 class Approach(Protocol):
-    """A generator of [distance, its rate and acceleration, speed, its rate], SI, for a law of path following."""
+    """A generator of [distance, its rate and acceleration, speed, its rate], SI,
+    for a law of path following."""
 
     def start(self, distance: float, rate: float, speed: float) -> None:
         """Begin at the vehicle's distance from the path (m), the rate of that and its speed (m/s)."""
 
     def step(self, dt: float, speed: float) -> np.ndarray:
-        """Advance by dt (s) and return what is desired until the next call; `speed` (m/s) is the final one."""
+        """Advance by dt (s) and return what is desired until the next call;
+        `speed` (m/s) is the final one."""
 
     def within(self, speed: float, speed_rate: float) -> np.ndarray:
-        """Keep the desired speed from 0 to `speed` (m/s), which changes by `speed_rate` (m/s^2); return what is desired."""
+        """Keep the desired speed from 0 to `speed` (m/s), which changes by `speed_rate` (m/s^2);
+        return what is desired."""
 
 
 class ReferenceApproach:
@@ -64,7 +67,8 @@ class ReferenceApproach:
         return self._desired.copy()
 
     def _jerked(self, dt: float, speed: float) -> np.ndarray:
-        """Advance along the plan; and the speed with the jerk as if it were the acceleration of a distance."""
+        """Advance along the plan; and the speed with the jerk as if it were the acceleration of a
+        distance."""
         self._time += dt
         v, v_rate = self._desired[3:]
         changed = v_rate + dt * self._acceleration(v - speed, v_rate, self._jerk)
@@ -76,17 +80,26 @@ class ReferenceApproach:
         """Brake where the rate exceeds that of the parabola through 0, drawn one settling time ahead."""
         zone = most * self._settling * self._settling
         place = y + self._settling * rate
-        aim = place if abs(place) <= zone else math.copysign((math.sqrt(zone * zone + 8 * zone * abs(place)) - zone) / 2, place)
+        aim = (
+            place
+            if abs(place) <= zone
+            else math.copysign((math.sqrt(zone * zone + 8 * zone * abs(place)) - zone) / 2, place)
+        )
         return -most * float(np.clip((self._settling * rate + aim) / zone, -1.0, 1.0))
 
     def _planned(self, distance: float, rate: float) -> np.ndarray:
-        """Return the durations (s) and jerks of the fastest way from a distance and its rate to rest at 0, (6, 2)."""
+        """Return the durations (s) and jerks of the fastest way from a distance and its rate to rest at 0,
+        (6, 2)."""
 
         def change(size: float) -> list[tuple[float, float]]:
             most = self._most / self._jerk
             bend = min(math.sqrt(abs(size) / self._jerk), most)
             jerk = math.copysign(self._jerk, size)
-            return [(bend, jerk), (abs(size) / self._most - most if bend == most else 0.0, 0.0), (bend, -jerk)]
+            return [
+                (bend, jerk),
+                (abs(size) / self._most - most if bend == most else 0.0, 0.0),
+                (bend, -jerk),
+            ]
 
         def plan(peak: float) -> np.ndarray:
             return np.array([*change(peak - rate), *change(-peak)])
@@ -117,7 +130,14 @@ class ReferenceApproach:
 class CompiledApproach:
     """The generator by the C, in double or float."""
 
-    def __init__(self, acceleration: float, settling: float, scalar: str = "double", c: Runtime | None = None, jerk: float = 0.0):
+    def __init__(
+        self,
+        acceleration: float,
+        settling: float,
+        scalar: str = "double",
+        c: Runtime | None = None,
+        jerk: float = 0.0,
+    ):
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         self._self = self._runtime.new("noslip_approach", scalar)
         self._desired = self._runtime.new("noslip_approached", scalar)
@@ -145,8 +165,11 @@ class CompiledApproach:
         self._runtime.call("approach", f"noslip_approach_{name}", self._scalar, self._self, *arguments)
 
 
-def make_approach(backend: str, acceleration: float, period: float, law: ControlLaw | None = None, jerk: float = 0.0) -> Approach:
-    """Return a generator called every `period` seconds, in Python ("casadi"), or the C as run by a backend; see `runtime_of`.
+def make_approach(
+    backend: str, acceleration: float, period: float, law: ControlLaw | None = None, jerk: float = 0.0
+) -> Approach:
+    """Return a generator called every `period` seconds, in Python ("casadi"), or the C as run by a backend;
+    see `runtime_of`.
 
     `acceleration` (m/s^2) and `jerk` (m/s^3, 0: no bound) are the largest.
     """

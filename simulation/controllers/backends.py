@@ -1,4 +1,5 @@
-"""Controllers with a common interface: CasADi's evaluation of the model, or the compiled C, here or on an emulated processor."""
+"""Controllers with a common interface: CasADi's evaluation of the model, or the compiled C,
+here or on an emulated processor."""
 
 from __future__ import annotations
 
@@ -21,10 +22,11 @@ def make_controller(
     gains: Numbers,
     limits: Limits | None = None,
 ) -> Controller:
-    """Return a controller of `law`; params, config and gains in the order of law.parameters, law.config and law.gains.
+    """Return a controller of `law`; params, config and gains in the order of law.parameters, law.config and
+    law.gains.
 
-    Raises BadInput for an unknown backend or `limits` that the law cannot have, ParameterRefused for an invalid number:
-    the same in all backends.
+    Raises BadInput for an unknown backend or `limits` that the law cannot have, ParameterRefused for an
+    invalid number: the same in all backends.
     """
     check_named(backend, (*BACKENDS, *ON_TARGET), "unknown backend")
     check_parameters(law, params, config, gains)
@@ -39,7 +41,9 @@ def make_controller(
     if backend in ON_TARGET:
         from .pil import target_library
 
-        return CompiledController(law, params, config, gains, limits=limits, made_by=target_library(law, backend))
+        return CompiledController(
+            law, params, config, gains, limits=limits, made_by=target_library(law, backend)
+        )
     return CompiledController(law, params, config, gains, SCALAR[backend], limits)
 
 
@@ -48,7 +52,11 @@ def check_parameters(law: ControlLaw, params: Numbers, config: Numbers, gains: N
     from ...model.errors import ModelError
     from .symbolic import condition_values
 
-    groups = (("parameter", law.parameters, params), ("output", law.config, config), ("gain", law.gains, gains))
+    groups = (
+        ("parameter", law.parameters, params),
+        ("output", law.config, config),
+        ("gain", law.gains, gains),
+    )
     try:
         for kind, quantities, values in groups:
             for quantity, value in zip(quantities, values, strict=True):
@@ -61,8 +69,8 @@ def check_parameters(law: ControlLaw, params: Numbers, config: Numbers, gains: N
 
 
 def runtime_of(backend: str, header: str, law: ControlLaw | None = None) -> tuple[Runtime, str]:
-    """Return the C of a header as run by a backend, and its scalar: c in double, cf in float; m4f and rv32 in float on the
-    processor that also runs `law`.
+    """Return the C of a header as run by a backend, and its scalar: c in double, cf in float; m4f and rv32 in
+    float on the processor that also runs `law`.
 
     Raises BadInput for another backend, and for m4f and rv32 without a law.
     """
@@ -72,4 +80,6 @@ def runtime_of(backend: str, header: str, law: ControlLaw | None = None) -> tupl
         from .pil import target_runtime
 
         return target_runtime(header, law, backend), "float"
-    raise BadInput(f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}, and with a law {', '.join(ON_TARGET)}")
+    raise BadInput(
+        f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}, and with a law {', '.join(ON_TARGET)}"
+    )

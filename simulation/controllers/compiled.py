@@ -35,7 +35,12 @@ class _Compiled(InC, Generic[Text]):
         self.text: Text = text
         self.ffi = cffi.FFI()
         status = "const char *noslip_status_name(int status);"
-        declared = [status, runtime_types(text.scalar), robot_declarations(system, text.scalar), text.declarations()]
+        declared = [
+            status,
+            runtime_types(text.scalar),
+            robot_declarations(system, text.scalar),
+            text.declarations(),
+        ]
         self.ffi.cdef("\n".join(declared))  # at once: each call reads what is known again
         self.files = written or {**shared_files(system, text.scalar), **text_files(text)}
         self.lib = load(self.ffi, self.files)
@@ -92,7 +97,10 @@ class Library(_Compiled[LawC]):
         """Let a law believe `mu` at most, as noslip_slip_grip does."""
         c, scalar, name = runtime("noslip_grip.h"), self.text.scalar.real, self.text.scalar.name
         places = (
-            c.ffi.cast(f"{name(f'noslip_{part}')} *", int(self.ffi.cast("uintptr_t", self.ffi.addressof(instance, part))))
+            c.ffi.cast(
+                f"{name(f'noslip_{part}')} *",
+                int(self.ffi.cast("uintptr_t", self.ffi.addressof(instance, part))),
+            )
             for part in ("earned", "grip")
         )
         c.function("noslip_believe_at_most", scalar)(*places, mu)
@@ -128,7 +136,8 @@ def dynamics_library(system: ReducedSystem, scalar: str) -> DynamicsLibrary:
 
 
 class CompiledController:
-    """One instance of a generated law: its struct, initialized with parameters, configuration, gains and limits.
+    """One instance of a generated law: its struct, initialized with parameters, configuration, gains and
+    limits.
 
     If init returns an error, it is kept as `refused`, and every call returns it, as in firmware.
     """
@@ -162,7 +171,8 @@ class CompiledController:
             (name("gains"), gains),
         ]
         structs = [self._library.struct(kind, values) for kind, values in groups]
-        options = ffi.new(f"{self._library.robot_name('options')} *")  # all zero: no limits, zeros on an error
+        # All zero: no limits, zeros on an error
+        options = ffi.new(f"{self._library.robot_name('options')} *")
         if limits is not None:
             for k, value in enumerate(limits.torque):
                 options.limit[k] = value if np.isfinite(value) else 0.0
@@ -180,7 +190,8 @@ class CompiledController:
         self._lock = Lock()
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
-        """Return the quantities of the law at one state, such as h, Phi and tau; no values unless the status is ok."""
+        """Return the quantities of the law at one state, such as h, Phi and tau;
+        no values unless the status is ok."""
         check_point(self.law, state, reference)
         if self.refused:
             return Evaluation(self.refused, {})
@@ -190,7 +201,9 @@ class CompiledController:
             if status != 0:
                 return Evaluation(self._status(status), {})
             found = self._found
-            return Evaluation("ok", {q: found[q].astype(float) if q in found else np.zeros(0) for q in self._quantities})
+            return Evaluation(
+                "ok", {q: found[q].astype(float) if q in found else np.zeros(0) for q in self._quantities}
+            )
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and what the law gives, see Controller; zeros on an error."""
@@ -203,9 +216,11 @@ class CompiledController:
             return self._status(status), self._answer.astype(float)
 
     def steps(self, state: np.ndarray, reference: np.ndarray) -> tuple[list[str], np.ndarray]:
-        """Return status and what the law gives, a row for each input, of n lanes; of a law of a `BatchLibrary`.
+        """Return status and what the law gives, a row for each input, of n lanes; of a law of a
+        `BatchLibrary`.
 
-        `state` and `reference` have a row for each member and a column for each lane, in the scalar of the law.
+        `state` and `reference` have a row for each member and a column for each lane, in the scalar of the
+        law.
         """
         library, count = self._library, state.shape[1]
         tau, status = np.zeros((len(self._tau), count), state.dtype), np.zeros(count, np.int32)
@@ -249,8 +264,11 @@ class CompiledController:
         """See Controller."""
         return self._extension[1].astype(float) if self._extension else np.zeros(0)
 
-    def entry(self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()) -> Evaluation:
-        """Return the quantity that an entry point computes. `more`: the reference, virtual input or inputs that it takes."""
+    def entry(
+        self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()
+    ) -> Evaluation:
+        """Return the quantity that an entry point computes. `more`: the reference,
+        virtual input or inputs that it takes."""
         if self.refused:
             return Evaluation(self.refused, {})
         library = self._library
@@ -293,7 +311,9 @@ class CompiledController:
         found = {}
         for name, _ in self._library.ffi.typeof(self._evaluation).item.fields:
             values = getattr(self._evaluation, name)
-            found[name] = self._library.numbers(values).reshape((len(values), -1) if hasattr(values[0], "__len__") else -1)
+            found[name] = self._library.numbers(values).reshape(
+                (len(values), -1) if hasattr(values[0], "__len__") else -1
+            )
         return found
 
 
@@ -303,26 +323,36 @@ class CompiledDynamics:
     def __init__(self, made_by: DynamicsLibrary, params: Iterable[float]):
         self._library = made_by
         self._self = made_by.instance()
-        status = made_by.status(made_by.function("init")(self._self, made_by.struct(made_by.robot_name("params"), params)))
+        status = made_by.status(
+            made_by.function("init")(self._self, made_by.struct(made_by.robot_name("params"), params))
+        )
         self.refused = None if status == "ok" else status
 
     def entry(self, entry: Entry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
-        """Return the flattened result of an entry point at a state [q; nu] with the inputs tau (N or N m), which not all of
-        them use.
+        """Return the flattened result of an entry point at a state [q; nu] with the inputs tau (N or N m),
+        which not all of them use.
         """
         if self.refused:
             return Evaluation(self.refused, {})
         library, ffi = self._library, self._library.ffi
-        given = [library.struct(library.robot_name("state"), state), *([library.array(tau)] if entry.takes else [])]
+        given = [
+            library.struct(library.robot_name("state"), state),
+            *([library.array(tau)] if entry.takes else []),
+        ]
         evaluation = ffi.new(f"{library.name('evaluation')} *")
         places = {name: getattr(evaluation, name, None) for name in entry.answers}
         if entry.whole:
             answers = [evaluation]
         else:
-            places = {name: place if place is not None else library.array(self._empty()) for name, place in places.items()}
+            places = {
+                name: place if place is not None else library.array(self._empty())
+                for name, place in places.items()
+            }
             answers = list(places.values())
         status = library.status(library.function(entry.name)(self._self, *given, *answers))
-        found: dict[str, np.ndarray] = {name: library.numbers(place).astype(float) for name, place in places.items()}
+        found: dict[str, np.ndarray] = {
+            name: library.numbers(place).astype(float) for name, place in places.items()
+        }
         return Evaluation(status, found if status == "ok" else {})
 
     def _empty(self) -> np.ndarray:

@@ -8,15 +8,20 @@ import numpy as np
 
 
 class Direct:
-    """A CasADi function called through fixed buffers: no conversion, a microsecond. All arguments and results are dense.
+    """A CasADi function called through fixed buffers: no conversion, a microsecond. All arguments and results
+    are dense.
 
     Threads that share it take turns.
     """
 
     def __init__(self, function: ca.Function):
         self.function = function
-        self._arguments = [np.zeros(function.size1_in(k) * function.size2_in(k)) for k in range(function.n_in())]
-        self._results = [np.zeros(function.size1_out(k) * function.size2_out(k)) for k in range(function.n_out())]
+        self._arguments = [
+            np.zeros(function.size1_in(k) * function.size2_in(k)) for k in range(function.n_in())
+        ]
+        self._results = [
+            np.zeros(function.size1_out(k) * function.size2_out(k)) for k in range(function.n_out())
+        ]
         self._buffer: Any  # its stub asks for the sizes too, which the call does not take
         self._buffer, self._evaluate = function.buffer()
         self._lock = Lock()

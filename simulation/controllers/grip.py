@@ -1,4 +1,5 @@
-"""The reference for inputs that keep the wheels rolling: what noslip_grip.h computes, with NumPy and another method."""
+"""The reference for inputs that keep the wheels rolling: what noslip_grip.h computes,
+with NumPy and another method."""
 
 from __future__ import annotations
 
@@ -17,16 +18,20 @@ from ...model.law import ControlLaw, symbols
 from .controller import Friction
 from .direct import Direct
 
-FLAT = 1e-5  # entries of a direction below this part of the largest count as zero for the limits, as in the C runtime
+# Entries of a direction below this part of the largest count as zero for the limits, as in the C runtime
+FLAT = 1e-5
 SLACK = 1024 * np.finfo(float).eps  # of friction, as in the C runtime
 ROUNDING = 1e-10  # of friction use
 FIRST, RISE, AFTER, ERROR, ASKED = 0.6, 0.5, 0.9, 0.5, 4  # see noslip_grip.h
-CHANGE = 1e-4  # weight of the inputs' changes beside the mean of their effects, for more than two inputs, as in the C runtime
+# Weight of the inputs' changes beside the mean of their effects, for more than two inputs, as in the C
+# runtime
+CHANGE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Cones:
-    """At one state: force (c, 2) and mu load (c,) at each contact without inputs, and by each input, (r, c, 2) and (r, c)."""
+    """At one state: force (c, 2) and mu load (c,) at each contact without inputs, and by each input, (r,
+    c, 2) and (r, c)."""
 
     force: np.ndarray
     most: np.ndarray
@@ -44,14 +49,15 @@ class Cones:
         return _lengths(self.at(tau)) - self.most_at(tau)
 
     def to_coasting(self, tau: np.ndarray) -> np.ndarray:
-        """Return the change of the inputs to the smallest sum of (F / mass)^2; as `to_least` for more than two inputs."""
+        """Return the change of the inputs to the smallest sum of (F / mass)^2;
+        as `to_least` for more than two inputs."""
         if len(tau) > 2:
             return self.to_least(self.at(tau), np.eye(len(tau)))
         return -least_squares(self._effects(np.eye(2)), np.ravel(self.at(tau) / self.mass[:, None]))
 
     def to_least(self, force: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Return the combination of the rows of `free` that added to the inputs of a force (c, 2) gives the smallest sum of
-        (F / mass)^2, plus that of the squared coefficients times CHANGE and the mean effect.
+        """Return the combination of the rows of `free` that added to the inputs of a force (c, 2) gives the
+        smallest sum of (F / mass)^2, plus that of the squared coefficients times CHANGE and the mean effect.
         """
         effects = self._effects(free)
         change = np.sqrt(CHANGE * np.sum(effects**2) / len(free)) * np.eye(len(free))
@@ -68,8 +74,8 @@ class Cones:
         return np.array([np.ravel(self.forces_by(row) / self.mass[:, None]) for row in free]).T
 
     def interval(self, k: int, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
-        """Return the s from low to high for which contact k rolls with tau + s way, and whether there are any; if not, the s
-        at which |F|^2 - (mu load)^2 is smallest, twice.
+        """Return the s from low to high for which contact k rolls with tau + s way, and whether there are
+        any; if not, the s at which |F|^2 - (mu load)^2 is smallest, twice.
         """
         effects = np.column_stack([self.forces_by(way), (way[:, None] * self.most_by).sum(axis=0)])
         effects[np.abs(effects) <= SLACK * np.abs(effects).sum()] = 0.0  # rounding can make them
@@ -109,7 +115,8 @@ def _roots(square: float, slope: float, constant: float) -> list[float]:
 
 
 class Earned:
-    """The friction `mu` that is believed, at most `most`: what noslip_earn computes, from whole arrays of wheels."""
+    """The friction `mu` that is believed, at most `most`: what noslip_earn computes,
+    from whole arrays of wheels."""
 
     def __init__(self, law: ControlLaw, params: np.ndarray, friction: Friction):
         wheels, self._friction, self.params = wheels_of(law.system), friction, params
@@ -199,11 +206,14 @@ class GripReference:
         return status, tau
 
     def __call__(self, state: np.ndarray, tau: np.ndarray, slope: np.ndarray) -> tuple[str, np.ndarray]:
-        """Return status and inputs; `slope` is the derivative of tau by the virtual input of the speed, empty without one."""
+        """Return status and inputs; `slope` is the derivative of tau by the virtual input of the speed,
+        empty without one."""
         cones = self.cones(state)
         if (np.abs(tau) <= self._limits).all() and (cones.excess(tau) <= 0).all():
             return "ok", tau
-        below = Cones(cones.force, cones.most * (1 - SLACK), cones.force_by, cones.most_by * (1 - SLACK), cones.mass)
+        below = Cones(
+            cones.force, cones.most * (1 - SLACK), cones.force_by, cones.most_by * (1 - SLACK), cones.mass
+        )
         found = False
         if self._effort:
             free = self._null_inputs(*self._effort(state, self.params))
@@ -220,7 +230,8 @@ class GripReference:
         return "grip" if (cones.use(tau) <= 1 + ROUNDING).all() else "will_slip", tau
 
     def _towards(self, cones: Cones, tau: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Return the inputs towards tau + way as little as needed, or that, and whether some on the way keep all cones."""
+        """Return the inputs towards tau + way as little as needed, or that,
+        and whether some on the way keep all cones."""
         low, high, found = self._steps(cones, tau, way)
         s = max(low, 0.0)
         found = found and s <= min(high, 1.0)
@@ -228,15 +239,16 @@ class GripReference:
 
     @staticmethod
     def _null_inputs(effort: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Return a projection onto the inputs that do not change the motion, as rows: along the inputs of smallest weighted
-        squares."""
+        """Return a projection onto the inputs that do not change the motion, as rows: along the inputs of
+        smallest weighted squares."""
         root = np.sqrt(weights.ravel())
         scaled = effort.reshape(len(root), -1).T / root
         kept = least_norm(np.repeat(scaled[None], len(root), axis=0), scaled.T)
         return (np.eye(len(root)) - kept) * root[:, None] / root
 
     def _steps(self, cones: Cones, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
-        """Return the s with which tau + s way is within all cones and limits, from low to high; whether each has any."""
+        """Return the s with which tau + s way is within all cones and limits, from low to high;
+        whether each has any."""
         parts = [cones.interval(k, tau, way) for k in range(len(cones.mass))]
         for one, by, limit in zip(tau, way, self._limits, strict=True):
             if abs(by) > FLAT * np.abs(way).max():
@@ -256,7 +268,11 @@ def _ground_function(law: ControlLaw) -> ca.Function:
     at_rest = ca.substitute([made.force, made.mass, made.shift], [tau], [ca.SX.zeros(tau.numel())])
     by = [ca.jacobian(part, tau) for part in (made.force, made.shift)]
     return portable(
-        ca.Function("ground", [symbols(system.state), system.mechanism.p], [ca.densify(part) for part in (*at_rest, *by)])
+        ca.Function(
+            "ground",
+            [symbols(system.state), system.mechanism.p],
+            [ca.densify(part) for part in (*at_rest, *by)],
+        )
     )
 
 
@@ -264,7 +280,10 @@ def _ground_function(law: ControlLaw) -> ca.Function:
 def _wheels_function(law: ControlLaw) -> ca.Function:
     """Return the function (inputs, params) to drive, mass and radius of the wheels that show friction."""
     mechanism, wheels = law.system.mechanism, wheels_of(law.system)
-    columns = [ca.vertcat(ca.SX(0, 1), *[getattr(wheel, name) for wheel in wheels]) for name in ("drive", "mass", "radius")]
+    columns = [
+        ca.vertcat(ca.SX(0, 1), *[getattr(wheel, name) for wheel in wheels])
+        for name in ("drive", "mass", "radius")
+    ]
     return portable(ca.Function("wheels", [symbols(mechanism.inputs), mechanism.p], columns))
 
 

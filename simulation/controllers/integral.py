@@ -22,7 +22,8 @@ HEADER = "noslip_integral.h"
 
 
 class OutputIntegral(Protocol):
-    """Integral action of one output. `z` is the integral of its error y_d - y, in the unit of the output times s.
+    """Integral action of one output. `z` is the integral of its error y_d - y, in the unit of the output
+    times s.
 
     It is thread-safe.
     """
@@ -31,8 +32,8 @@ class OutputIntegral(Protocol):
     def z(self) -> float: ...
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """Return ki z for an error now; the previous error is integrated over dt (s), `status` being the result of the
-        previous step.
+        """Return ki z for an error now; the previous error is integrated over dt (s), `status` being the
+        result of the previous step.
 
         |z| does not increase unless that status was ok, nor if ki |z| would exceed the limit.
         """
@@ -64,7 +65,10 @@ class CompiledIntegral:
         from .runtime import runtime  # slow to import
 
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
-        self._self, self._add = self._runtime.new("noslip_integral", scalar), self._runtime.array(scalar, [0.0])
+        self._self, self._add = (
+            self._runtime.new("noslip_integral", scalar),
+            self._runtime.array(scalar, [0.0]),
+        )
         self._call("init", float(ki), float(limit))
 
     @property
@@ -82,7 +86,9 @@ class CompiledIntegral:
         self._runtime.call("integral action", f"noslip_integral_{name}", self._scalar, self._self, *arguments)
 
 
-def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> OutputIntegral:
+def make_integral(
+    backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None
+) -> OutputIntegral:
     """Return integral action for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.
@@ -96,11 +102,12 @@ def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw |
 
 
 class ActingRows:
-    """The outputs of a law that have a gain beside the law's own, by which a number is added to the desired derivative of highest
-    order, which the law adds to v.
+    """The outputs of a law that have a gain beside the law's own, by which a number is added to the desired
+    derivative of highest order, which the law adds to v.
 
-    `rows` (K): their names. `acting` (K): indices of the rows among the outputs; `desired` and `highest`: the indices in the
-    reference of their desired values and of the derivatives of highest order; `limit` (K): of what is added, 0 is none.
+    `rows` (K): their names. `acting` (K): indices of the rows among the outputs; `desired` and `highest`: the
+    indices in the reference of their desired values and of the derivatives of highest order; `limit` (K): of
+    what is added, 0 is none.
     """
 
     def __init__(self, law: ControlLaw, gains: Sequence[float], name: str, own: Mapping[str, float]):
@@ -126,7 +133,8 @@ class ActingRows:
         return made
 
     def _set_limits(self, given: Sequence[float], where: str, requires: str) -> None:
-        """Set the limits: one, or one for each of the rows. Raises BadInput if they are negative, or as many as neither."""
+        """Set the limits: one, or one for each of the rows. Raises BadInput if they are negative,
+        or as many as neither."""
         if any(given) and not self.rows:
             raise BadInput(f"[limits] {where} requires {requires}")
         self.limit = list(one_for_each(given, self.rows, f"[limits] {where}"))
@@ -138,15 +146,23 @@ class ActingRows:
 class IntegralAction(ActingRows):
     """The outputs of a law that have integral action, and how it is added to the reference.
 
-    `ki` (K): their gains, 1/s^(k + 1) for relative degree k. ki z is added: the characteristic polynomial of the output becomes
-    s^2 + kv s + ki, s^3 + kd s^2 + kp s + ki, and likewise for longer chains. `limit` (K) is that of ki |z|.
+    `ki` (K): their gains, 1/s^(k + 1) for relative degree k. ki z is added: the characteristic polynomial of
+    the output becomes s^2 + kv s + ki, s^3 + kd s^2 + kp s + ki, and likewise for longer chains. `limit` (K)
+    is that of ki |z|.
     """
 
-    def __init__(self, law: ControlLaw, gains: Sequence[float], ki: Mapping[str, float], limit: Sequence[float] = (0.0,)):
-        """`gains` in the order of law.gains; `ki` by name (ki_distance, ...), 0: none; `limit` of ki |z|, one, or one for each
-        row that has integral action.
+    def __init__(
+        self,
+        law: ControlLaw,
+        gains: Sequence[float],
+        ki: Mapping[str, float],
+        limit: Sequence[float] = (0.0,),
+    ):
+        """`gains` in the order of law.gains; `ki` by name (ki_distance, ...), 0: none; `limit` of ki |z|,
+        one, or one for each row that has integral action.
 
-        Raises BadInput for gains that are negative or make an output unstable, and for a wrong number of limits.
+        Raises BadInput for gains that are negative or make an output unstable, and for a wrong number of
+        limits.
         """
         super().__init__(law, gains, "ki", ki)
         self.ki, self._law = self._own, law
@@ -156,7 +172,10 @@ class IntegralAction(ActingRows):
 
     def integrators(self, backend: str) -> list[OutputIntegral]:
         """Return one integrator for each of the rows, at zero."""
-        return [make_integral(backend, ki, limit, self._law) for ki, limit in zip(self.ki, self.limit, strict=True)]
+        return [
+            make_integral(backend, ki, limit, self._law)
+            for ki, limit in zip(self.ki, self.limit, strict=True)
+        ]
 
     def error(self, found: Evaluation, reference: np.ndarray) -> np.ndarray:
         """Return y_d - y (K), with y as the law evaluates it; of an angle the smallest difference.
@@ -166,12 +185,14 @@ class IntegralAction(ActingRows):
         if found.status != "ok":
             return np.zeros(len(self.rows))
         errors = reference[self.desired] - found.values["h"][self.acting]
-        return np.array([math.remainder(e, 2 * math.pi) if a else e for e, a in zip(errors, self._angles, strict=True)])
+        return np.array(
+            [math.remainder(e, 2 * math.pi) if a else e for e, a in zip(errors, self._angles, strict=True)]
+        )
 
 
 def hurwitz(coefficients: Sequence[float | np.ndarray]) -> np.ndarray:
-    """Return whether all roots of a polynomial have negative real parts, by Routh's array; numbers, or arrays of them, the
-    coefficient of the highest power first, which is positive.
+    """Return whether all roots of a polynomial have negative real parts, by Routh's array; numbers, or arrays
+    of them, the coefficient of the highest power first, which is positive.
     """
     above, below = list(coefficients[::2]), list(coefficients[1::2])
     stable = np.asarray(coefficients[0]) > 0.0
@@ -196,7 +217,12 @@ def _check(row: str, degree: int, ki: float, gains: Mapping[str, float]) -> None
         raise BadInput(f"gains: ki_{row} requires kv_{row} > 0: otherwise s^2 + kv s + ki is not stable")
     if degree == 2:
         raise BadInput(
-            f"gains: ki_{row} = {ki:g} makes {row} unstable: s^3 + kd s^2 + kp s + ki requires ki < kp kd = {own[0] * own[1]:g}"
+            f"gains: ki_{row} = {ki:g} makes {row} unstable: s^3 + kd s^2 + kp s + ki requires ki < kp kd = "
+            f"{own[0] * own[1]:g}"
         )
-    terms = " + ".join(f"{name} s^{order}" for order, name in reversed(list(enumerate(gain_names(degree), 1))))
-    raise BadInput(f"gains: ki_{row} = {ki:g} makes {row} unstable: s^{degree + 1} + {terms} + ki; make it smaller")
+    terms = " + ".join(
+        f"{name} s^{order}" for order, name in reversed(list(enumerate(gain_names(degree), 1)))
+    )
+    raise BadInput(
+        f"gains: ki_{row} = {ki:g} makes {row} unstable: s^{degree + 1} + {terms} + ki; make it smaller"
+    )

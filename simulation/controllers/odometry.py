@@ -1,4 +1,5 @@
-"""Dead reckoning: the pose of a vehicle from the rotation of its wheels, in Python, and by the C of runtime_c."""
+"""Dead reckoning: the pose of a vehicle from the rotation of its wheels, in Python,
+and by the C of runtime_c."""
 
 from __future__ import annotations
 
@@ -36,22 +37,25 @@ class Reckoning(Protocol):
         """Return the pose after a correction; see Odometry.correct."""
 
     def unwind(self) -> np.ndarray:
-        """Subtract whole turns from the heading and return the pose; the heading is then between -pi and pi, except for a
-        pending correction.
+        """Subtract whole turns from the heading and return the pose; the heading is then between -pi and pi,
+        except for a pending correction.
         """
 
 
 class Odometry:
-    """The reference implementation. forward (2,) m/rad and turn (2,) rad/rad per wheel angle; the point is `ahead` (m) of the
-    axle.
+    """The reference implementation. forward (2,) m/rad and turn (2,) rad/rad per wheel angle; the point is
+    `ahead` (m) of the axle.
 
-    The estimate is the position of the middle of the axle, as a complex number, and the heading. The pose differs from it by the
-    part of a bumpless correction that is not applied yet, an offset that decreases over `release` seconds.
+    The estimate is the position of the middle of the axle, as a complex number, and the heading. The pose
+    differs from it by the part of a bumpless correction that is not applied yet, an offset that decreases
+    over `release` seconds.
     """
 
     _heading: float
 
-    def __init__(self, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN):
+    def __init__(
+        self, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN
+    ):
         self._wheels = np.array([forward, turn], float)
         self._ahead, self._release = float(ahead), float(release)
         self._offset, self._since = np.zeros(3), 0.0
@@ -67,7 +71,8 @@ class Odometry:
             return np.array([point.real, point.imag, self._heading]) + fade * self._offset
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
-        """Integrate the velocity along the arc: distance exp(i heading) times the mean of exp(i s), s from 0 to the turn."""
+        """Integrate the velocity along the arc: distance exp(i heading) times the mean of exp(i s),
+        s from 0 to the turn."""
         way, turn = (float(one * angle[0] + other * angle[1]) for one, other in self._wheels)
         half = sine(turn / 2)
         mean = complex(sine(turn), 2 * half * half) / turn if turn else 1.0
@@ -78,8 +83,8 @@ class Odometry:
             return self.pose
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
-        """reset: the pose is `truth` from now on. bumpless: the difference to the previous pose decreases linearly over
-        `release` s.
+        """reset: the pose is `truth` from now on. bumpless: the difference to the previous pose decreases
+        linearly over `release` s.
 
         In the bumpless mode the difference of the headings is at most half a turn.
         """
@@ -115,8 +120,12 @@ class CompiledOdometry:
         from .runtime import runtime  # slow to import
 
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
-        self._self, self._pose = (self._runtime.new(kind, scalar) for kind in ("noslip_odometry", "noslip_pose"))
-        options = self._runtime.new("noslip_odometry_options", scalar, (tuple(forward), tuple(turn), ahead, release))
+        self._self, self._pose = (
+            self._runtime.new(kind, scalar) for kind in ("noslip_odometry", "noslip_pose")
+        )
+        options = self._runtime.new(
+            "noslip_odometry_options", scalar, (tuple(forward), tuple(turn), ahead, release)
+        )
         self._call("init", options, self._runtime.new("noslip_pose", scalar, tuple(start)))
 
     @property
@@ -130,7 +139,9 @@ class CompiledOdometry:
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """See Odometry.correct."""
-        return self._pose_after("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
+        return self._pose_after(
+            "correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode)
+        )
 
     def unwind(self) -> np.ndarray:
         """See Reckoning.unwind."""
@@ -149,9 +160,14 @@ class CompiledOdometry:
 
 
 def make_odometry(
-    backend: str, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN,
+    backend: str,
+    forward: Numbers,
+    turn: Numbers,
+    ahead: float,
+    release: float = 0.0,
+    start: Numbers = ORIGIN,
     law: ControlLaw | None = None,
-) -> Reckoning:  # fmt: skip
+) -> Reckoning:
     """Return dead reckoning for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.
@@ -165,11 +181,11 @@ def make_odometry(
 
 
 def vehicle_wheels(system: ReducedSystem, parameters: Numbers) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return (forward (2,), turn (2,), ahead): forward speed and yaw rate per quasi-velocity, and the distance of the point ahead
-    of the axle.
+    """Return (forward (2,), turn (2,), ahead): forward speed and yaw rate per quasi-velocity, and the
+    distance of the point ahead of the axle.
 
-    `parameters` in the order of mechanism.parameters. Raises BadInput if forward speed and yaw rate are not fixed
-    combinations of two quasi-velocities.
+    `parameters` in the order of mechanism.parameters. Raises BadInput if forward speed and yaw rate are not
+    fixed combinations of two quasi-velocities.
     """
     W, ahead = (value.full() for value in wheels_function(system)(parameters))
     return W[0], W[1], float(ahead[0, 0])
@@ -177,8 +193,8 @@ def vehicle_wheels(system: ReducedSystem, parameters: Numbers) -> tuple[np.ndarr
 
 @lru_cache(maxsize=16)
 def wheels_function(system: ReducedSystem) -> ca.Function:
-    """Return the function of the parameters to (forward; turn) per quasi-velocity (2, 2) and ahead; raises BadInput as
-    `vehicle_wheels`.
+    """Return the function of the parameters to (forward; turn) per quasi-velocity (2, 2) and ahead; raises
+    BadInput as `vehicle_wheels`.
     """
     import casadi as ca
 
@@ -193,8 +209,8 @@ def wheels_function(system: ReducedSystem) -> ca.Function:
 
 @lru_cache(maxsize=16)
 def axle_function(system: ReducedSystem) -> ca.Function:
-    """Return the function of steering angle (rad) and parameters to distance (m) and change of heading (rad) of the axle per
-    angle (rad) of the rolling wheel, (2,), for a robot with a `steered_axle`.
+    """Return the function of steering angle (rad) and parameters to distance (m) and change of heading (rad)
+    of the axle per angle (rad) of the rolling wheel, (2,), for a robot with a `steered_axle`.
     """
     import casadi as ca
 
@@ -216,7 +232,8 @@ def has_arm(system: ReducedSystem) -> bool:
 
 @lru_cache(maxsize=16)
 def arm_function(system: ReducedSystem) -> ca.Function:
-    """Return the function of the parameters to the arm of `point_on_body`, m, (2,), for a robot that has it."""
+    """Return the function of the parameters to the arm of `point_on_body`, m, (2,),
+    for a robot that has it."""
     import casadi as ca
 
     from ...model.algebra.portable import portable

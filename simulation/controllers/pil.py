@@ -1,9 +1,10 @@
-"""Processor in the loop: the generated C runs on an emulated processor, or as a program of this host, and is called from here.
+"""Processor in the loop: the generated C runs on an emulated processor, or as a program of this host, and is
+called from here.
 
-firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard input and output; the
-image opens both by semihosting. There is one image, and one process, for a law, or a state feedback, and a target. Controllers,
-trackers, speed profiles, odometry, integrators, approaches, what notices slip and commands of velocity drives of that law are
-objects in it, represented here by handles.
+firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard
+input and output; the image opens both by semihosting. There is one image, and one process, for a law, or a
+state feedback, and a target. Controllers, trackers, speed profiles, odometry, integrators, approaches, what
+notices slip and commands of velocity drives of that law are objects in it, represented here by handles.
 """
 
 from __future__ import annotations
@@ -41,8 +42,12 @@ HEADER = (FOLDER / "pil.h").read_text(encoding="utf-8")
 # By hand: a parser of C would see no macros, and could not read the header without some law's pil_law.h.
 OPERATIONS = re.findall(r"^ +PIL_OP_(\w+)", HEADER, re.M)
 FAULTS = re.findall(r"^ +PIL_FAULT_(\w+)", HEADER, re.M)
-MAGIC, VERSION = (int(re.findall(rf"define PIL_{name} (\w+?)u", HEADER)[0], 0) for name in ("MAGIC", "VERSION"))
-SIZES = re.findall(r"\w+", re.findall(r"typedef struct \{([^}]*)\} pil_hello", HEADER)[0].replace("uint32_t", ""))
+MAGIC, VERSION = (
+    int(re.findall(rf"define PIL_{name} (\w+?)u", HEADER)[0], 0) for name in ("MAGIC", "VERSION")
+)
+SIZES = re.findall(
+    r"\w+", re.findall(r"typedef struct \{([^}]*)\} pil_hello", HEADER)[0].replace("uint32_t", "")
+)
 REQUEST, ANSWER = struct.Struct("<5I"), struct.Struct("<3IiI")
 CALLED = ("noslip_path_f.c", "noslip_status.c")  # sources of the runtime that an image contains
 CHOSEN = """#define PIL_ROBOT(name) {robot}##name##_f
@@ -76,7 +81,8 @@ class Call:
 
 @dataclass(frozen=True, eq=False)
 class Served:
-    """Generated C that an image serves: its `files` (name -> text), and the text of pil_law.h that chooses it."""
+    """Generated C that an image serves: its `files` (name -> text),
+    and the text of pil_law.h that chooses it."""
 
     files: Mapping[str, str]
     chosen: str
@@ -84,10 +90,13 @@ class Served:
 
 @cache
 def served_law(law: ControlLaw) -> Served:
-    """Return what an image of a law serves: the law and, unless it is kinematic, the dynamics of its robot."""
+    """Return what an image of a law serves: the law and, unless it is kinematic,
+    the dynamics of its robot."""
     made = library(law, "float")
     has_grip = "grip" in [name for name, _ in made.ffi.typeof(made.name("")).fields]
-    chosen = CHOSEN.format(robot=made.text.robot, law=made.text.prefix, grip=int(has_grip), extends=made.text.extends)
+    chosen = CHOSEN.format(
+        robot=made.text.robot, law=made.text.prefix, grip=int(has_grip), extends=made.text.extends
+    )
     if law.kinematic:
         return Served(made.files, chosen)
     sizes = {"coordinates": len(law.system.mechanism.coordinates), "dof": law.system.dof}
@@ -96,17 +105,21 @@ def served_law(law: ControlLaw) -> Served:
 
 
 def image(target: Target, served: Served) -> Path:
-    """Return the program that serves calls of generated C on a target. Raises BadInput if a tool is missing."""
+    """Return the program that serves calls of generated C on a target. Raises BadInput if a tool is
+    missing."""
     require(target.compiler, *target.machine[:1])
     own = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.glob("*.[ch]")}
     files = {**runtime_files(), **target.files(), **served.files, **own, "pil_law.h": served.chosen}
     sources = [name for name in (*served.files, *own) if name.endswith(".c")]
     command = target.compile() if target.compiler else compiler()
-    return built([*command, *STANDARD, "-O2", *sources, *CALLED, *target.start, *target.link()], files, "pil.elf")
+    return built(
+        [*command, *STANDARD, "-O2", *sources, *CALLED, *target.start, *target.link()], files, "pil.elf"
+    )
 
 
 class Session:
-    """A running image. Raises BadInput if it cannot be built, TargetFault if it does not respond correctly."""
+    """A running image. Raises BadInput if it cannot be built,
+    TargetFault if it does not respond correctly."""
 
     def __init__(self, target: Target, served: Served):
         self.target = target
@@ -127,8 +140,19 @@ class Session:
         if len(sizes) != 4 * len(SIZES):
             raise self._fault(f"sends an initial answer of {len(sizes)} bytes")
         self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", sizes), strict=True))
-        counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals", "approach": "approaches"}
-        counts |= {"slip": "slips", "velocity": "velocities", "dynamics": "dynamics", "disturbance": "disturbances"}
+        counts = {
+            "law": "laws",
+            "path": "paths",
+            "odometry": "odometries",
+            "integral": "integrals",
+            "approach": "approaches",
+        }
+        counts |= {
+            "slip": "slips",
+            "velocity": "velocities",
+            "dynamics": "dynamics",
+            "disturbance": "disturbances",
+        }
         counts |= {"feedback": "feedbacks"}
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
@@ -145,12 +169,17 @@ class Session:
     def _call(self, operation: str, number: int, given: bytes) -> tuple[int, bytes]:
         if not self.alive:
             raise TargetFault(f"{self.target.name}: the program has ended")
-        self._write(REQUEST.pack(MAGIC, VERSION, OPERATIONS.index(operation.upper()), number, len(given)) + given)
+        self._write(
+            REQUEST.pack(MAGIC, VERSION, OPERATIONS.index(operation.upper()), number, len(given)) + given
+        )
         magic, version, fault, status, size = ANSWER.unpack(self._read(ANSWER.size))
         if (magic, version) != (MAGIC, VERSION) or fault >= len(FAULTS):
             raise self._fault("sends an invalid answer")
         if fault:
-            raise self._fault(f"rejects the call {operation} of object {number}, {len(given)} bytes: {FAULTS[fault].lower()}")
+            raise self._fault(
+                f"rejects the call {operation} of object {number}, {len(given)} bytes: "
+                f"{FAULTS[fault].lower()}"
+            )
         answer = self._read(size)
         if self.log is not None:
             self.log.append(Call(operation, number, given, status, answer))
@@ -159,7 +188,10 @@ class Session:
     def take(self, kind: str) -> int:
         """Return the number of an unused object."""
         if not self._free[kind]:
-            raise BadInput(f"{self.target.name}: the image has no room for another {kind}; PIL_... in pil.h defines their number")
+            raise BadInput(
+                f"{self.target.name}: the image has no room for another {kind}; PIL_... in pil.h defines "
+                "their number"
+            )
         return self._free[kind].pop()
 
     def give(self, kind: str, number: int) -> None:
@@ -246,13 +278,13 @@ def replay_session(law: ControlLaw, backend: str) -> Session:
     return Session(HOST if backend == "cf" else TARGETS[ON_TARGET[backend]], served_law(law))
 
 
-# -- the interfaces of the compiled C, with the C on a target --------------------------------------------------------------
+# -- the interfaces of the compiled C, with the C on a target ------------------------------------------------
 
 
 class Handle:
-    """An object on the target. `z`: for an integrator, the last integral returned; `extension` and `extension_rate`: for a law,
-    the states of its dynamic extension, which are sent with each call, and their rates at the last step; `believed`: the
-    friction that it believes since then, if it keeps grip.
+    """An object on the target. `z`: for an integrator, the last integral returned; `extension` and
+    `extension_rate`: for a law, the states of its dynamic extension, which are sent with each call, and their
+    rates at the last step; `believed`: the friction that it believes since then, if it keeps grip.
     """
 
     extension = extension_rate = believed = np.zeros(0, np.float32)
@@ -266,18 +298,23 @@ Function = Callable[..., int]
 
 
 def remote(ffi: cffi.FFI, operation: str, kinds: Sequence, inputs: int) -> Function:
-    """Return a C function whose first argument is a handle, called on the target: the next `inputs` arguments are sent, pointers
-    with the data they point to; the others are pointers for results. `kinds` are the C types of all arguments but the handle.
+    """Return a C function whose first argument is a handle, called on the target: the next `inputs` arguments
+    are sent, pointers with the data they point to; the others are pointers for results. `kinds` are the C
+    types of all arguments but the handle.
     """
 
     def call(handle: Handle, *arguments) -> int:
-        given = b"".join(_bytes(ffi, kind, value) for kind, value in zip(kinds, arguments[:inputs], strict=False))
+        given = b"".join(
+            _bytes(ffi, kind, value) for kind, value in zip(kinds, arguments[:inputs], strict=False)
+        )
         if operation in ("law_step", "law_evaluate"):
             given += handle.extension.tobytes()
         status, answer = handle.session.call(operation, handle.number, given)
         places = [ffi.buffer(pointer) for pointer in arguments[inputs:]]
         at = sum(map(len, places))
-        more = {"integral_step": 4, "law_step": handle.extension_rate.nbytes + handle.believed.nbytes}.get(operation, 0)
+        more = {"integral_step": 4, "law_step": handle.extension_rate.nbytes + handle.believed.nbytes}.get(
+            operation, 0
+        )
         if at + more != len(answer):
             raise handle.session._fault(f"answers {operation} with {len(answer)} bytes")
         if operation == "integral_step":
@@ -311,7 +348,9 @@ class TargetLibrary(Library):
     def instance(self) -> Handle:
         """As Library.instance, on the target."""
         handle = Handle(session(self._law, self._backend), "law")
-        handle.extension, handle.extension_rate = (np.zeros(len(self._law.extension), np.float32) for _ in range(2))
+        handle.extension, handle.extension_rate = (
+            np.zeros(len(self._law.extension), np.float32) for _ in range(2)
+        )
         handle.believed = np.zeros(int(self._here.text.grips), np.float32)
         return handle
 
@@ -360,8 +399,20 @@ class TargetRuntime(Runtime):
 
     inputs = {  # 2 for the others
         **{"path_look": 4, "path_update": 4, "odometry_pose": 0, "odometry_unwind": 0},
-        **{"integral_step": 3, "approach_init": 3, "approach_start": 3, "slip_trust": 0, "disturbance_step": 4},
-        **{"velocity_init": 3, "velocity_set_vehicle": 1, "velocity_reset": 1, "velocity_step": 4, "velocity_follow": 4},
+        **{
+            "integral_step": 3,
+            "approach_init": 3,
+            "approach_start": 3,
+            "slip_trust": 0,
+            "disturbance_step": 4,
+        },
+        **{
+            "velocity_init": 3,
+            "velocity_set_vehicle": 1,
+            "velocity_reset": 1,
+            "velocity_step": 4,
+            "velocity_follow": 4,
+        },
     }
     kinds = {"profile": "path"}  # of an object that shares the numbers, and the segments, of others
 
@@ -387,7 +438,8 @@ class TargetRuntime(Runtime):
         return remote(self.ffi, operation, kinds, self.inputs.get(operation, 2))
 
     def _with_segments(self, init: Function, local: int = 0) -> Function:
-        """Send the segments first, one by one: they are stored on the target too, as the last `local` arguments are."""
+        """Send the segments first, one by one: they are stored on the target too,
+        as the last `local` arguments are."""
 
         def init_with_segments(handle: Handle, segments, count: int, *arguments) -> int:
             most = handle.session.sizes["segments"]
@@ -409,7 +461,8 @@ def target_library(law: ControlLaw, backend: str) -> TargetLibrary:
 
 @lru_cache(maxsize=16)
 def target_dynamics(law: ControlLaw, backend: str) -> TargetDynamics:
-    """Return the C of the dynamics of a law's robot for a backend that runs on a target, created once per process."""
+    """Return the C of the dynamics of a law's robot for a backend that runs on a target,
+    created once per process."""
     return TargetDynamics(law, backend)
 
 

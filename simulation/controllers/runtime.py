@@ -28,11 +28,23 @@ SOURCE = """#include <float.h>
 #define __attribute__(x)
 #include "{header}"
 """
-ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=", "-DNOSLIP_REAL_H", "-U__SSE2__")  # what cffi cannot parse
+# What cffi cannot parse
+ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=", "-DNOSLIP_REAL_H", "-U__SSE2__")
 ABSENT = ("float.h", "stddef.h", "stdint.h")
-BODY, BRACE = re.compile(r"\)\s*\{"), re.compile(r"[{}]")  # the head of a function's body comes after its parameters
+# The head of a function's body comes after its parameters
+BODY, BRACE = re.compile(r"\)\s*\{"), re.compile(r"[{}]")
 # of ABSENT and noslip_real.h
-TYPES = ("size_t", "int32_t", "int64_t", "uint8_t", "uint16_t", "uint32_t", "uint64_t", "noslip_bits", "noslip_bits_f")
+TYPES = (
+    "size_t",
+    "int32_t",
+    "int64_t",
+    "uint8_t",
+    "uint16_t",
+    "uint32_t",
+    "uint64_t",
+    "noslip_bits",
+    "noslip_bits_f",
+)
 
 
 class InC:
@@ -51,7 +63,8 @@ class InC:
 
 
 class Runtime(InC):
-    """A header of runtime_c, compiled, in both scalars: `ffi` knows its types, `lib` its functions and constants."""
+    """A header of runtime_c, compiled, in both scalars: `ffi` knows its types,
+    `lib` its functions and constants."""
 
     def __init__(self, header: str):
         self.ffi = cffi.FFI()
@@ -71,7 +84,8 @@ class Runtime(InC):
         return getattr(self.lib, SCALARS[scalar].name(name))
 
     def call(self, purpose: str, name: str, scalar: str, *arguments) -> str:
-        """Call a function and return the name of its status. Raises BadInput, with the purpose, if it is an error."""
+        """Call a function and return the name of its status. Raises BadInput, with the purpose,
+        if it is an error."""
         number = self.function(name, scalar)(*arguments)
         status = self.status(number)
         check_status(status, f"{purpose}: {name}", fine=[status] if number >= 0 else [])
@@ -85,24 +99,31 @@ def runtime(header: str) -> Runtime:
 
 
 def load(ffi: cffi.FFI, files: Mapping[str, str], optimized: bool = False):
-    """Return the library of C files (name -> text) compiled with the runtime; `optimized` as for `shared_library`."""
+    """Return the library of C files (name -> text) compiled with the runtime;
+    `optimized` as for `shared_library`."""
     path = shared_library(files, optimized)
-    with naming("cannot load the compiled law", OSError, "set NOSLIP_CACHE to a folder that allows executables"):
+    with naming(
+        "cannot load the compiled law", OSError, "set NOSLIP_CACHE to a folder that allows executables"
+    ):
         return ffi.dlopen(str(path))
 
 
 def declarations(header: str, *folders: Path) -> str:
-    """Return types, constants and prototypes of a header of runtime_c, or of `folders`, and of those it includes, for cffi.
+    """Return types, constants and prototypes of a header of runtime_c, or of `folders`, and of those it
+    includes, for cffi.
 
-    Only these sources are read: the compiler's own headers are replaced by the names of their types. noslip_real.h is left
-    out: it has nothing to call and cannot be parsed. Raises BadInput if the compiler cannot preprocess a header.
+    Only these sources are read: the compiler's own headers are replaced by the names of their types.
+    noslip_real.h is left out: it has nothing to call and cannot be parsed. Raises BadInput if the compiler
+    cannot preprocess a header.
     """
     with TemporaryDirectory() as empty:
         for name in ABSENT:
             Path(empty, name).touch()
         places = [f"-I{place}" for place in (empty, *folders, RUNTIME)]
         command = [*compiler(), "-std=c99", "-E", "-P", "-nostdinc", *ASIDE, *places, "-x", "c", "-"]
-        result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, encoding="utf-8", errors="replace")
+        result = subprocess.run(
+            command, input=f'#include "{header}"\n', capture_output=True, encoding="utf-8", errors="replace"
+        )
     if result.returncode:
         raise BadInput(f"`{' '.join(compiler())}` cannot preprocess {header}; check CC and its flags")
     known = "".join(f"typedef int {name};" for name in TYPES)
@@ -111,7 +132,8 @@ def declarations(header: str, *folders: Path) -> str:
 
 
 def _without_bodies(text: str) -> str:
-    """Return preprocessed C with a semicolon for the body of each function, which takes most of the time to parse."""
+    """Return preprocessed C with a semicolon for the body of each function,
+    which takes most of the time to parse."""
     parts, end = [], 0
     while start := BODY.search(text, end):
         parts.append(text[end : start.start()] + ");")

@@ -16,11 +16,13 @@ from .grip import GripReference
 
 ANGLE_MAX = 2.0**20  # rad; the C in double rejects larger angles
 FLAT = 1e-5  # entries of a gradient below this part of the largest count as zero, as in the C runtime
-VECTORS = ("h", "ydot", "u", "tau", "command", "extension_rate", "V", "bias", "lam")  # the other quantities are matrices
+# The other quantities are matrices
+VECTORS = ("h", "ydot", "u", "tau", "command", "extension_rate", "V", "bias", "lam")
 
 
 class CasadiController:
-    """A law with numerical parameters, config, gains and limits. The status is that of the C, with the same precedence."""
+    """A law with numerical parameters, config, gains and limits. The status is that of the C,
+    with the same precedence."""
 
     def __init__(
         self,
@@ -67,10 +69,13 @@ class CasadiController:
         return values
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """Return status and what the law gives, see Controller, within the limits; zeros if the status is an error."""
+        """Return status and what the law gives, see Controller, within the limits;
+        zeros if the status is an error."""
         check_point(self.law, state, reference)
         status, tau, rate = self._unlimited(state, reference)
-        self.extension_rate = rate if status == "ok" and (np.abs(tau) <= self._limits).all() else np.zeros_like(rate)
+        self.extension_rate = (
+            rate if status == "ok" and (np.abs(tau) <= self._limits).all() else np.zeros_like(rate)
+        )
         if self._grip and status != "ok":
             self._grip.earned.forget()
         if self._grip and status == "ok":
@@ -106,7 +111,8 @@ class CasadiController:
         return np.asarray(slope_function(self.law)(*self._fixed, state, reference)).ravel()
 
     def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray, np.ndarray]:
-        """Return status, inputs and the rates of the states of the extension; zeros if the status is an error."""
+        """Return status, inputs and the rates of the states of the extension;
+        zeros if the status is an error."""
         zero = np.zeros(len(self.law.inputs)), np.zeros(len(self.law.extension))
         if not (np.isfinite(state).all() and np.isfinite(reference).all()):
             return "nonfinite", *zero
@@ -121,8 +127,8 @@ class CasadiController:
 
 
 def slowed(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Return tau + c slope for the c nearest to 0 that keeps all |tau| <= limits; if there is none, for the c that minimizes
-    the largest |tau| / limit, divided by that quotient."""
+    """Return tau + c slope for the c nearest to 0 that keeps all |tau| <= limits; if there is none, for the c
+    that minimizes the largest |tau| / limit, divided by that quotient."""
     slope = np.where(np.abs(slope) > FLAT * np.abs(slope).max(), slope, 0.0)
     a, b = (np.concatenate([values, -values]) for values in (tau / limits, slope / limits))
     # max(a + b c) is convex: c is 0, or a point where a line a + b c is 1, or where two of them intersect
@@ -138,8 +144,8 @@ def slowed(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> np.ndarray
 
 @cache
 def slope_function(law: ControlLaw) -> ca.Function:
-    """Return the function (params, config, gains, state, reference) to the derivative of tau by the virtual input of the
-    speed.
+    """Return the function (params, config, gains, state, reference) to the derivative of tau by the virtual
+    input of the speed.
     """
     return portable(law.function({"slope": law.slope}))
 
@@ -154,20 +160,31 @@ def evaluation_function(law: ControlLaw) -> ca.Function:
 def model_function(law: ControlLaw) -> ca.Function:
     """Return the function (params, config, gains, state, reference) to the quantities of the model."""
     system, mechanism = law.system, law.system.mechanism
-    quantities = {"M": mechanism.M, "V": system.V, "A": mechanism.A, "S": system.S, "Mbar": system.Mbar, "bias": system.bias}
+    quantities = {
+        "M": mechanism.M,
+        "V": system.V,
+        "A": mechanism.A,
+        "S": system.S,
+        "Mbar": system.Mbar,
+        "bias": system.bias,
+    }
     quantities |= {} if law.kinematic else {"lam": system.constraint_forces(law.tau, law.u)}
     return portable(law.function(quantities))
 
 
 @cache
 def step_function(law: ControlLaw) -> ca.Function:
-    """Return the function (params, config, gains, state, reference) to tau, the measures of singularity, all angles, and the
-    rates of the states of the extension.
+    """Return the function (params, config, gains, state, reference) to tau, the measures of singularity, all
+    angles, and the rates of the states of the extension.
     """
     found = law.linearization
     used = ca.vertcat(found.h, found.rate, ca.vec(found.Phi), ca.vec(found.Phidot), law.tau)
     measure, rate = ca.vertcat(*[part for pair in found.measures for part in pair]), law.extension_rate
-    return portable(law.function({"tau": law.tau, "measure": measure, "angles": angles(law, used), "extension_rate": rate}))
+    return portable(
+        law.function(
+            {"tau": law.tau, "measure": measure, "angles": angles(law, used), "extension_rate": rate}
+        )
+    )
 
 
 def angles(law: ControlLaw, expression: ca.SX) -> ca.SX:

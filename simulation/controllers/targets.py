@@ -1,7 +1,7 @@
 """The targets of firmware/boards/targets.toml: how C is compiled and run on each. The host is one of them.
 
-Every image except the host's is freestanding: start-up code and linker script are those of firmware/boards, and only the
-compiler's own arithmetic library is linked.
+Every image except the host's is freestanding: start-up code and linker script are those of firmware/boards,
+and only the compiler's own arithmetic library is linked.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ PACKAGES = {  # tool -> Debian package
 class Target:
     """A target that runs C, and how its images are built.
 
-    `compiler`: the one that links, and compiles unless another is chosen; empty: any. `clang`: name of the target for clang.
-    `start`: sources of firmware/boards that are in each image. `machine`: command of the emulator; none on the host.
+    `compiler`: the one that links, and compiles unless another is chosen; empty: any. `clang`: name of the
+    target for clang. `start`: sources of firmware/boards that are in each image. `machine`: command of the
+    emulator; none on the host.
     """
 
     name: str
@@ -71,7 +72,11 @@ class Target:
 
     def run(self, image: str, *options: str) -> list[str]:
         """Return the command that runs an image, with options of the emulator."""
-        return [*self.machine, *QUIET, *options, "-kernel", image] if self.machine else [os.path.join(".", image)]
+        return (
+            [*self.machine, *QUIET, *options, "-kernel", image]
+            if self.machine
+            else [os.path.join(".", image)]
+        )
 
     def files(self) -> dict[str, str]:
         """Return the files of firmware/boards that an image needs: file name -> text."""
@@ -88,7 +93,9 @@ def _target(name: str, row: Mapping[str, Any]) -> Target:
     """Return a target of the table."""
     toolchain = TABLE["toolchain"][row["toolchain"]]
     words = {key: tuple(row.get(key, ())) for key in ("start", "machine")}
-    return Target(name, f"{toolchain['prefix']}gcc", toolchain["clang"], flags(name), script=row["script"], **words)
+    return Target(
+        name, f"{toolchain['prefix']}gcc", toolchain["clang"], flags(name), script=row["script"], **words
+    )
 
 
 HOST = Target("host")

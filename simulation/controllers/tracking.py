@@ -1,6 +1,8 @@
-"""The position of a vehicle on a composite path, and what it follows next: runtime_c/noslip_path.h, and a reference in Python.
+"""The position of a vehicle on a composite path, and what it follows next: runtime_c/noslip_path.h, and a
+reference in Python.
 
-The reference is written independently of the C, from its header. Both have the same interface, so that either can guide a run.
+The reference is written independently of the C, from its header. Both have the same interface, so that either
+can guide a run.
 """
 
 from __future__ import annotations
@@ -32,18 +34,20 @@ JOIN = 1e-6  # m and rad: default of the largest gap and kink, in double
 CREEP = 0.01  # m/s
 MOST_ENDED = 64  # segments that may end in one update
 ANGLE_MAX = 2.0**20  # rad: range of the C's sine in double
-CENTRE = 16 * sys.float_info.epsilon  # in units of the radius: nearer to the centre of an arc, progress is undefined
+# In units of the radius: nearer to the centre of an arc, progress is undefined
+CENTRE = 16 * sys.float_info.epsilon
 
 
 @dataclass(frozen=True)
 class TrackerOptions:
     """Options of path following.
 
-    speed (m/s, positive) between stops; deceleration (m/s^2) before a stop, 0 for none; creep (m/s), the lowest desired speed
-    before a stop, below which the vehicle counts as standing; gap (m) and kink (rad), the largest at a join; 0 is the default of
-    the last three. L: distance (m) of P_l ahead of the vehicle's point, driving forward and in reverse; W: to the left of it;
-    ahead: distance of that point ahead of the axle. reversing: "refuse" segments in reverse, or "switch" P_l at a cusp. stop:
-    the point that stops at cusps and at the end, P_l ("point") or the middle of the axle ("axle"). closed: the last segment is
+    speed (m/s, positive) between stops; deceleration (m/s^2) before a stop, 0 for none; creep (m/s), the
+    lowest desired speed before a stop, below which the vehicle counts as standing; gap (m) and kink (rad),
+    the largest at a join; 0 is the default of the last three. L: distance (m) of P_l ahead of the vehicle's
+    point, driving forward and in reverse; W: to the left of it; ahead: distance of that point ahead of the
+    axle. reversing: "refuse" segments in reverse, or "switch" P_l at a cusp. stop: the point that stops at
+    cusps and at the end, P_l ("point") or the middle of the axle ("axle"). closed: the last segment is
     followed by the first.
     """
 
@@ -64,14 +68,15 @@ class TrackerOptions:
 class Guide:
     """The current segment and the position of the vehicle on it; zeros if `status` is an error.
 
-    segment (from 0) and whether it is driven backward; changed: the segment differs from the last update, or is the first;
-    waiting: at a cusp, until the vehicle stands; arrived: the end is reached. L (m) of P_l now. The segment or its straight
-    extension starts at x, y (m) in the direction of travel heading (rad) with curvature (1/m, positive turns left).
-    progress (m) of P_l on it, and the distance left (m) to its end; it ends at 0 or below, and is a smooth function of the pose;
-    while waiting m/s, |forward speed| - creep; inf when arrived. remaining (m) to the stop, inf if there is none. Position
-    relative to the foot of P_l: distance (m), positive to the left of travel; cosine and sine of the heading relative to the
-    direction of travel there; foot_curvature (1/m) of the parallel curve through P_l. speed (m/s): desired forward speed of the
-    vehicle, negative in reverse, and its rate along the motion (m/s^2).
+    segment (from 0) and whether it is driven backward; changed: the segment differs from the last update, or
+    is the first; waiting: at a cusp, until the vehicle stands; arrived: the end is reached. L (m) of P_l now.
+    The segment or its straight extension starts at x, y (m) in the direction of travel heading (rad) with
+    curvature (1/m, positive turns left). progress (m) of P_l on it, and the distance left (m) to its end; it
+    ends at 0 or below, and is a smooth function of the pose; while waiting m/s, |forward speed| - creep; inf
+    when arrived. remaining (m) to the stop, inf if there is none. Position relative to the foot of P_l:
+    distance (m), positive to the left of travel; cosine and sine of the heading relative to the direction of
+    travel there; foot_curvature (1/m) of the parallel curve through P_l. speed (m/s): desired forward speed
+    of the vehicle, negative in reverse, and its rate along the motion (m/s^2).
     """
 
     status: str
@@ -97,10 +102,11 @@ class Guide:
 
 
 class Tracker(Protocol):
-    """Follows a composite path; x, y (m) and heading (rad) are those of the vehicle's point, speed (m/s) goes forward.
+    """Follows a composite path; x, y (m) and heading (rad) are those of the vehicle's point, speed (m/s) goes
+    forward.
 
-    The status of a guide is "ok", "arrived", or an error: "nonfinite", "range", "singular" (P_l at the centre of an arc).
-    Trackers are thread-safe.
+    The status of a guide is "ok", "arrived", or an error: "nonfinite", "range", "singular" (P_l at the centre
+    of an arc). Trackers are thread-safe.
     """
 
     options: TrackerOptions
@@ -112,7 +118,9 @@ class Tracker(Protocol):
         """Switch to the next segment if the current one has ended, and return the guide."""
 
 
-def make_tracker(backend: str, segments: Sequence[Segment], options: TrackerOptions, law: ControlLaw | None = None) -> Tracker:
+def make_tracker(
+    backend: str, segments: Sequence[Segment], options: TrackerOptions, law: ControlLaw | None = None
+) -> Tracker:
     """Return a tracker in Python ("casadi"), or the C as run by a backend; see `runtime_of`.
 
     Raises PathFault for a path that cannot be followed.
@@ -123,14 +131,16 @@ def make_tracker(backend: str, segments: Sequence[Segment], options: TrackerOpti
     return CompiledTracker(segments, options, scalar, c)
 
 
-# -- faults of paths -----------------------------------------------------------------------------------------------------
+# -- faults of paths -----------------------------------------------------------------------------------------
 
 
 class PathFault(BadInput):
-    """A path that cannot be followed: `kind` as in the C's NOSLIP_FAULT_..., in lower case; `segment` from 0, -1 for none;
-    `size` in the kind's unit."""
+    """A path that cannot be followed: `kind` as in the C's NOSLIP_FAULT_..., in lower case; `segment` from 0,
+    -1 for none; `size` in the kind's unit."""
 
-    def __init__(self, kind: str, segment: int, size: float, segments: Sequence[Segment], options: TrackerOptions):
+    def __init__(
+        self, kind: str, segment: int, size: float, segments: Sequence[Segment], options: TrackerOptions
+    ):
         super().__init__(_sentence(kind, segment, size, segments, options))
         self.kind, self.segment, self.size = kind, segment, size
 
@@ -146,27 +156,48 @@ def _sentence(kind: str, k: int, size: float, segments: Sequence[Segment], optio
         case "nonfinite" if not size:
             return f"{this}: {segments[k]} has a number that is not finite"
         case "nonfinite":
-            return f"{this}: an angle of {size:.6g} rad is too large for sine and cosine; subtract whole turns"
+            return (
+                f"{this}: an angle of {size:.6g} rad is too large for sine and cosine; subtract whole turns"
+            )
         case "length":
             return f"{this}: its length, {size:g} m, is not positive; remove it or make it longer"
         case "reversing":
             return f'{this} is to be driven in reverse, which is not allowed; set reversing = "switch"'
         case "lever":
-            way, sign, name = ("in reverse", "negative", "L_backward") if segments[k].backward else ("forward", "positive", "L")
-            return f"{this}: P_l lies L + d = {size:g} m ahead of the axle, which must be {sign} driving {way}; change {name}"
+            way, sign, name = (
+                ("in reverse", "negative", "L_backward")
+                if segments[k].backward
+                else ("forward", "positive", "L")
+            )
+            return (
+                f"{this}: P_l lies L + d = {size:g} m ahead of the axle, which must be {sign} driving "
+                f"{way}; change {name}"
+            )
         case "tight":
             radius = 1 / abs(segments[k].curvature)
             least = f"{radius + size:.6g} m, which L + d and W require"
-            return f"{this}: its radius, {radius:.6g} m, is not more than {least}; increase it or move P_l nearer to the axle"
+            return (
+                f"{this}: its radius, {radius:.6g} m, is not more than {least}; increase it or move P_l "
+                "nearer to the axle"
+            )
         case "gap":
             return f"{this} begins {size:.3g} m from the end of {before}; move it there"
         case "kink":
-            return f"{this}: its direction of travel differs by {size:.3g} rad from that at the end of {before}; rotate it"
+            return (
+                f"{this}: its direction of travel differs by {size:.3g} rad from that at the end of "
+                f"{before}; rotate it"
+            )
         case "cusp":
-            return f"{this}: the direction of travel at the cusp after {before} is {size:.3g} rad off a change by pi; rotate it"
+            return (
+                f"{this}: the direction of travel at the cusp after {before} is {size:.3g} rad off a "
+                "change by pi; rotate it"
+            )
         case _:
             missing = f"{size:.3g} m too short for P_l to change sides"
-            return f'{this}: the run from this cusp to the next stop is {missing}; lengthen it or set stop = "axle"'
+            return (
+                f"{this}: the run from this cusp to the next stop is {missing}; lengthen it or set stop = "
+                '"axle"'
+            )
 
 
 def _bad_options(options: TrackerOptions) -> Iterator[str]:
@@ -174,7 +205,12 @@ def _bad_options(options: TrackerOptions) -> Iterator[str]:
         value = getattr(options, name)
         if not (math.isfinite(value) and value >= 0) or (name == "speed" and not value):
             yield f"{name} = {value:g} must be finite and {'positive' if name == 'speed' else 'not negative'}"
-    for name, value in (("L", options.L[0]), ("L_backward", options.L[1]), ("W", options.W), ("ahead", options.ahead)):
+    for name, value in (
+        ("L", options.L[0]),
+        ("L_backward", options.L[1]),
+        ("W", options.W),
+        ("ahead", options.ahead),
+    ):
         if not math.isfinite(value):
             yield f"{name} = {value:g} must be finite"
     for name, known in (("reversing", REVERSING), ("stop", STOP)):
@@ -183,14 +219,17 @@ def _bad_options(options: TrackerOptions) -> Iterator[str]:
 
 
 def _faults(segments: Sequence[Segment], options: TrackerOptions) -> Iterator[tuple[str, int, float]]:
-    """Yield kind, segment and size of every fault, in the order of the C; those after the first may be meaningless."""
+    """Yield kind, segment and size of every fault, in the order of the C;
+    those after the first may be meaningless."""
     for _ in _bad_options(options):
         yield "options", -1, 0.0
     if not segments:
         yield "empty", -1, 0.0
     lookaheads = [L + options.ahead for L in options.L]
     for k, segment in enumerate(segments):
-        yield from ((kind, k, size) for kind, size in _segment_faults(segment, options, lookaheads[segment.backward]))
+        yield from (
+            (kind, k, size) for kind, size in _segment_faults(segment, options, lookaheads[segment.backward])
+        )
         if k:
             yield from ((kind, k, size) for kind, size in _join_faults(segments[k - 1], segment, options))
     if options.closed:
@@ -204,8 +243,12 @@ def _faults(segments: Sequence[Segment], options: TrackerOptions) -> Iterator[tu
                 yield "short", run[0], missing
 
 
-def _segment_faults(segment: Segment, options: TrackerOptions, lookahead: float) -> Iterator[tuple[str, float]]:
-    if not all(map(math.isfinite, (segment.x, segment.y, segment.heading, segment.curvature, segment.length))):
+def _segment_faults(
+    segment: Segment, options: TrackerOptions, lookahead: float
+) -> Iterator[tuple[str, float]]:
+    if not all(
+        map(math.isfinite, (segment.x, segment.y, segment.heading, segment.curvature, segment.length))
+    ):
         yield "nonfinite", 0.0
     turned = segment.curvature * segment.length
     for angle in (turned, segment.heading, segment.heading + turned):
@@ -238,7 +281,8 @@ def _join_faults(before: Segment, after: Segment, options: TrackerOptions) -> It
 
 
 def _runs(segments: Sequence[Segment], closed: bool) -> list[list[int]]:
-    """Return the indices of the segments from stop to stop; in a closed path the last run continues into the first."""
+    """Return the indices of the segments from stop to stop;
+    in a closed path the last run continues into the first."""
     runs: list[list[int]] = []
     for k, segment in enumerate(segments):
         if k and segment.backward == segments[k - 1].backward:
@@ -250,7 +294,7 @@ def _runs(segments: Sequence[Segment], closed: bool) -> list[list[int]]:
     return runs
 
 
-# -- the reference implementation ------------------------------------------------------------------------------------------
+# -- the reference implementation ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -282,7 +326,8 @@ class _Error(Exception):
 
 
 class PathTracker:
-    """The reference implementation: double, Python's mathematics. Raises PathFault for a path that cannot be followed."""
+    """The reference implementation: double, Python's mathematics. Raises PathFault for a path that cannot be
+    followed."""
 
     def __init__(self, segments: Sequence[Segment], options: TrackerOptions):
         for fault in _faults(segments, options):
@@ -311,7 +356,9 @@ class PathTracker:
         try:
             progress, distance = self._find(state, x, y, heading, speed)
             for _ in range(self._limit):
-                state = replace(state, progress=progress, stopped=state.stopped or self._at_stop(state, progress))
+                state = replace(
+                    state, progress=progress, stopped=state.stopped or self._at_stop(state, progress)
+                )
                 if not self._ended(state, speed):
                     break
                 state, changed = self._next(state), True
@@ -362,7 +409,9 @@ class PathTracker:
         after = self._pieces[state.piece].after
         assert after is not None, "only called if another segment follows"
         following = self._pieces[after]
-        return replace(state, piece=after, progress=0.0, stopped=following.runs_on and not following.shape.length)
+        return replace(
+            state, piece=after, progress=0.0, stopped=following.runs_on and not following.shape.length
+        )
 
     def _guide(self, state: _State, progress: float, distance: float, heading: float, speed: float) -> Guide:
         piece = self._pieces[state.piece]
@@ -395,7 +444,8 @@ class PathTracker:
         )
 
     def _profile(self, remaining: float, speed: float) -> tuple[float, float]:
-        """Return the desired speed at this distance from the stop and its rate along the motion, in the direction of travel."""
+        """Return the desired speed at this distance from the stop and its rate along the motion,
+        in the direction of travel."""
         cruise, deceleration = self.options.speed, self.options.deceleration
         if not deceleration:
             return cruise, 0.0
@@ -410,35 +460,49 @@ def _pieces(segments: Sequence[Segment], options: TrackerOptions) -> list[_Piece
     pieces: list[_Piece] = []
     runs = _runs(segments, options.closed)
     if options.closed and len({segment.backward for segment in segments}) == 1:  # no stop
-        return [_Piece(k, segment, math.inf, False, (k + 1) % len(segments)) for k, segment in enumerate(segments)]
+        return [
+            _Piece(k, segment, math.inf, False, (k + 1) % len(segments)) for k, segment in enumerate(segments)
+        ]
     for run in runs:
         way = sum(segments[k].length for k in run)
         last = segments[run[-1]]
         run_on = abs(options.L[last.backward] + options.ahead) if options.stop == "axle" else 0.0
         for k in run:
             way -= segments[k].length
-            pieces.append(_Piece(k, segments[k], way + run_on if k != run[-1] else run_on, False, len(pieces) + 1))
+            pieces.append(
+                _Piece(k, segments[k], way + run_on if k != run[-1] else run_on, False, len(pieces) + 1)
+            )
         extension = Segment(*last.end, 0.0, run_on, last.backward)
         pieces.append(_Piece(run[-1], extension, 0.0, True, len(pieces) + 1))
     pieces[-1] = replace(pieces[-1], after=0 if options.closed else None)
     first = next(k for k, piece in enumerate(pieces) if piece.segment == 0)
-    turned = {k: (k - first) % len(pieces) for k in range(len(pieces))} | {None: None}  # so that segment 0 is the first
+    # So that segment 0 is the first
+    turned = {k: (k - first) % len(pieces) for k in range(len(pieces))} | {None: None}
     return [replace(piece, after=turned[piece.after]) for piece in pieces[first:] + pieces[:first]]
 
 
-# -- the C ---------------------------------------------------------------------------------------------------------------
+# -- the C ---------------------------------------------------------------------------------------------------
 
 
 class CompiledTracker:
     """The C, in double or float. Raises PathFault for a path that cannot be followed."""
 
-    def __init__(self, segments: Sequence[Segment], options: TrackerOptions, scalar: str = "double", c: Runtime | None = None):
+    def __init__(
+        self,
+        segments: Sequence[Segment],
+        options: TrackerOptions,
+        scalar: str = "double",
+        c: Runtime | None = None,
+    ):
         self.options = options
         self._c, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         kind = f"{SCALARS[scalar].name('noslip_segment')}[]"
         self._segments = self._c.ffi.new(kind, [vars(segment) for segment in segments])
         self._self, fault = self._new("noslip_path"), self._new("noslip_path_fault")
-        values = vars(options) | {"reversing": _index(REVERSING, options.reversing), "stop": _index(STOP, options.stop)}
+        values = vars(options) | {
+            "reversing": _index(REVERSING, options.reversing),
+            "stop": _index(STOP, options.stop),
+        }
         given = self._segments, len(segments), self._new("noslip_path_options", values)
         if self._call("noslip_path_init", *given, fault) != "ok":
             raise PathFault(_fault_names(self._c)[fault.kind], fault.segment, fault.size, segments, options)
@@ -464,15 +528,23 @@ class CompiledTracker:
         with self._lock:
             status, foot = self._call(name, *seen, self._guide), self._guide.foot
             found = guide_values(self._guide, self._fields, self._largest)
-            at_foot = {"distance": foot.distance, "cosine": foot.cosine, "sine": foot.sine, "foot_curvature": foot.curvature}
+            at_foot = {
+                "distance": foot.distance,
+                "cosine": foot.cosine,
+                "sine": foot.sine,
+                "foot_curvature": foot.curvature,
+            }
         return Guide(status, **(found | at_foot))
 
 
 def guide_values(guide: Any, fields: Iterable[str], largest: float) -> dict[str, Any]:
-    """Return fields of a guide of the C: flags as truth values, endless lengths, which are at least `largest`, as infinite."""
+    """Return fields of a guide of the C: flags as truth values, endless lengths,
+    which are at least `largest`, as infinite."""
     found = {field: getattr(guide, field) for field in fields}
     flags = {field: bool(found[field]) for field in ("backward", "changed", "waiting", "arrived")}
-    endless = {field: math.inf for field in ("left", "remaining") if field in found and found[field] >= largest}
+    endless = {
+        field: math.inf for field in ("left", "remaining") if field in found and found[field] >= largest
+    }
     return found | flags | endless
 
 
@@ -484,4 +556,8 @@ def _index(names: Sequence[str], name: str) -> int:
 def _fault_names(c: Runtime) -> dict[int, str]:
     """Return the kinds of faults by number."""
     prefix = "NOSLIP_FAULT_"
-    return {getattr(c.lib, name): name.removeprefix(prefix).lower() for name in dir(c.lib) if name.startswith(prefix)}
+    return {
+        getattr(c.lib, name): name.removeprefix(prefix).lower()
+        for name in dir(c.lib)
+        if name.startswith(prefix)
+    }

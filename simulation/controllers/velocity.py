@@ -1,5 +1,5 @@
-"""Commands for drives that take velocities: the integral of the law's accelerations, or the velocities of a kinematic law, within
-limits; by the C (noslip_velocity.h), or by a reference implementation of the same.
+"""Commands for drives that take velocities: the integral of the law's accelerations, or the velocities of a
+kinematic law, within limits; by the C (noslip_velocity.h), or by a reference implementation of the same.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ MOST = 8  # quasi-velocities, as NOSLIP_VELOCITIES
 
 @dataclass(frozen=True)
 class VehicleLimits:
-    """Forward speed (m/s) and yaw rate (rad/s) of a vehicle by its two quasi-velocities, and the largest accelerations (m/s^2),
-    both positive: of the forward speed (`along`), and speed times yaw rate (`lateral`).
+    """Forward speed (m/s) and yaw rate (rad/s) of a vehicle by its two quasi-velocities, and the largest
+    accelerations (m/s^2), both positive: of the forward speed (`along`), and speed times yaw rate
+    (`lateral`).
     """
 
     forward: tuple[float, ...]
@@ -42,8 +43,9 @@ class VehicleLimits:
 
 @dataclass(frozen=True)
 class VelocityLimits:
-    """Limits of each quasi-velocity, all positive: of the command (`speed`), of its rate of change (`acceleration`), and of its
-    difference from the measured velocity (`band`), in the unit of the quasi-velocity and its rate. `vehicle`: of its motion.
+    """Limits of each quasi-velocity, all positive: of the command (`speed`), of its rate of change
+    (`acceleration`), and of its difference from the measured velocity (`band`), in the unit of the
+    quasi-velocity and its rate. `vehicle`: of its motion.
     """
 
     speed: tuple[float, ...]
@@ -53,14 +55,15 @@ class VelocityLimits:
 
 
 class Velocity(Protocol):
-    """Commands for velocity-controlled drives. Velocities and accelerations in the order of the quasi-velocities, SI."""
+    """Commands for velocity-controlled drives. Velocities and accelerations in the order of the
+    quasi-velocities, SI."""
 
     def reset(self, nu: np.ndarray) -> None:
         """Begin at the measured velocities."""
 
     def step(self, u: np.ndarray, nu: np.ndarray, status: str, dt: float) -> tuple[str, np.ndarray]:
-        """Return the status and the commands until the next call, dt (s) later, from the accelerations u, the measured
-        velocities and the status of the law's step.
+        """Return the status and the commands until the next call, dt (s) later, from the accelerations u, the
+        measured velocities and the status of the law's step.
         """
 
     def follow(self, desired: np.ndarray, nu: np.ndarray, status: str, dt: float) -> tuple[str, np.ndarray]:
@@ -88,7 +91,9 @@ class ReferenceVelocity:
         """See Velocity."""
         return self._made(desired, desired, nu, status, dt)
 
-    def _made(self, desired: np.ndarray, target: np.ndarray, nu: np.ndarray, status: str, dt: float) -> tuple[str, np.ndarray]:
+    def _made(
+        self, desired: np.ndarray, target: np.ndarray, nu: np.ndarray, status: str, dt: float
+    ) -> tuple[str, np.ndarray]:
         if status not in RUNNING:
             return status, self._towards(np.zeros(len(nu)), self._period)
         if not (np.isfinite(desired).all() and np.isfinite(nu).all()):
@@ -119,8 +124,8 @@ class ReferenceVelocity:
         return np.array([d * speed - b * yaw, a * yaw - c * speed]) / (a * d - b * c)
 
     def _rolled(self, target: np.ndarray, dt: float) -> tuple[np.ndarray, bool]:
-        """Return the target with the speed that can be reached, the desired curvature and a yaw rate within the lateral limit;
-        whether that was beyond it.
+        """Return the target with the speed that can be reached, the desired curvature and a yaw rate within
+        the lateral limit; whether that was beyond it.
         """
         if self._vehicle is None:
             return target, False
@@ -129,7 +134,11 @@ class ReferenceVelocity:
         after = before + np.clip(speed - before, -most, most)
         turned = yaw * abs(after / speed) if abs(after) < abs(speed) else yaw
         beyond = bool(abs(after * turned) > self._vehicle.lateral)
-        turned = np.clip(turned, *[sign * self._vehicle.lateral / abs(after) for sign in (-1, 1)]) if beyond else turned
+        turned = (
+            np.clip(turned, *[sign * self._vehicle.lateral / abs(after) for sign in (-1, 1)])
+            if beyond
+            else turned
+        )
         return self._with_twist(after, turned), beyond
 
     def _held(self, target: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
@@ -142,7 +151,11 @@ class ReferenceVelocity:
         else:
             changed = self._with_twist(before, turned if abs(turned) <= abs(yaw) else yaw)
         target = self._step(changed, dt)
-        return (target, "grip") if self._lateral(target) <= 1 + 1e-9 else (self._step(np.zeros(2), dt), "will_slip")
+        return (
+            (target, "grip")
+            if self._lateral(target) <= 1 + 1e-9
+            else (self._step(np.zeros(2), dt), "will_slip")
+        )
 
     def _step(self, target: np.ndarray, dt: float) -> np.ndarray:
         change = target - self._command
@@ -159,7 +172,9 @@ class ReferenceVelocity:
 class CompiledVelocity:
     """The C, in double or float. Raises BadInput for limits or a period that init refuses."""
 
-    def __init__(self, limits: VelocityLimits, period: float, scalar: str = "double", c: Runtime | None = None):
+    def __init__(
+        self, limits: VelocityLimits, period: float, scalar: str = "double", c: Runtime | None = None
+    ):
         from .runtime import runtime  # slow to import
 
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
@@ -171,7 +186,9 @@ class CompiledVelocity:
         self._self, self._command = self._runtime.new("noslip_velocity", scalar), self._array([])
         self._checked("init", given, self._count, float(period))
         if limits.vehicle:
-            self._checked("set_vehicle", self._runtime.new("noslip_velocity_vehicle", scalar, asdict(limits.vehicle)))
+            self._checked(
+                "set_vehicle", self._runtime.new("noslip_velocity_vehicle", scalar, asdict(limits.vehicle))
+            )
 
     def reset(self, nu: np.ndarray) -> None:
         """See Velocity."""
@@ -185,7 +202,9 @@ class CompiledVelocity:
         """See Velocity."""
         return self._made("follow", desired, nu, status, dt)
 
-    def _made(self, name: str, first: np.ndarray, nu: np.ndarray, status: str, dt: float) -> tuple[str, np.ndarray]:
+    def _made(
+        self, name: str, first: np.ndarray, nu: np.ndarray, status: str, dt: float
+    ) -> tuple[str, np.ndarray]:
         given = [self._array(values) for values in (first, nu)]
         function = self._runtime.function(f"noslip_velocity_{name}", self._scalar)
         with self._lock:
@@ -200,7 +219,8 @@ class CompiledVelocity:
 
 
 def make_velocity(backend: str, limits: VelocityLimits, period: float, law: ControlLaw) -> Velocity:
-    """Return the generator of commands for a backend: casadi in Python, the others by the C, where they run `law`."""
+    """Return the generator of commands for a backend: casadi in Python, the others by the C,
+    where they run `law`."""
     if backend == "casadi":
         return ReferenceVelocity(limits, period)
     c, scalar = runtime_of(backend, HEADER, law)
@@ -211,8 +231,9 @@ Acceleration = Callable[[np.ndarray, np.ndarray], tuple[str, np.ndarray]]  # fro
 
 
 def make_acceleration(backend: str, law: ControlLaw, parameters: Numbers) -> Acceleration:
-    """Return the function from [q; nu] and tau to the status and nudot (11), with the parameters that the controller believes: by
-    the model, or by the generated C of the robot's dynamics, where the backend runs `law`.
+    """Return the function from [q; nu] and tau to the status and nudot (11), with the parameters that the
+    controller believes: by the model, or by the generated C of the robot's dynamics, where the backend runs
+    `law`.
     """
     system = law.system
     n = len(system.mechanism.coordinates)

@@ -1,4 +1,5 @@
-"""Where the point and the heading of a Mechanism are on the robot of a scene, and which of its joints are the Mechanism's."""
+"""Where the point and the heading of a Mechanism are on the robot of a scene,
+and which of its joints are the Mechanism's."""
 
 from __future__ import annotations
 
@@ -18,8 +19,9 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class SharedJoint:
-    """Joints of a scene that are one of the Mechanism, their mean: their numbers, addresses in qpos and qvel, and signs: 1 where
-    a positive angle is one of the Mechanism's. `shapes` are those of the wheel on each joint, none on a hinge.
+    """Joints of a scene that are one of the Mechanism, their mean: their numbers, addresses in qpos and qvel,
+    and signs: 1 where a positive angle is one of the Mechanism's. `shapes` are those of the wheel on each
+    joint, none on a hinge.
     """
 
     joints: tuple[int, ...]
@@ -32,8 +34,9 @@ class SharedJoint:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """`point` and `ahead`: place (m) and heading of the Mechanism in the axes of the base. `hinges` of all frames but the first,
-    `wheels` of all contacts. `off` (m): how far a joint is at most from where the Mechanism has it; `size` (m) of the robot.
+    """`point` and `ahead`: place (m) and heading of the Mechanism in the axes of the base. `hinges` of all
+    frames but the first, `wheels` of all contacts. `off` (m): how far a joint is at most from where the
+    Mechanism has it; `size` (m) of the robot.
     """
 
     point: np.ndarray
@@ -45,16 +48,22 @@ class Alignment:
 
 
 def align(
-    scene: SceneFile, data, name: str, bodies: PlanarBodies, turned: Sequence[Sequence[int]], rolled: Sequence[Sequence[int]]
+    scene: SceneFile,
+    data,
+    name: str,
+    bodies: PlanarBodies,
+    turned: Sequence[Sequence[int]],
+    rolled: Sequence[Sequence[int]],
 ) -> Alignment:
-    """Return the alignment of the robot `name` with `data`, its pose in the file, all hinges straight; from the joints of its
-    frames but the first, `turned`, and of its wheels, `rolled`.
+    """Return the alignment of the robot `name` with `data`, its pose in the file, all hinges straight; from
+    the joints of its frames but the first, `turned`, and of its wheels, `rolled`.
 
     Raises BadInput for joints that are elsewhere or about other axes than those of the Mechanism.
     """
     shapes = [tuple(tuple(scene.shapes(k)) for k in own) for own in rolled]
     centres = [
-        [middle(scene, data, k, of) for k, of in zip(own, wheel, strict=True)] for own, wheel in zip(rolled, shapes, strict=True)
+        [middle(scene, data, k, of) for k, of in zip(own, wheel, strict=True)]
+        for own, wheel in zip(rolled, shapes, strict=True)
     ]
     origins = hinges(bodies, 0)
     known = np.array(
@@ -63,15 +72,22 @@ def align(
             *(origins[wheel.frame] + np.mean(wheel.places, axis=0) for wheel in bodies.wheels),
         ]
     )
-    there = np.array([*(data.xanchor[list(own)].mean(axis=0) for own in turned), *(np.mean(own, axis=0) for own in centres)])
+    there = np.array(
+        [
+            *(data.xanchor[list(own)].mean(axis=0) for own in turned),
+            *(np.mean(own, axis=0) for own in centres),
+        ]
+    )
     turn, place, off = _moved(known, there[:, :2])
     size = float(np.abs(known - known.mean(axis=0)).max())
     if not size > 0:
-        raise scene.wrong(f"the wheels and hinges of {name} are at one place, which does not show its heading")
+        raise scene.wrong(
+            f"the wheels and hinges of {name} are at one place, which does not show its heading"
+        )
     if off > MISPLACED * size:
         raise scene.wrong(
-            f"its joints are not where {name} has its wheels and hinges, by {off:.3g} m: correct [scene] joints, or the "
-            "robot's parameters"
+            f"its joints are not where {name} has its wheels and hinges, by {off:.3g} m: correct [scene] "
+            "joints, or the robot's parameters"
         )
     root = scene.base([k for own in (*turned, *rolled) for k in own])
     axes, (c, s) = data.xmat[root].reshape(3, 3), (np.cos(turn), np.sin(turn))
@@ -91,15 +107,19 @@ def align(
 
 
 def middle(scene: SceneFile, data, joint: int, shapes: Sequence[int]) -> np.ndarray:
-    """Return the middle of the shapes of a wheel, on its axle, m. Raises BadInput for a wheel without shapes."""
+    """Return the middle of the shapes of a wheel, on its axle,
+    m. Raises BadInput for a wheel without shapes."""
     if not shapes:
-        raise scene.wrong(f"joint {scene.model.joint(joint).name!r} carries no shape that can touch the floor")
+        raise scene.wrong(
+            f"joint {scene.model.joint(joint).name!r} carries no shape that can touch the floor"
+        )
     anchor, axis = data.xanchor[joint], data.xaxis[joint]
     return anchor + axis * (axis @ (data.geom_xpos[list(shapes)].mean(axis=0) - anchor))
 
 
 def _moved(known: np.ndarray, there: np.ndarray) -> tuple[float, np.ndarray, float]:
-    """Return the angle and the place to which a figure of points (count, 2) is moved, and the largest distance that is left."""
+    """Return the angle and the place to which a figure of points (count, 2) is moved,
+    and the largest distance that is left."""
     a, b = known - known.mean(axis=0), there - there.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     c, s = np.cos(turn), np.sin(turn)
@@ -109,7 +129,12 @@ def _moved(known: np.ndarray, there: np.ndarray) -> tuple[float, np.ndarray, flo
 
 
 def _shared(
-    scene: SceneFile, data, joints: Sequence[int], direction: np.ndarray, what: str, shapes: tuple[tuple[int, ...], ...]
+    scene: SceneFile,
+    data,
+    joints: Sequence[int],
+    direction: np.ndarray,
+    what: str,
+    shapes: tuple[tuple[int, ...], ...],
 ) -> SharedJoint:
     """Return joints about an axis in a direction, or the opposite one. Raises BadInput for another axis."""
     model, numbers = scene.model, list(joints)
@@ -117,6 +142,9 @@ def _shared(
     for k, part in zip(numbers, along, strict=True):
         off = np.arccos(min(1.0, abs(part)))
         if off > TILTED:
-            raise scene.wrong(f"joint {model.joint(k).name!r}: its axis is {np.degrees(off):.3g} deg from {what}; correct it")
+            raise scene.wrong(
+                f"joint {model.joint(k).name!r}: its axis is {np.degrees(off):.3g} deg from {what}; correct "
+                "it"
+            )
     at = model.jnt_qposadr[numbers]
     return SharedJoint(tuple(numbers), at, model.jnt_dofadr[numbers], np.sign(along), model.qpos0[at], shapes)

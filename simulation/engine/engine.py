@@ -1,4 +1,5 @@
-"""A robot on a floor in MuJoCo: what moves it between two calls of its controller, and what is measured there."""
+"""A robot on a floor in MuJoCo: what moves it between two calls of its controller,
+and what is measured there."""
 
 from __future__ import annotations
 
@@ -17,19 +18,24 @@ from .stepping import Stepped, installed
 
 SLIGHT = 1e-3  # of the weight: a contact that carries less at rest gives way as one that carries this
 SETTLED, LONGEST = 1e-9, 4000  # m/s, rad/s: the robot stands still; steps until it must
-ON_BUMPS = 1e-3  # m/s, as CREEP: tyres give way where the wheels of an axle that leans come nearer to each other
+# m/s, as CREEP: tyres give way where the wheels of an axle that leans come nearer to each other
+ON_BUMPS = 1e-3
 
 
 class FloorEngine(Stepped):
     """A plant on a floor. Starts at [q; nu] = `start`, rolling, settled on its contacts.
 
-    MuJoCo has the bodies and the loads. Friction is Coulomb's law with the loads of the step before: MuJoCo's cones couple slip
-    and load and lift a wheel that begins to slide, the more the lighter it is.
+    MuJoCo has the bodies and the loads. Friction is Coulomb's law with the loads of the step before: MuJoCo's
+    cones couple slip and load and lift a wheel that begins to slide, the more the lighter it is.
     """
 
     def __init__(self, plant: Plant, contact: ContactSection, floor: Floor, start: np.ndarray):
-        """Raises BadInput if MuJoCo is missing, or if the robot is not made of bodies and wheels in the plane."""
-        mujoco, bodies = installed(), with_castors(planar(plant.system.mechanism, plant.parameters), contact.share)
+        """Raises BadInput if MuJoCo is missing, or if the robot is not made of bodies and wheels in the
+        plane."""
+        mujoco, bodies = (
+            installed(),
+            with_castors(planar(plant.system.mechanism, plant.parameters), contact.share),
+        )
         self.xml = mjcf(plant.system.mechanism.name, bodies, contact.height, floor.bumps)
         super().__init__(plant, bodies, mujoco.MjModel.from_xml_string(self.xml), floor)
         self._plant = plant
@@ -37,7 +43,8 @@ class FloorEngine(Stepped):
         wheels = self.planar.wheels
         self.moving = self._dofs(self._joint_names())
         self._free = self._dofs([f"axle_{k}" for k, wheel in enumerate(wheels) if wheel.angle is None])
-        self._of = np.array([k for k, wheel in enumerate(wheels) for _ in wheel.places])  # the contact of each wheel
+        # The contact of each wheel
+        self._of = np.array([k for k, wheel in enumerate(wheels) for _ in wheel.places])
         names = [f"wheel_{k}_{j}" for k, wheel in enumerate(wheels) for j in range(len(wheel.places))]
         self._geoms = [self.model.geom(name).id for name in names]
         self._castors = [self.model.geom(f"castor_{k}").id for k in range(len(bodies.castors))]
@@ -46,14 +53,22 @@ class FloorEngine(Stepped):
         self._radii = np.array([abs(wheels[k].radius) for k in self._of])
         self._yield_alike(bodies)
         if bodies.leaning and (contact.height or contact.share < 1):
-            raise BadInput("[contact] height and share are for robots whose bodies stay level; leave them out")
-        self._standing = [self.model.body(f"body_{k}").id for k in range(len(bodies.frames)) if stands(bodies, k)]
+            raise BadInput(
+                "[contact] height and share are for robots whose bodies stay level; leave them out"
+            )
+        self._standing = [
+            self.model.body(f"body_{k}").id for k in range(len(bodies.frames)) if stands(bodies, k)
+        ]
         self._uneven = bool(floor.bumps)
         self._rollers = [k for k, of in enumerate(self._of) if wheels[of].rollers]
         if self._rollers and self._uneven:
-            raise BadInput("--engine mujoco: wheels with rollers on bumps are not described; leave out [floor] bump and rough")
+            raise BadInput(
+                "--engine mujoco: wheels with rollers on bumps are not described; leave out [floor] bump and "
+                "rough"
+            )
         count = len(self._of)
-        self._tangents = np.tile(np.eye(3)[:2], (count, 1, 1))  # directions of friction, in the plane that each wheel touches
+        # Directions of friction, in the plane that each wheel touches
+        self._tangents = np.tile(np.eye(3)[:2], (count, 1, 1))
         self._push = np.zeros((count, 3))  # N, of the ground, at right angles to that plane
         self._load, self._limit, self._friction = np.zeros(count), np.ones(count), np.zeros(2 * count)
         self._carried = np.zeros(len(self._castors))  # N
@@ -70,8 +85,9 @@ class FloorEngine(Stepped):
         return np.array([self.model.joint(name).dofadr[0] for name in names], int)
 
     def _yield_alike(self, bodies: PlanarBodies) -> None:
-        """Let wheels and castors give way as springs in proportion to their loads at rest: where the balance of forces and
-        moments leaves loads open, at rest they are those of the Mechanism, and forces change them as `shift_by_forces` says.
+        """Let wheels and castors give way as springs in proportion to their loads at rest: where the balance
+        of forces and moments leaves loads open, at rest they are those of the Mechanism, and forces change
+        them as `shift_by_forces` says.
         """
         shares = [bodies.wheels[k].load / len(bodies.wheels[k].places) for k in self._of]
         shares += [castor.load for castor in bodies.castors]
@@ -93,8 +109,14 @@ class FloorEngine(Stepped):
         """See Stepped."""
         if not self.planar.off:
             return ()
-        off = f"{self.planar.off:.1%} of its largest entry: parts that are steered together turn about one hinge there"
-        return (f"--engine mujoco: the mass matrix of the engine's bodies differs from that of the robot by {off}",)
+        off = (
+            f"{self.planar.off:.1%} of its largest entry: parts that are steered together turn about one "
+            "hinge there"
+        )
+        return (
+            "--engine mujoco: the mass matrix of the engine's bodies differs from that of the robot "
+            f"by {off}",
+        )
 
     @property
     def castors(self) -> tuple[str, ...]:
@@ -119,9 +141,13 @@ class FloorEngine(Stepped):
     def _standing_at_rest(self, height: float) -> Standing:
         """Return how the robot stands now."""
         planar, mass = self.planar, float(self.model.body_mass.sum())
-        known = [(f.mass, height if f.height is None else f.height) for f in planar.frames if f.height or height]
+        known = [
+            (f.mass, height if f.height is None else f.height) for f in planar.frames if f.height or height
+        ]
         high = sum(own * h for own, h in known) / sum(own for own, _ in known) if known else None
-        loads = dict(zip((*self.names, *self.castors), map(float, (*self._load, *self._carried)), strict=True))
+        loads = dict(
+            zip((*self.names, *self.castors), map(float, (*self._load, *self._carried)), strict=True)
+        )
         places = {c.name: (float(c.place[0]), float(c.place[1])) for c in planar.castors}
         return Standing(mass, high, loads, places)
 
@@ -149,8 +175,11 @@ class FloorEngine(Stepped):
         self.data.qfrc_applied[:] = 0.0
         self.data.qfrc_applied[self.moving] = self._rates.T @ force
         mu = self._mu()
-        # On bumps friction also sees the forces at right angles to what is touched, which between bumps are not parallel.
-        self._friction = self._rub(self._contact_rows(), self._load, mu, ON_BUMPS if self._uneven else CREEP, self._uneven)
+        # On bumps friction also sees the forces at right angles to what is touched, which between bumps are
+        # not parallel.
+        self._friction = self._rub(
+            self._contact_rows(), self._load, mu, ON_BUMPS if self._uneven else CREEP, self._uneven
+        )
         self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
@@ -161,13 +190,16 @@ class FloorEngine(Stepped):
         """See Stepped."""
         change = self._plant.pushed(x, impulse) - x
         change[: self._n] = x[: self._n]
-        self.data.qvel[self.moving] += self.planar.joints @ self._functions["qdot"](change, self._parameters)[0]
+        self.data.qvel[self.moving] += (
+            self.planar.joints @ self._functions["qdot"](change, self._parameters)[0]
+        )
         self._mujoco.mj_forward(self.model, self.data)
         self._roll_idle(x[: self._n])
         return self.state()
 
     def _aim(self, q: np.ndarray) -> None:
-        """Let the friction of wheels with rollers act in the direction in which they roll, and not across it."""
+        """Let the friction of wheels with rollers act in the direction in which they roll,
+        and not across it."""
         directions = self._directions(q)[self._of]
         for k in self._rollers:
             self._tangents[k] = [[np.cos(directions[k]), np.sin(directions[k]), 0.0], [0.0, 0.0, 0.0]]
@@ -177,7 +209,9 @@ class FloorEngine(Stepped):
         self._load[:], self._push[:], self._carried[:] = 0.0, 0.0, 0.0
         contacts = self.data.contact
         # The floor is the first geom, bumps are next.
-        for other, address, frame in zip(contacts.geom.max(axis=1), contacts.efc_address, contacts.frame, strict=True):
+        for other, address, frame in zip(
+            contacts.geom.max(axis=1), contacts.efc_address, contacts.frame, strict=True
+        ):
             if other in self._geoms and address >= 0:
                 k, force = self._geoms.index(other), self.data.efc_force[address]
                 self._load[k] = force
@@ -191,9 +225,11 @@ class FloorEngine(Stepped):
                 self._tangents[k] = _tangents(self._push[k] / load if load > 0 else np.eye(3)[2])
 
     def _contact_rows(self) -> np.ndarray:
-        """Return J (2 c, nv): the velocity of the lowest point of each wheel in its tangents is J times the joints' velocities.
+        """Return J (2 c, nv): the velocity of the lowest point of each wheel in its tangents is J times the
+        joints' velocities.
 
-        A wheel touches the floor at its radius from its centre, and what it gives way under its load does not count.
+        A wheel touches the floor at its radius from its centre, and what it gives way under its load does not
+        count.
         """
         J = self._jacobian
         for k, geom in enumerate(self._geoms):
@@ -204,11 +240,16 @@ class FloorEngine(Stepped):
                 down -= (down @ axle) * axle
                 down /= np.sqrt(down @ down)
             arm = self._radii[k] * down
-            self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[geom] + arm, self._bodies[k])
+            self._mujoco.mj_jac(
+                self.model, self.data, self._slot, None, self.data.geom_xpos[geom] + arm, self._bodies[k]
+            )
             J[2 * k : 2 * k + 2] = self._tangents[k] @ self._slot
-            if k and self._of[k] == self._of[k - 1]:  # it is turned by the axle of the first wheel of its contact
+            # It is turned by the axle of the first wheel of its contact
+            if k and self._of[k] == self._of[k - 1]:
                 axle = self._axles[k]
-                J[2 * k : 2 * k + 2, self.model.jnt_dofadr[axle]] = self._tangents[k] @ np.cross(self.data.xaxis[axle], arm)
+                J[2 * k : 2 * k + 2, self.model.jnt_dofadr[axle]] = self._tangents[k] @ np.cross(
+                    self.data.xaxis[axle], arm
+                )
         return J
 
     def _overturned(self) -> bool:
@@ -233,7 +274,9 @@ class FloorEngine(Stepped):
         if self._uneven:
             self._mujoco.mj_forward(self.model, self.data)
             highest = max(self._floor.height(x, y) for x, y, _ in self.data.geom_xpos[self._geoms])
-            self.data.qpos[self._dofs([f"z_{k}" for k in range(len(self.planar.frames)) if stands(self.planar, k)])] = highest
+            self.data.qpos[
+                self._dofs([f"z_{k}" for k in range(len(self.planar.frames)) if stands(self.planar, k)])
+            ] = highest
         self.model.opt.timestep = self._longest
         held = np.concatenate([self.moving, self._free])
         for _ in range(LONGEST):
@@ -242,7 +285,9 @@ class FloorEngine(Stepped):
             if np.abs(self.data.qvel).max() < SETTLED:
                 break
         else:
-            raise BadInput("--engine mujoco: the robot does not stand on its contacts; its centre of mass is beyond them")
+            raise BadInput(
+                "--engine mujoco: the robot does not stand on its contacts; its centre of mass is beyond them"
+            )
         self._weigh()
         qdot = self._functions["qdot"](start, self._parameters)[0]
         self.data.qvel[self.moving] = self.planar.joints @ qdot
@@ -253,17 +298,23 @@ class FloorEngine(Stepped):
 
     def _roll_idle(self, q: np.ndarray) -> None:
         """Turn the wheels whose rotation is no coordinate as they roll."""
-        idle, directions = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None], self._directions(q)
+        idle, directions = (
+            [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None],
+            self._directions(q),
+        )
         for k, dof in zip(idle, self._free, strict=True):
             first = int(np.flatnonzero(self._of == k)[0])
             geom = self._geoms[first]
-            self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[geom], self._bodies[first])
+            self._mujoco.mj_jac(
+                self.model, self.data, self._slot, None, self.data.geom_xpos[geom], self._bodies[first]
+            )
             x, y, _ = self._slot @ self.data.qvel
             self.data.qvel[dof] = (np.cos(directions[k]) * x + np.sin(directions[k]) * y) / self._radii[first]
 
 
 def _tangents(normal: np.ndarray) -> np.ndarray:
-    """Return two directions at right angles to a normal and to each other, (2, 3); those of x and y if it points upward."""
+    """Return two directions at right angles to a normal and to each other, (2, 3);
+    those of x and y if it points upward."""
     x = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
     x /= np.sqrt(x @ x)
     return np.array([x, np.cross(normal, x)])

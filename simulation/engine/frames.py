@@ -1,8 +1,10 @@
-"""The planar bodies and wheels of a Mechanism, and what leans on them, found from its contacts' velocities and its mass matrix.
+"""The planar bodies and wheels of a Mechanism, and what leans on them, found from its contacts' velocities
+and its mass matrix.
 
-A contact or a body of a Mechanism gives the velocity of a point as rows in the rates of the coordinates. Points with the same yaw
-rate belong to one frame. A frame is hinged about a vertical to the ground or to another frame; the hinge and the places of its
-points are those that reproduce the rows at random states. Masses, first moments and inertias are those that reproduce M(q).
+A contact or a body of a Mechanism gives the velocity of a point as rows in the rates of the coordinates.
+Points with the same yaw rate belong to one frame. A frame is hinged about a vertical to the ground or to
+another frame; the hinge and the places of its points are those that reproduce the rows at random states.
+Masses, first moments and inertias are those that reproduce M(q).
 """
 
 from __future__ import annotations
@@ -22,17 +24,18 @@ from .leaning import LeaningBody, leaning_angles, parts_of_mass, product
 
 STATES = 12  # random ones at which rows and mass matrix are compared
 EXACT = 1e-9  # relative difference that rounding explains
-APART = 0.02  # relative difference that is accepted, and said, where bodies on hinges of their own turn together
+# Relative difference that is accepted, and said, where bodies on hinges of their own turn together
+APART = 0.02
 
 
 @dataclass(eq=False)
 class Frame:
-    """A rigid body in the plane. Its heading is `heading` . q; its origin is the hinge, at `pivot` (m) in the axes of frame
-    `parent`, or of the ground (None).
+    """A rigid body in the plane. Its heading is `heading` . q; its origin is the hinge, at `pivot` (m) in the
+    axes of frame `parent`, or of the ground (None).
 
-    `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the origin, `height` (m)
-    of the centre of mass, None where the Mechanism does not say it. With `apart` some of its bodies turn about other hinges, by
-    the same angle.
+    `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the
+    origin, `height` (m) of the centre of mass, None where the Mechanism does not say it. With `apart` some of
+    its bodies turn about other hinges, by the same angle.
     """
 
     heading: np.ndarray
@@ -59,11 +62,12 @@ class Castor:
 class WheelContact:
     """What touches the ground at a contact: `place` (m) in the axes of `frame`, `load` (kg) that rests on it.
 
-    `angle` is the coordinate of its rotation; None: it turns freely, its rotation is no coordinate. `radius` (m) is negative
-    where a positive angle rolls backward. `inertia` (kg m^2) is that about the axle. `turned` (rad) is the direction in which it
-    rolls, from the heading of the frame to the left. With `rollers` on its rim nothing holds it across that direction: as a wheel
-    of mecanum type acts, whose rollers have that direction and whose radius, here, is the part of its own along it. A contact
-    that stands for several wheels, turned by one coordinate, has them at `places`; else that is its place alone.
+    `angle` is the coordinate of its rotation; None: it turns freely, its rotation is no coordinate. `radius`
+    (m) is negative where a positive angle rolls backward. `inertia` (kg m^2) is that about the axle. `turned`
+    (rad) is the direction in which it rolls, from the heading of the frame to the left. With `rollers` on its
+    rim nothing holds it across that direction: as a wheel of mecanum type acts, whose rollers have that
+    direction and whose radius, here, is the part of its own along it. A contact that stands for several
+    wheels, turned by one coordinate, has them at `places`; else that is its place alone.
     """
 
     name: str
@@ -85,14 +89,15 @@ class WheelContact:
 
 @dataclass(frozen=True, eq=False)
 class PlanarBodies:
-    """A Mechanism as bodies: frames, wheels, what leans on the first frame, and the map from the rates of its coordinates to
-    those of the hinges and axles.
+    """A Mechanism as bodies: frames, wheels, what leans on the first frame, and the map from the rates of its
+    coordinates to those of the hinges and axles.
 
-    `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle; what leans] = joints @ qdot.
-    `normal` is the part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own. `mass`
-    (kg) is the whole, 0 where bodies do not say it and wheels also have inertia along. `castors` are the supports that
-    the Mechanism names. `off` is how far their mass matrix is from that of the Mechanism, relative to its largest entry: 0 but
-    for frames with bodies `apart`, which turn about one hinge here.
+    `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle; what leans] =
+    joints @ qdot. `normal` is the part of the weight that presses on the ground, below 1 where the Mechanism
+    is on a slope of its own. `mass` (kg) is the whole, 0 where bodies do not say it and wheels also have
+    inertia along. `castors` are the supports that the Mechanism names. `off` is how far their mass matrix is
+    from that of the Mechanism, relative to its largest entry: 0 but for frames with bodies `apart`, which
+    turn about one hinge here.
     """
 
     frames: tuple[Frame, ...]
@@ -105,7 +110,8 @@ class PlanarBodies:
     off: float = 0.0
 
     def hinge(self, k: int) -> int:
-        """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
+        """Return the coordinate that turns frame k against the one that it is hinged to:
+        the one which only its heading has."""
         parent = self.frames[k].parent
         before = np.zeros_like(self.frames[k].heading) if parent is None else self.frames[parent].heading
         return int(np.flatnonzero((self.frames[k].heading != 0) & (before == 0))[0])
@@ -113,8 +119,9 @@ class PlanarBodies:
 
 @dataclass(frozen=True)
 class _PointVelocity:
-    """Rows (S, 2, n) of the velocities along and across at S states, `turned` (rad) from the heading to the left; `known` says
-    which of the two are given. `place` (m, ahead and left) is what a contact says of itself.
+    """Rows (S, 2, n) of the velocities along and across at S states, `turned` (rad) from the heading to the
+    left; `known` says which of the two are given. `place` (m, ahead and left) is what a contact says of
+    itself.
     """
 
     name: str
@@ -131,14 +138,16 @@ class _PointVelocity:
 
 
 def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -> PlanarBodies:
-    """Return the bodies and wheels of a robot with these parameters (SI, in its order); unless `weighed`, only those on which
-    contacts are, without masses and inertias of their own.
+    """Return the bodies and wheels of a robot with these parameters (SI, in its order); unless `weighed`,
+    only those on which contacts are, without masses and inertias of their own.
 
     Raises BadInput if it is not made of planar bodies on vertical hinges and of wheels with horizontal axles.
     """
     name = mechanism.name
     if mechanism.carried:
-        raise BadInput(f"--engine mujoco: {name}: its ground moves, the engine's floor does not; run it without --engine")
+        raise BadInput(
+            f"--engine mujoco: {name}: its ground moves, the engine's floor does not; run it without --engine"
+        )
     if not mechanism.contacts:
         raise _refused(name, "it defines no contacts; add them with contact(name, mass, along, across)")
     x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
@@ -148,7 +157,9 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     states = random.uniform(-3.0, 3.0, (STATES, len(mechanism.coordinates)))
     function, count, bodies = _functions(mechanism), len(mechanism.contacts), len(mechanism.bodies) * weighed
     values = [[value.full() for value in function(q, parameters)] for q in states]
-    rows, turning, M, places, masses, angles, heights = (np.array([value[k] for value in values]) for k in range(7))
+    rows, turning, M, places, masses, angles, heights = (
+        np.array([value[k] for value in values]) for k in range(7)
+    )
     if not np.isfinite(turning).all() or np.ptp(turning, axis=0).max() > EXACT:
         raise _refused(name, "the heading of a contact or body is not a sum of coordinates")
     turning = np.round(turning[0], 9)
@@ -158,7 +169,9 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     for k in range(count + bodies):
         pair = rows[:, 2 * k : 2 * k + 2].copy()
         contact = mechanism.contacts[k] if k < count else None
-        known = (True, True) if contact is None else (not contact.along.is_zero(), not contact.across.is_zero())
+        known = (
+            (True, True) if contact is None else (not contact.along.is_zero(), not contact.across.is_zero())
+        )
         if contact is not None and axles[k] is not None:
             pair[:, :, axles[k]] = 0.0
         label = f"contact {contact.name!r}" if contact else f"body {mechanism.bodies[k - count].name!r}"
@@ -170,19 +183,31 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     inertias: dict[int | None, float] = {}
     idle, off = [0.0] * count, 0.0
     leaning: list[LeaningBody] = []
-    mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else float(masses[0].sum())  # else wheels have inertia along
+    # Else wheels have inertia along
+    mass = float(moved[0]) if np.ptp(moved) <= EXACT * moved[0] else float(masses[0].sum())
     if weighed:
         of = [found[count + k][0] for k in range(bodies)]
         _raise(frames, masses[0].ravel(), heights[0].ravel(), of)
         _weigh(name, frames, mass, masses[0].ravel(), of)
         leans = leaning_angles(rows, turning)
         parts = [part for angle in leans for part in parts_of_mass(states, angle, motions[0])]
-        free = [_along(motions[found[k][0]], found[k][1], points[k].turned) if axles[k] is None else None for k in range(count)]
-        inertias, idle, found_of, off = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}), free, parts)
-        leaning = [LeaningBody(angle, *each) for angle, each in zip(leans, found_of.reshape(-1, 3).tolist(), strict=True)]
+        free = [
+            _along(motions[found[k][0]], found[k][1], points[k].turned) if axles[k] is None else None
+            for k in range(count)
+        ]
+        inertias, idle, found_of, off = _spins(
+            name, frames, motions, M, sorted({a for a in axles if a is not None}), free, parts
+        )
+        leaning = [
+            LeaningBody(angle, *each)
+            for angle, each in zip(leans, found_of.reshape(-1, 3).tolist(), strict=True)
+        ]
     driven = [abs(radius) for radius in radii if radius]
     if not driven:
-        raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
+        raise _refused(
+            name,
+            "no contact has a wheel: none of its velocities along is forward speed minus radius times rate",
+        )
     named, standing = places[0, :, 1:], len(mechanism.standing)
     from_named = [found[k][1] - named[k] for k in range(count)]  # to the axes of the frame
     several = iter(named[standing:])
@@ -208,7 +233,10 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
     on = wheels[0].frame
     beside = [from_named[k] for k in range(count) if wheels[k].frame == on]
     if mechanism.supports and np.ptp(beside, axis=0).max() > EXACT * max(1.0, np.abs(named).max()):
-        why = "the places of contacts and supports do not fit the velocities of the contacts; correct ahead and left"
+        why = (
+            "the places of contacts and supports do not fit the velocities of the contacts; correct ahead "
+            "and left"
+        )
         raise _refused(name, why)
     castors = tuple(
         Castor(c.name, on, np.round(named[count + k] + beside[0], 12) + 0.0, float(places[0, count + k, 0]))
@@ -218,19 +246,23 @@ def planar(mechanism: Mechanism, parameters: np.ndarray, weighed: bool = True) -
 
 
 def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
-    """Return whether the energy at rest depends on the place: the robot is on a slope, which its contacts' loads consider."""
+    """Return whether the energy at rest depends on the place: the robot is on a slope,
+    which its contacts' loads consider."""
     resting = ca.substitute(mechanism.energy(), mechanism.qdot, ca.SX.zeros(len(mechanism.coordinates)))
     return any(ca.which_depends(resting, mechanism.q, 1, False)[k] for k in x_y)
 
 
 def _refused(name: str, why: str) -> BadInput:
-    return BadInput(f"--engine mujoco: {name} cannot be built from bodies and wheels: {why}; [scene] may take its file")
+    return BadInput(
+        f"--engine mujoco: {name} cannot be built from bodies and wheels: {why}; [scene] may take its file"
+    )
 
 
 @lru_cache(maxsize=16)
 def _functions(mechanism: Mechanism) -> ca.Function:
-    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, ahead, left] of contacts, supports and
-    the wheels of contacts, bodies' masses, the angles of the directions along of contacts, rad, bodies' heights.
+    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, ahead, left] of
+    contacts, supports and the wheels of contacts, bodies' masses, the angles of the directions along of
+    contacts, rad, bodies' heights.
     """
     q, qdot = mechanism.q, mechanism.qdot
     x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
@@ -246,7 +278,9 @@ def _functions(mechanism: Mechanism) -> ca.Function:
     turning += [ca.jacobian(body.yaw_rate, qdot) for body in mechanism.bodies]
     places = [ca.horzcat(contact.mass, contact.ahead, contact.left) for contact in mechanism.standing]
     places += [ca.horzcat(0, place.T) for contact in mechanism.contacts for place in contact.wheels]
-    masses, heights = (ca.vertcat(ca.SX(0, 1), *[getattr(b, of) for b in mechanism.bodies]) for of in ("mass", "height"))
+    masses, heights = (
+        ca.vertcat(ca.SX(0, 1), *[getattr(b, of) for b in mechanism.bodies]) for of in ("mass", "height")
+    )
     results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places)]
     results += [masses, ca.vertcat(*angles), heights]
     return portable(ca.Function("rows", [q, mechanism.p], [ca.densify(result) for result in results]))
@@ -259,7 +293,8 @@ def _between_half_turns(angles: np.ndarray) -> np.ndarray:
 
 
 def _axles(mechanism: Mechanism, rows: np.ndarray, turning: np.ndarray) -> list[int | None]:
-    """Return for each contact the coordinate that turns its wheel: it moves the contact along at a constant rate, and no body."""
+    """Return for each contact the coordinate that turns its wheel:
+    it moves the contact along at a constant rate, and no body."""
     found: list[int | None] = []
     for k in range(len(mechanism.contacts)):
         along, across = rows[:, 2 * k], rows[:, 2 * k + 1]
@@ -274,8 +309,8 @@ def _axles(mechanism: Mechanism, rows: np.ndarray, turning: np.ndarray) -> list[
 def _frames(
     name: str, points: list[_PointVelocity], turning: np.ndarray, states: np.ndarray, x_y: list[int]
 ) -> tuple[list[Frame], dict[int, tuple[int, np.ndarray]], list[np.ndarray]]:
-    """Return the frames, for each point its frame and place there, and the motion (S, 3, n) of each frame's origin: forward,
-    left, yaw rate.
+    """Return the frames, for each point its frame and place there, and the motion (S, 3, n) of each frame's
+    origin: forward, left, yaw rate.
     """
     n = states.shape[1]
     ground = np.zeros((len(states), 3, n))
@@ -291,12 +326,17 @@ def _frames(
             if not heading.any():
                 raise _refused(name, f"{points[first].name} does not turn")
             for parent in (*range(len(frames)), None):
-                before, motion = (np.zeros(n), ground) if parent is None else (frames[parent].heading, motions[parent])
+                before, motion = (
+                    (np.zeros(n), ground) if parent is None else (frames[parent].heading, motions[parent])
+                )
                 hinge = partial(_hinge, angle=states @ (before - heading), motion=motion, heading=heading)
                 fitted, on_it = hinge([points[k] for k in mine]), mine
                 if fitted is None and (on_it := [k for k in mine if points[k].place is not None]):
-                    # Bodies on hinges of their own that turn together, as both steered wheels of a car beside their contact.
-                    fitted = hinge([points[k] for k in on_it]) if all(hinge([points[k]]) for k in mine) else None
+                    # Bodies on hinges of their own that turn together, as both steered wheels of a car beside
+                    # their contact.
+                    fitted = (
+                        hinge([points[k] for k in on_it]) if all(hinge([points[k]]) for k in mine) else None
+                    )
                 if fitted is not None:
                     break
             else:
@@ -316,14 +356,16 @@ def _frames(
 def _hinge(
     points: list[_PointVelocity], angle: np.ndarray, motion: np.ndarray, heading: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray] | None:
-    """Return the hinge in the axes of a parent that moves as `motion`, the place of each point, and the motion of the hinge in
-    the axes of the frame; None if no hinge reproduces the rows. `angle` (S): heading of the parent minus that of the frame.
+    """Return the hinge in the axes of a parent that moves as `motion`, the place of each point, and the
+    motion of the hinge in the axes of the frame; None if no hinge reproduces the rows. `angle` (S): heading
+    of the parent minus that of the frame.
     """
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     forward, left, yaw = motion[:, 0], motion[:, 1], motion[:, 2]
     own = np.broadcast_to(heading, yaw.shape)
     base = np.stack([c * forward - s * left, s * forward + c * left], axis=1)
-    by_pivot = np.stack([np.stack([s * -yaw, c * yaw], axis=1), np.stack([c * -yaw, s * -yaw], axis=1)])  # ahead, left
+    # Ahead, left
+    by_pivot = np.stack([np.stack([s * -yaw, c * yaw], axis=1), np.stack([c * -yaw, s * -yaw], axis=1)])
     zero = np.zeros_like(own)
     by_place = np.stack([np.stack([zero, own], axis=1), np.stack([-own, zero], axis=1)])
     unknowns, columns, velocities = 2 + 2 * len(points), [], []
@@ -362,7 +404,8 @@ def _raise(frames: list[Frame], masses: np.ndarray, heights: np.ndarray, of: lis
 
 
 def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of: list[int]) -> None:
-    """Set the masses of the frames: those of the bodies on them, and what remains of the total on the first."""
+    """Set the masses of the frames: those of the bodies on them,
+    and what remains of the total on the first."""
     for mass, k in zip(masses, of, strict=True):
         frames[k].mass += float(mass)
     rest = total - sum(frame.mass for frame in frames)
@@ -372,7 +415,8 @@ def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of:
 
 
 def _along(motion: np.ndarray, place: np.ndarray, turned: float) -> np.ndarray:
-    """Return the rows (S, n) of the velocity of a place of a frame in the direction `turned` (rad) from its heading."""
+    """Return the rows (S, n) of the velocity of a place of a frame in the direction `turned` (rad) from its
+    heading."""
     forward, left, yaw = (motion[:, k] for k in range(3))
     return np.cos(turned) * (forward - place[1] * yaw) + np.sin(turned) * (left + place[0] * yaw)
 
@@ -386,9 +430,10 @@ def _spins(
     free: list[np.ndarray | None],
     more: list[np.ndarray],
 ) -> tuple[dict[int | None, float], list[float], np.ndarray, float]:
-    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle; that
-    of each wheel whose rotation is no coordinate and which moves along as `free`, by its radius squared (kg); the factors of
-    `more` parts of M, each (S, n, n); and how much of M is left, relative to its largest entry.
+    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the
+    inertia of each axle; that of each wheel whose rotation is no coordinate and which moves along as `free`,
+    by its radius squared (kg); the factors of `more` parts of M, each (S, n, n); and how much of M is left,
+    relative to its largest entry.
     """
     rest, basis = M.copy(), []
     for frame, motion in zip(frames, motions, strict=True):
@@ -415,34 +460,62 @@ def _spins(
     rolls = [along is not None for along in free]
     own, idle, others = np.split(solution[3 * len(frames) :], [len(axles), len(axles) + sum(rolls)])
     if idle.min(initial=0.0) < -EXACT * np.abs(M).max():
-        raise _refused(name, f"a wheel that turns freely has a negative inertia ({idle.min():.3g} kg by its radius squared)")
+        raise _refused(
+            name,
+            f"a wheel that turns freely has a negative inertia ({idle.min():.3g} kg by its radius squared)",
+        )
     spun = iter(np.where(idle > EXACT * np.abs(M).max(), idle, 0.0).tolist())
     inertias: dict[int | None, float] = dict(zip(axles, own.tolist(), strict=True))
     if any(inertia <= 0 for inertia in inertias.values()):
         raise _refused(name, "a wheel has no inertia about its axle, and so no defined slip; give it one")
-    return inertias, [next(spun) if rolling else 0.0 for rolling in rolls], others, off if off > EXACT else 0.0
+    return (
+        inertias,
+        [next(spun) if rolling else 0.0 for rolling in rolls],
+        others,
+        off if off > EXACT else 0.0,
+    )
 
 
-def _check_leaning(name: str, angle: str, body: LeaningBody, frame: Frame, wheels: tuple[WheelContact, ...], mass: float) -> None:
-    """Raise BadInput unless a body leans about the axle of all wheels, and what does not lean weighs nothing beside it."""
+def _check_leaning(
+    name: str, angle: str, body: LeaningBody, frame: Frame, wheels: tuple[WheelContact, ...], mass: float
+) -> None:
+    """Raise BadInput unless a body leans about the axle of all wheels,
+    and what does not lean weighs nothing beside it."""
     if body.moment <= 0 or not mass:
-        raise _refused(name, f"what moves with {angle} is no body that leans about an axle, its centre of mass above it")
-    if any(wheel.frame or abs(wheel.place[0]) > EXACT or wheel.radius != wheels[0].radius for wheel in wheels):
-        raise _refused(name, f"a body leans by {angle}, and the wheels are not on one axle that it leans about")
+        raise _refused(
+            name, f"what moves with {angle} is no body that leans about an axle, its centre of mass above it"
+        )
+    if any(
+        wheel.frame or abs(wheel.place[0]) > EXACT or wheel.radius != wheels[0].radius for wheel in wheels
+    ):
+        raise _refused(
+            name, f"a body leans by {angle}, and the wheels are not on one axle that it leans about"
+        )
     if np.abs(frame.moment).max() > EXACT * mass:
-        raise _refused(name, f"a body leans by {angle}, and what does not lean weighs more on one side of the axle")
+        raise _refused(
+            name, f"a body leans by {angle}, and what does not lean weighs more on one side of the axle"
+        )
 
 
 def _joints(
-    name: str, frames: list[Frame], wheels: tuple[WheelContact, ...], x_y: list[int], leaning: list[int], n: int
+    name: str,
+    frames: list[Frame],
+    wheels: tuple[WheelContact, ...],
+    x_y: list[int],
+    leaning: list[int],
+    n: int,
 ) -> np.ndarray:
     """Return `Planar.joints`. Raises BadInput if a coordinate moves none of them."""
     unit = np.eye(n)
-    hinges = [frame.heading - (0 if frame.parent is None else frames[frame.parent].heading) for frame in frames]
+    hinges = [
+        frame.heading - (0 if frame.parent is None else frames[frame.parent].heading) for frame in frames
+    ]
     axles = [wheel.angle for wheel in wheels if wheel.angle is not None]
     if len(set(axles)) < len(axles):
         raise _refused(name, "one coordinate turns two wheels")
     joints = np.array([*unit[x_y], *hinges, *unit[axles], *unit[leaning]])
     if joints.shape != (n, n) or np.linalg.matrix_rank(joints) < n:
-        raise _refused(name, "its coordinates are not those of its position, the headings of its bodies and its wheels")
+        raise _refused(
+            name, "its coordinates are not those of its position, the headings of its bodies and its wheels"
+        )
     return joints

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-CREEP = 1e-6  # m/s: slip of a contact that rolls, where its force is as large as its load; shares what several contacts hold
+# m/s: slip of a contact that rolls, where its force is as large as its load; shares what several contacts
+# hold
+CREEP = 1e-6
 CLOSE = 1e-8  # relative, of a sliding contact's force to its limit
 LEAST = 1e-9  # N, of a limit
 TRIES, NEWTON = 20, 60
 SHORTER = [4.0**-k for k in range(12)]
 
 
-def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float = CREEP) -> np.ndarray:
+def coulomb(
+    give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float = CREEP
+) -> np.ndarray:
     """Return the friction forces F, (2 c,), N, two components at each of c contacts.
 
-    The slip after the step is `free` + `give` F, (2 c,), m/s; `give` (2 c, 2 c) is symmetric and may be singular. At each
-    contact |F| <= mu load; where it is less, the contact does not slip; where it is equal, F is opposite to the slip. F minimizes
-    F' give F / 2 + F' free within these limits. A force that several contacts can hold is shared by load; a contact
-    that rolls slips by `creep` (m/s) times its force over its load.
+    The slip after the step is `free` + `give` F, (2 c,), m/s; `give` (2 c, 2 c) is symmetric and may be
+    singular. At each contact |F| <= mu load; where it is less, the contact does not slip; where it is equal,
+    F is opposite to the slip. F minimizes F' give F / 2 + F' free within these limits. A force that several
+    contacts can hold is shared by load; a contact that rolls slips by `creep` (m/s) times its force over its
+    load.
 
-    Every sliding contact has a multiplier, its slip divided by its force; each is found by Newton's method for the reciprocal of
-    the size of its force, as the radius of a trust region is met (Moré and Sorensen, 1983), side by side; where contacts depend
-    too much on each other for that, all at once.
+    Every sliding contact has a multiplier, its slip divided by its force; each is found by Newton's method
+    for the reciprocal of the size of its force, as the radius of a trust region is met (Moré and Sorensen,
+    1983), side by side; where contacts depend too much on each other for that, all at once.
     """
     limit = np.maximum(mu * load, LEAST)
     base = _with_diagonal(give, creep / np.maximum(load, CREEP))
@@ -49,9 +54,10 @@ def _with_diagonal(matrix: np.ndarray, more: np.ndarray) -> np.ndarray:
 
 
 def _together(base: np.ndarray, free: np.ndarray, limit: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return the same by Newton's method for all multipliers s at once, in the dual problem: with F = -(base + diag(s))^-1 free,
-    maximize F' free / 2 - s' limit^2 / 2 for s >= 0, which is concave. A step that does not raise it is shortened. `force` is
-    returned where contacts without a load leave nothing to do, and within the limits where this does not converge.
+    """Return the same by Newton's method for all multipliers s at once, in the dual problem: with F =
+    -(base + diag(s))^-1 free, maximize F' free / 2 - s' limit^2 / 2 for s >= 0, which is concave. A step that
+    does not raise it is shortened. `force` is returned where contacts without a load leave nothing to do, and
+    within the limits where this does not converge.
     """
     loaded = np.flatnonzero(limit > LEAST)
     own, count = np.repeat(2 * loaded, 2) + np.tile([0, 1], len(loaded)), len(loaded)

@@ -1,4 +1,5 @@
-"""Bodies of a Mechanism that lean about the axle of two wheels, as that of a balancer, found from its mass matrix."""
+"""Bodies of a Mechanism that lean about the axle of two wheels, as that of a balancer,
+found from its mass matrix."""
 
 from __future__ import annotations
 
@@ -10,12 +11,13 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class LeaningBody:
-    """A body that is hinged to a frame at its origin, about the direction to the left; `angle` is the coordinate by which it
-    leans forward, 0 upright.
+    """A body that is hinged to a frame at its origin, about the direction to the left; `angle` is the
+    coordinate by which it leans forward, 0 upright.
 
-    `moment` (kg m) is its mass times the height of its centre of mass above the hinge, `about` (kg m^2) its inertia about the
-    hinge, `wider` (kg m^2) by how much that about the forward direction through the hinge exceeds that about its long axis. What
-    of its mass and of its inertia about the vertical is the frame's, no motion on a plane tells.
+    `moment` (kg m) is its mass times the height of its centre of mass above the hinge, `about` (kg m^2) its
+    inertia about the hinge, `wider` (kg m^2) by how much that about the forward direction through the hinge
+    exceeds that about its long axis. What of its mass and of its inertia about the vertical is the frame's,
+    no motion on a plane tells.
     """
 
     angle: int
@@ -25,23 +27,28 @@ class LeaningBody:
 
 
 def leaning_angles(rows: np.ndarray, turning: np.ndarray) -> list[int]:
-    """Return the coordinates that move no contact and no body in the plane: rows (S, 2 c, n) and yaw rates (c, n) are zero."""
+    """Return the coordinates that move no contact and no body in the plane: rows (S, 2 c,
+    n) and yaw rates (c, n) are zero."""
     return [int(k) for k in np.flatnonzero(~rows.any(axis=(0, 1)) & ~turning.any(axis=0))]
 
 
 def parts_of_mass(states: np.ndarray, angle: int, motion: np.ndarray) -> list[np.ndarray]:
-    """Return the parts of M(q), each (S, n, n), of a unit of moment, about and wider, for a frame whose origin moves as `motion`
-    (S, 3, n): forward, left, yaw rate.
+    """Return the parts of M(q), each (S, n, n), of a unit of moment, about and wider, for a frame whose
+    origin moves as `motion` (S, 3, n): forward, left, yaw rate.
 
-    With c, s of the angle p, forward speed f, left l and yaw rate w, the energy of the body, but for what its mass has at the
-    hinge and its inertia about the vertical, is
+    With c, s of the angle p, forward speed f, left l and yaw rate w, the energy of the body, but for what its
+    mass has at the hinge and its inertia about the vertical, is
     moment (c f p' + s l w) + about p'^2 / 2 + wider s^2 w^2 / 2.
     """
     forward, left, yaw = (motion[:, k, :, None] for k in range(3))
     leans = np.zeros_like(yaw)
     leans[:, angle] = 1.0
     c, s = (f(states[:, angle])[:, None, None] for f in (np.cos, np.sin))
-    return [c * product(forward, leans) + s * product(left, yaw), product(leans, leans) / 2, s * s * product(yaw, yaw) / 2]
+    return [
+        c * product(forward, leans) + s * product(left, yaw),
+        product(leans, leans) / 2,
+        s * s * product(yaw, yaw) / 2,
+    ]
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -50,8 +57,9 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def inertia(body: LeaningBody, mass: float, upright: float) -> tuple[float, np.ndarray]:
-    """Return the height (m) of the centre of mass above the hinge and the inertias (kg m^2) about it forward, left and up, of
-    the body with all of a `mass` (kg), and an inertia `upright` about the vertical when it does not lean.
+    """Return the height (m) of the centre of mass above the hinge and the inertias (kg m^2) about it forward,
+    left and up, of the body with all of a `mass` (kg), and an inertia `upright` about the vertical when it
+    does not lean.
     """
     height = body.moment / mass
     at_hinge = np.array([upright + body.wider, body.about, upright])

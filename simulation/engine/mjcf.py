@@ -1,16 +1,19 @@
 """The planar bodies and wheels of a robot, on a floor, as an MJCF model for MuJoCo.
 
-What moves in the plane has the mass matrix of the Mechanism. Out of the plane the Mechanism says nothing but the loads of its
-contacts; the model adds what carries them:
+What moves in the plane has the mass matrix of the Mechanism. Out of the plane the Mechanism says nothing but
+the loads of its contacts; the model adds what carries them:
 
-- A body whose contacts carry its own weight moves up and down by itself; its hinge carries no weight. Any other body is carried
-  by the one it is hinged to.
-- It rolls if it has contacts on both sides, and pitches if it has contacts ahead and behind. Where it has none, it is kept level.
-- Supports are castors, spheres without friction. Without any, what the contacts do not carry, by their loads or with a `share`
-  below 1, is on one castor where the moments balance; with the centre of mass above an axle on two, ahead of it and behind.
-- A body that leans about the axle of two wheels is hinged there, with all of the mass: where a part of it is on the axle, the
-  motion is the same. It has the inertias of the equations.
-- About its horizontal axes through the centre of mass, any other body has the inertia that it has about the vertical.
+- A body whose contacts carry its own weight moves up and down by itself; its hinge carries no weight. Any
+  other body is carried by the one it is hinged to.
+- It rolls if it has contacts on both sides, and pitches if it has contacts ahead and behind. Where it has
+  none, it is kept level.
+- Supports are castors, spheres without friction. Without any, what the contacts do not carry, by their loads
+  or with a `share` below 1, is on one castor where the moments balance; with the centre of mass above an axle
+  on two, ahead of it and behind.
+- A body that leans about the axle of two wheels is hinged there, with all of the mass: where a part of it is
+  on the axle, the motion is the same. It has the inertias of the equations.
+- About its horizontal axes through the centre of mass, any other body has the inertia that it has about the
+  vertical.
 """
 
 from __future__ import annotations
@@ -28,14 +31,17 @@ from .leaning import inertia, possible
 
 NOTHING = 1e-12  # kg, kg m^2: a body with a joint must have a mass, also where it only holds others
 FREE = 1e-6  # kg m^2, times the radius / m squared: a wheel whose rotation is no coordinate
-BREADTH = 0.25  # of a wheel, relative to its radius: half the breadth of the ellipsoid that rolls on the floor
+# Of a wheel, relative to its radius: half the breadth of the ellipsoid that rolls on the floor
+BREADTH = 0.25
 SMALL = 1e-6  # m, relative: equal places, equal weights
 FAR = 10.0  # times the size of the robot: no castor is farther away
 STIFF, DAMPED = 0.004, 1.0  # s, 1: time constant and damping ratio with which a contact gives way
 HARD = "0.99 0.99 0.001"  # how much of a contact's force is independent of its penetration
-# MuJoCo leaves out that the normal turns as a wheel rolls on, v^2 / R; by half, a wheel leaves a bump as it should: beyond g.
+# MuJoCo leaves out that the normal turns as a wheel rolls on, v^2 / R; by half, a wheel leaves a bump as it
+# should: beyond g.
 CURVED = "0.5 0.5 0.001"
-IMPRATIO = 100.0  # of a scene: how much harder friction is than what carries the load, so that wheels creep less
+# Of a scene: how much harder friction is than what carries the load, so that wheels creep less
+IMPRATIO = 100.0
 X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
 
 
@@ -43,8 +49,8 @@ X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
 class ByItself:
     """What makes the MJCF of a robot a scene by itself: MuJoCo's own friction `mu`, and motors.
 
-    `names` are those of the joints of frames but the first and of wheels; `motors` by the name of their input: the joint and the
-    force on it for each unit of the input.
+    `names` are those of the joints of frames but the first and of wheels; `motors` by the name of their
+    input: the joint and the force on it for each unit of the input.
     """
 
     mu: float
@@ -55,7 +61,8 @@ class ByItself:
 
 @dataclass(frozen=True, eq=False)
 class Build:
-    """What is built, and the element for pairs of shapes that touch; `shapes` are those that a robot can stand on."""
+    """What is built, and the element for pairs of shapes that touch;
+    `shapes` are those that a robot can stand on."""
 
     planar: PlanarBodies
     height: float
@@ -73,8 +80,8 @@ class Build:
 
 
 def with_castors(planar: PlanarBodies, share: float) -> PlanarBodies:
-    """Return the robot with the castors on which it stands besides its contacts, which carry `share` of what they do by the
-    Mechanism. Raises BadInput where no castor balances the moments.
+    """Return the robot with the castors on which it stands besides its contacts, which carry `share` of what
+    they do by the Mechanism. Raises BadInput where no castor balances the moments.
     """
     wheels = tuple(replace(wheel, load=share * wheel.load) for wheel in planar.wheels)
     planar = replace(planar, wheels=wheels)
@@ -89,20 +96,27 @@ def _castors(planar: PlanarBodies, k: int) -> list[Castor]:
     wheels = [wheel for wheel in planar.wheels if wheel.frame in group]
     if not wheels:
         raise BadInput("--engine mujoco: nothing carries a body: no contact is on it")
-    places, loads = np.array([origins[w.frame] + w.place for w in wheels]), np.array([wheel.load for wheel in wheels])
+    places, loads = (
+        np.array([origins[w.frame] + w.place for w in wheels]),
+        np.array([wheel.load for wheel in wheels]),
+    )
     mass = sum(planar.frames[j].mass for j in group) * planar.normal
     rest = mass - loads.sum()
     if rest <= SMALL * mass:
         return []
-    moment = sum((planar.frames[j].moment + planar.frames[j].mass * origins[j] for j in group), np.zeros(2)) * planar.normal
+    moment = (
+        sum((planar.frames[j].moment + planar.frames[j].mass * origins[j] for j in group), np.zeros(2))
+        * planar.normal
+    )
     place, middle = np.round((moment - loads @ places) / rest, 12) + 0.0, places.mean(axis=0)
     name = "castor" if k == 0 else f"castor {k + 1}"
     if np.ptp(places[:, 0]) > SMALL or abs(place[0] - middle[0]) > SMALL:
         far = max(np.ptp(places, axis=0).max(), *(abs(wheel.radius) for wheel in wheels))
         if np.abs(place - middle).max() > FAR * far:
             raise BadInput(
-                f"--engine mujoco: the contacts carry {loads.sum() / mass:.0%} of the weight, and the rest would balance "
-                f"{place[0]:.3g} m ahead and {place[1]:.3g} m to the left; correct the masses on contacts, or name supports"
+                f"--engine mujoco: the contacts carry {loads.sum() / mass:.0%} of the weight, and the rest "
+                f"would balance {place[0]:.3g} m ahead and {place[1]:.3g} m to the left; correct the masses "
+                "on contacts, or name supports"
             )
         return [Castor(name, k, place, rest)]
     reach = np.ptp(places[:, 1]) / 2 or abs(wheels[0].radius)
@@ -121,10 +135,11 @@ def mjcf(
 ) -> str:
     """Return the MJCF of a robot.
 
-    `height` (m) is that of the centre of mass of each body with a mass that does not say its own. Joints: x, y, yaw_K of frame K,
-    axle_K of the wheels of contact K, lean_K of what leans; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K_J of the wheels
-    of contact K, castor_K. As a `scene` the first frame has a free joint, base, and the others have the names given there.
-    Raises BadInput for a scene in which the robot would fall over.
+    `height` (m) is that of the centre of mass of each body with a mass that does not say its own. Joints: x,
+    y, yaw_K of frame K, axle_K of the wheels of contact K, lean_K of what leans; z_K, pitch_K, roll_K. Geoms:
+    floor, bump_K, wheel_K_J of the wheels of contact K, castor_K. As a `scene` the first frame has a free
+    joint, base, and the others have the names given there. Raises BadInput for a scene in which the robot
+    would fall over.
     """
     root = xml.Element("mujoco", model=name)
     option = xml.SubElement(root, "option", integrator="implicit")
@@ -132,7 +147,16 @@ def mjcf(
         option.attrib.update(cone="elliptic", impratio=_text([IMPRATIO]))
     xml.SubElement(option, "flag", autoreset="disable")
     world = xml.SubElement(root, "worldbody")
-    xml.SubElement(world, "geom", name="floor", type="plane", size="50 50 1", contype="0", conaffinity="0", rgba=".9 .9 .9 1")
+    xml.SubElement(
+        world,
+        "geom",
+        name="floor",
+        type="plane",
+        size="50 50 1",
+        contype="0",
+        conaffinity="0",
+        rgba=".9 .9 .9 1",
+    )
     build = Build(planar, height, scene, xml.SubElement(root, "contact"), ["floor"])
     for k, bump in enumerate(bumps):
         build.shapes.append(f"bump_{k}")
@@ -168,8 +192,8 @@ def stands(planar: PlanarBodies, k: int) -> bool:
 
 
 def _frame(level: xml.Element, tilting: xml.Element, k: int, build: Build) -> None:
-    """Add frame k and all that is hinged to it to its parent: to the part that stays level, or to that which tilts with the
-    weight it carries. In a scene the first frame tilts as a whole.
+    """Add frame k and all that is hinged to it to its parent: to the part that stays level, or to that which
+    tilts with the weight it carries. In a scene the first frame tilts as a whole.
     """
     planar, free = build.planar, build.scene is not None and k == 0
     frame, alone = planar.frames[k], stands(planar, k)
@@ -194,13 +218,18 @@ def _frame(level: xml.Element, tilting: xml.Element, k: int, build: Build) -> No
 
 
 def _supports(upper: xml.Element, k: int, build: Build, free: bool) -> None:
-    """Add the castors of what stands on its own, and, unless it is `free`, the joints about the horizontal axes about which it
-    has contacts on both sides.
+    """Add the castors of what stands on its own, and, unless it is `free`, the joints about the horizontal
+    axes about which it has contacts on both sides.
     """
     planar = build.planar
     group, origins = carried(planar, k), hinges(planar, k)
     radius = min(abs(wheel.radius) for wheel in planar.wheels) / 2
-    places = [origins[wheel.frame] + place for wheel in planar.wheels if wheel.frame in group for place in wheel.places]
+    places = [
+        origins[wheel.frame] + place
+        for wheel in planar.wheels
+        if wheel.frame in group
+        for place in wheel.places
+    ]
     for j, castor in enumerate(planar.castors):
         if castor.frame in group:
             places.append(origins[castor.frame] + castor.place)
@@ -236,31 +265,44 @@ def hinges(planar: PlanarBodies, k: int) -> dict[int, np.ndarray]:
 
 
 def _inertial(body: xml.Element, planar: PlanarBodies, k: int, height: float) -> None:
-    """Add mass and inertia of frame k, or of what leans on it, without what its wheels have about a vertical diameter."""
+    """Add mass and inertia of frame k, or of what leans on it,
+    without what its wheels have about a vertical diameter."""
     frame: Frame = planar.frames[k]
     wheels = [wheel for wheel in planar.wheels if wheel.frame == k]
     centre = frame.moment / frame.mass if frame.mass else np.zeros(2)
     about = frame.inertia - frame.mass * float(centre @ centre) - sum(_diameter(wheel) for wheel in wheels)
     if about <= 0:
-        raise BadInput(f"--engine mujoco: the wheels of body {k + 1} have more inertia about a vertical than the body itself")
+        raise BadInput(
+            f"--engine mujoco: the wheels of body {k + 1} have more inertia about a vertical than the body "
+            "itself"
+        )
     if planar.leaning and k == 0:
         _leans(body, planar, about)
         xml.SubElement(body, "inertial", pos="0 0 0", mass=_text([NOTHING]), diaginertia=_text([NOTHING] * 3))
         return
     height = height if frame.height is None else frame.height
     place = [*centre.tolist(), height if frame.mass else 0.0]
-    xml.SubElement(body, "inertial", pos=_text(place), mass=_text([frame.mass or NOTHING]), diaginertia=_text([float(about)] * 3))
+    xml.SubElement(
+        body,
+        "inertial",
+        pos=_text(place),
+        mass=_text([frame.mass or NOTHING]),
+        diaginertia=_text([float(about)] * 3),
+    )
     if abs(planar.normal - 1) > SMALL:
         body.set("gravcomp", _text([1 - planar.normal]))
 
 
 def _leans(body: xml.Element, planar: PlanarBodies, upright: float) -> None:
-    """Add the body that leans, with the mass of the first frame and an inertia `upright` (kg m^2) about the vertical."""
+    """Add the body that leans, with the mass of the first frame and an inertia `upright` (kg m^2) about the
+    vertical."""
     if len(planar.leaning) > 1:
         raise BadInput(f"--engine mujoco: {len(planar.leaning)} bodies lean; it has one that does")
     height, inertias = inertia(planar.leaning[0], planar.frames[0].mass, upright)
     if not possible(inertias):
-        raise BadInput(f"--engine mujoco: no rigid body has the inertias of the one that leans, {_text(inertias)} kg m^2")
+        raise BadInput(
+            f"--engine mujoco: no rigid body has the inertias of the one that leans, {_text(inertias)} kg m^2"
+        )
     made = _body(body, "leaning_0", (0.0, 0.0, abs(planar.wheels[0].radius)), inertial=False)
     _joint(made, "lean_0", "hinge", Y)
     mass = _text([planar.frames[0].mass])
@@ -273,13 +315,19 @@ def _diameter(wheel: WheelContact) -> float:
 
 
 def _wheel(body: xml.Element, j: int, wheel: WheelContact, build: Build) -> None:
-    """Add the wheels of a contact; their mass is part of the body's. The first turns on the axle, with the inertia of all; others
-    are fixed, and the engine lets their rims move as that of the first.
+    """Add the wheels of a contact; their mass is part of the body's. The first turns on the axle, with the
+    inertia of all; others are fixed, and the engine lets their rims move as that of the first.
     """
     radius, about = abs(wheel.radius), _diameter(wheel)
     for i, place in enumerate(wheel.places):
         first = i == 0
-        made = _body(body, wheel.name if first else f"{wheel.name} {i + 1}", (*place, radius), (about, 2 * about, about), first)
+        made = _body(
+            body,
+            wheel.name if first else f"{wheel.name} {i + 1}",
+            (*place, radius),
+            (about, 2 * about, about),
+            first,
+        )
         if wheel.turned:
             made.set("quat", _text([np.cos(wheel.turned / 2), 0.0, 0.0, np.sin(wheel.turned / 2)]))
         if first:
@@ -289,7 +337,11 @@ def _wheel(body: xml.Element, j: int, wheel: WheelContact, build: Build) -> None
 
 
 def _body(
-    parent: xml.Element, name: str, place: Iterable[float], inertia: Iterable[float] = (NOTHING,) * 3, inertial: bool = True
+    parent: xml.Element,
+    name: str,
+    place: Iterable[float],
+    inertia: Iterable[float] = (NOTHING,) * 3,
+    inertial: bool = True,
 ) -> xml.Element:
     body = xml.SubElement(parent, "body", name=name, pos=_text(place))
     if inertial:

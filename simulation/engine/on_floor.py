@@ -25,7 +25,8 @@ TURNED = 0.01  # rad: below it a run does not tell the effective track
 
 
 class OnFloor:
-    """A loop whose robot moves in MuJoCo. `loop` has sensors also where the SPEC has none: they reckon beside the true pose."""
+    """A loop whose robot moves in MuJoCo. `loop` has sensors also where the SPEC has none:
+    they reckon beside the true pose."""
 
     def __init__(self, loop: Loop, spec: Spec):
         """Raises BadInput for a loop without a period, and as Engine."""
@@ -36,7 +37,10 @@ class OnFloor:
             self.engine = SceneEngine(loop.plant, spec.scene, contact, floor, loop.start)
         else:
             self.engine = FloorEngine(loop.plant, contact, floor, loop.start)
-        self.loop, self._simulation = replace(loop, sensing=loop.sensing or _reckoning(loop, spec)), spec.simulation
+        self.loop, self._simulation = (
+            replace(loop, sensing=loop.sensing or _reckoning(loop, spec)),
+            spec.simulation,
+        )
         self._looks: list[tuple[np.ndarray, ...]] = []
         self._moved: list[tuple[float, np.ndarray, np.ndarray]] = []
 
@@ -55,14 +59,19 @@ class OnFloor:
 
     def measured(self) -> FloorMeasurements:
         """Return what was measured at the rows so far."""
-        slip, load, use, force, carried, reckoned = (np.array(each) for each in zip(*self._looks, strict=True))
+        slip, load, use, force, carried, reckoned = (
+            np.array(each) for each in zip(*self._looks, strict=True)
+        )
         engine, seen = self.engine, reckoned if self.loop.sensing else None
         stands, skids = engine.standing, self._skidding(slip, force)
-        return FloorMeasurements(slip, load, use, force, seen, engine.mu, engine.names, engine.castors, carried, stands, skids)
+        return FloorMeasurements(
+            slip, load, use, force, seen, engine.mu, engine.names, engine.castors, carried, stands, skids
+        )
 
     def _skidding(self, slip: np.ndarray, force: np.ndarray) -> Skidding | None:
-        """Return what skidding cost, None if each wheel has a coordinate. Heading and angles of the wheels give the track: the
-        change of the heading is that of the believed track times a factor, fitted by least squares.
+        """Return what skidding cost, None if each wheel has a coordinate. Heading and angles of the wheels
+        give the track: the change of the heading is that of the believed track times a factor, fitted by
+        least squares.
         """
         t, x, tau = (np.array(each) for each in zip(*self._moved, strict=True))
         system, wheels = self.loop.plant.system, self.engine.planar.wheels

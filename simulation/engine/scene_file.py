@@ -1,4 +1,5 @@
-"""Reads a scene of the user's own, an MJCF or a URDF, into MuJoCo, and finds the joints, motors and shapes that a SPEC names."""
+"""Reads a scene of the user's own, an MJCF or a URDF, into MuJoCo, and finds the joints,
+motors and shapes that a SPEC names."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ WHERE = "[scene]"
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """A compiled scene. `paved`: it has no floor of its own and was given one; its friction is then not known yet."""
+    """A compiled scene. `paved`: it has no floor of its own and was given one;
+    its friction is then not known yet."""
 
     file: str
     model: Any
@@ -39,11 +41,19 @@ class SceneFile:
         found, known = [], [self.model.joint(k).name for k in range(self.model.njnt)]
         for name in names:
             if name not in known or not name:
-                turns = [each for each, kind in zip(known, self.model.jnt_type, strict=True) if each and kind == HINGE]
-                raise self.wrong(f"{of}: there is no joint {name!r}; those that turn are {', '.join(turns) or 'none'}")
+                turns = [
+                    each
+                    for each, kind in zip(known, self.model.jnt_type, strict=True)
+                    if each and kind == HINGE
+                ]
+                raise self.wrong(
+                    f"{of}: there is no joint {name!r}; those that turn are {', '.join(turns) or 'none'}"
+                )
             k = known.index(name)
             if self.model.jnt_type[k] != HINGE:
-                raise self.wrong(f"{of}: joint {name!r} does not turn; it must be a hinge (continuous or revolute)")
+                raise self.wrong(
+                    f"{of}: joint {name!r} does not turn; it must be a hinge (continuous or revolute)"
+                )
             found.append(k)
         return found
 
@@ -57,12 +67,15 @@ class SceneFile:
             k = known.index(name)
             if not self._turns(k, joints):
                 said = ", ".join(repr(model.joint(j).name) for j in joints)
-                raise self.wrong(f"{of}: actuator {name!r} must be a <motor> of {said}, which is given a torque")
+                raise self.wrong(
+                    f"{of}: actuator {name!r} must be a <motor> of {said}, which is given a torque"
+                )
             found.append(k)
         return found
 
     def own_motor(self, name: str, joints: Sequence[int]) -> tuple[str, ...]:
-        """Return the name of the motor of these joints that is called like an input; none if the file has no such motor."""
+        """Return the name of the motor of these joints that is called like an input;
+        none if the file has no such motor."""
         known = [self.model.actuator(k).name for k in range(self.model.nu)]
         return (name,) if name in known and self._turns(known.index(name), joints) else ()
 
@@ -80,13 +93,16 @@ class SceneFile:
         return found
 
     def refuse_other_drives(self, joints: Iterable[int], motors: Iterable[int]) -> None:
-        """Raise BadInput for an actuator that moves one of the joints by itself, such as one which holds its velocity."""
+        """Raise BadInput for an actuator that moves one of the joints by itself,
+        such as one which holds its velocity."""
         model = self.model
         for k in set(range(model.nu)) - set(motors):
             own = model.actuator_biastype[k] or model.actuator_dyntype[k]
             if own and model.actuator_trntype[k] == ON_JOINT and model.actuator_trnid[k, 0] in joints:
                 name, joint = model.actuator(k).name, model.joint(model.actuator_trnid[k, 0]).name
-                raise self.wrong(f"actuator {name!r} would hold joint {joint!r} by itself; make it a <motor>, or remove it")
+                raise self.wrong(
+                    f"actuator {name!r} would hold joint {joint!r} by itself; make it a <motor>, or remove it"
+                )
 
     def base(self, joints: Sequence[int]) -> int:
         """Return the body with a free joint that carries all of these joints."""
@@ -97,7 +113,9 @@ class SceneFile:
             raise self.wrong("the joints are on several robots; name those of one")
         if not roots <= free:
             name = model.body(roots.pop()).name
-            raise self.wrong(f"the robot, body {name!r}, has no free joint and cannot move; give it <freejoint/>")
+            raise self.wrong(
+                f"the robot, body {name!r}, has no free joint and cannot move; give it <freejoint/>"
+            )
         return roots.pop()
 
     def shapes(self, joint: int) -> list[int]:
@@ -108,18 +126,22 @@ class SceneFile:
             if int(model.body_parentid[k]) in bodies:
                 bodies.add(k)
         in_pairs = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
-        touches = [model.geom_contype[g] or model.geom_conaffinity[g] or g in in_pairs for g in range(model.ngeom)]
+        touches = [
+            model.geom_contype[g] or model.geom_conaffinity[g] or g in in_pairs for g in range(model.ngeom)
+        ]
         return [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in bodies and touches[g]]
 
     def pave(self, wheels: Iterable[int]) -> None:
-        """Let the robot stand, on a floor that the file did not have, without friction: that of wheels is the engine's. Cylinders
-        of wheels touch as the ellipsoids in them do, in the middle. Shapes of the robot do not touch each other: in a URDF they
-        often overlap.
+        """Let the robot stand, on a floor that the file did not have, without friction: that of wheels is the
+        engine's. Cylinders of wheels touch as the ellipsoids in them do, in the middle. Shapes of the robot
+        do not touch each other: in a URDF they often overlap.
         """
         model, wheels = self.model, set(wheels)
         for g in range(model.ngeom):
             touches = bool(model.geom_contype[g] or model.geom_conaffinity[g])
-            model.geom_contype[g], model.geom_conaffinity[g] = (touches, 0) if model.geom_bodyid[g] else (0, touches)
+            model.geom_contype[g], model.geom_conaffinity[g] = (
+                (touches, 0) if model.geom_bodyid[g] else (0, touches)
+            )
             if model.geom_bodyid[g]:
                 model.geom_priority[g] = 1
                 model.geom_condim[g] = 1
@@ -131,11 +153,13 @@ class SceneFile:
 
 
 def read_scene(file: str, tied: Iterable[Sequence[str]] = (), fixed: Sequence[str] = ()) -> SceneFile:
-    """Read an MJCF or a URDF. A URDF gets a free joint; a file without anything that stands still gets a level floor. Vertical
-    joints that are named together in `tied` turn together, as by a tie rod, unless the file has equalities of its own: about one
-    centre on the axle of the wheels on joints `fixed`, or parallel without any. Other joints named together there turn as one.
+    """Read an MJCF or a URDF. A URDF gets a free joint; a file without anything that stands still gets a
+    level floor. Vertical joints that are named together in `tied` turn together, as by a tie rod, unless the
+    file has equalities of its own: about one centre on the axle of the wheels on joints `fixed`, or parallel
+    without any. Other joints named together there turn as one.
 
-    Raises BadInput for a file that is missing, and with the reason for one that is not a robot or that MuJoCo cannot read.
+    Raises BadInput for a file that is missing, and with the reason for one that is not a robot or that MuJoCo
+    cannot read.
     """
     mujoco = installed()
     try:
@@ -143,10 +167,15 @@ def read_scene(file: str, tied: Iterable[Sequence[str]] = (), fixed: Sequence[st
         spec = _of_urdf(file, root) if root.tag == "robot" else mujoco.MjSpec.from_file(file)
         for mesh in spec.meshes:
             if mesh.file and not mesh.content_type and Path(mesh.file).suffix.lower() not in MESHES:
-                raise BadInput(f"its mesh {mesh.file} is none of {', '.join(MESHES)}; convert it, or give a shape without one")
+                raise BadInput(
+                    f"its mesh {mesh.file} is none of {', '.join(MESHES)}; convert it, or give a shape "
+                    "without one"
+                )
         model = spec.compile()
         stands_still = model.body_weldid[model.geom_bodyid] == 0
-        paved = not (model.npair or (stands_still & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))).any())
+        paved = not (
+            model.npair or (stands_still & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))).any()
+        )
         if paved:
             spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
         if not model.neq:
@@ -168,9 +197,10 @@ def read_scene(file: str, tied: Iterable[Sequence[str]] = (), fixed: Sequence[st
 def _tie(spec: Any, model: Any, names: Sequence[str], fixed: Sequence[str]) -> None:
     """Add equalities by which joints turn with the first of them; none for names that are not in the file.
 
-    Vertical joints steer. The axle of a wheel steered by delta passes through the centre of the turn, at l cot(delta) to the
-    left of the joint at a distance l ahead of the fixed axle. For a joint that is y farther to the left, with t = tan(delta),
-    tan(delta') is t / (1 - t y / l) (Ackermann). The equality is this as a polynomial of degree 4, the most that MuJoCo has.
+    Vertical joints steer. The axle of a wheel steered by delta passes through the centre of the turn, at l
+    cot(delta) to the left of the joint at a distance l ahead of the fixed axle. For a joint that is y farther
+    to the left, with t = tan(delta), tan(delta') is t / (1 - t y / l) (Ackermann). The equality is this as a
+    polynomial of degree 4, the most that MuJoCo has.
     """
     mujoco = installed()
     data = mujoco.MjData(model)
@@ -181,27 +211,37 @@ def _tie(spec: Any, model: Any, names: Sequence[str], fixed: Sequence[str]) -> N
     axes = {name: data.xaxis[known.index(name)] for name in names}
     steers = abs(axes[names[0]][2]) > 0.5
     up = {name: float(np.sign(axis[2] if steers else axis @ axes[names[0]])) for name, axis in axes.items()}
-    places, axle = ([data.xanchor[known.index(name)][:2] for name in each if name in known] for each in (names, fixed))
+    places, axle = (
+        [data.xanchor[known.index(name)][:2] for name in each if name in known] for each in (names, fixed)
+    )
     ahead = np.mean(places, axis=0) - np.mean(axle, axis=0) if axle else np.zeros(2)
     for name, place in list(zip(names, places, strict=True))[1:]:
         aside = place - places[0]
-        # With the unit vector e = ahead / l the distance to the left is e x aside, and y / l = (ahead x aside) / l^2.
-        ratio = float(ahead[0] * aside[1] - ahead[1] * aside[0]) / float(ahead @ ahead) if steers and ahead.any() else 0.0
-        tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=name, name2=names[0])
+        # With the unit vector e = ahead / l the distance to the left is e x aside, and y / l = (ahead x
+        # aside) / l^2.
+        ratio = (
+            float(ahead[0] * aside[1] - ahead[1] * aside[0]) / float(ahead @ ahead)
+            if steers and ahead.any()
+            else 0.0
+        )
+        tie = spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=name, name2=names[0]
+        )
         tie.data[:5] = up[name] * _ackermann(ratio) * up[names[0]] ** np.arange(5)
         tie.solref[:] = STIFF, DAMPED
         tie.solimp[:3] = [float(part) for part in HARD.split()]
 
 
 def _ackermann(ratio: float) -> np.ndarray:
-    """Return the Taylor coefficients of atan(t / (1 - t ratio)), t = tan(delta), by the power of delta, 0 to 4."""
+    """Return the Taylor coefficients of atan(t / (1 - t ratio)), t = tan(delta), by the power of delta,
+    0 to 4."""
     return np.array([0.0, 1.0, ratio, ratio**2, ratio**3 - ratio / 3])
 
 
 def _of_urdf(file: str, root: Any) -> Any:
-    """Return the MuJoCo model, not compiled, of a URDF that `read` accepts, by its first element. Its base is free; links without
-    <inertial> have no mass. Raises BadInput, also for a body that moves without a mass or has the inertia of no body, and for a
-    mesh that is not found.
+    """Return the MuJoCo model, not compiled, of a URDF that `read` accepts, by its first element. Its base is
+    free; links without <inertial> have no mass. Raises BadInput, also for a body that moves without a mass or
+    has the inertia of no body, and for a mesh that is not found.
     """
     from lxml import etree
 
@@ -209,8 +249,12 @@ def _of_urdf(file: str, root: Any) -> Any:
     if links := document.impossible_inertias:
         raise BadInput(f"{file}: link {links[0]!r}: {NO_BODY}")
     for top in (document.root, *(joint.child for joint in document.joints.values() if joint.type != "fixed")):
-        if not any([document.inertial(link) for link in document.subtree(top, lambda joint: joint.type == "fixed")]):
-            raise BadInput(f"{file}: link {top!r} moves, and has no <inertial> with a mass; give its mass and inertia")
+        if not any(
+            [document.inertial(link) for link in document.subtree(top, lambda joint: joint.type == "fixed")]
+        ):
+            raise BadInput(
+                f"{file}: link {top!r} moves, and has no <inertial> with a mass; give its mass and inertia"
+            )
     for link in root.iterfind("link"):
         if link.get("name") in document.weightless:  # whose inertia means nothing
             link.remove(link.find("inertial"))
@@ -218,7 +262,9 @@ def _of_urdf(file: str, root: Any) -> Any:
     for mesh in spec.meshes:
         found = mesh_file(document.path, mesh.file)
         if found is None:
-            raise BadInput(f"{file}: its mesh {mesh.file} is not found; give the file, or a shape without one")
+            raise BadInput(
+                f"{file}: its mesh {mesh.file} is not found; give the file, or a shape without one"
+            )
         mesh.file = str(found)
     for geom in spec.geoms:
         geom.mass = 0.0

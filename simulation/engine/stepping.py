@@ -1,4 +1,5 @@
-"""A robot in MuJoCo between two calls of its controller: what its physics, be they of our floor or of a scene, have in common."""
+"""A robot in MuJoCo between two calls of its controller: what its physics,
+be they of our floor or of a scene, have in common."""
 
 from __future__ import annotations
 
@@ -39,17 +40,24 @@ class Stepped:
         self.planar, self.model, self.data = bodies, model, self._mujoco.MjData(model)
         system = plant.system
         self._functions = {name: Direct(function) for name, function in _functions(system).items()}
-        self._parameters, self._n, self._longest = plant.parameters, len(system.mechanism.coordinates), floor.step
+        self._parameters, self._n, self._longest = (
+            plant.parameters,
+            len(system.mechanism.coordinates),
+            floor.step,
+        )
         self._floor = floor
         self._rates = np.linalg.inv(bodies.joints)  # of the coordinates, by those of the joints
         self._headings = np.array([bodies.frames[wheel.frame].heading for wheel in bodies.wheels])
         self._turned = np.array([wheel.turned for wheel in bodies.wheels])
         angle, heading = floor.slope
-        model.opt.gravity = GRAVITY * np.array([np.sin(angle) * np.cos(heading), np.sin(angle) * np.sin(heading), -np.cos(angle)])
+        model.opt.gravity = GRAVITY * np.array(
+            [np.sin(angle) * np.cos(heading), np.sin(angle) * np.sin(heading), -np.cos(angle)]
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the wheels whose slip is measured: of the contacts, or of each wheel of a contact that stands for several."""
+        """Names of the wheels whose slip is measured: of the contacts,
+        or of each wheel of a contact that stands for several."""
         return tuple(wheel.name for wheel in self.planar.wheels)
 
     @property
@@ -75,8 +83,8 @@ class Stepped:
         raise NotImplementedError
 
     def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return for each of `names` slip (m/s), load (N), friction use, and the level force of the ground along and across in
-        turn (N).
+        """Return for each of `names` slip (m/s), load (N), friction use, and the level force of the ground
+        along and across in turn (N).
         """
         raise NotImplementedError
 
@@ -89,13 +97,20 @@ class Stepped:
         raise NotImplementedError
 
     def _rub(
-        self, J: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float, constrained: bool, ties: np.ndarray | None = None
+        self,
+        J: np.ndarray,
+        load: np.ndarray,
+        mu: np.ndarray,
+        creep: float,
+        constrained: bool,
+        ties: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Add to the applied forces the friction of this step at contacts with these loads (c,), N, whose velocities in the plane
-        that they touch are J (2 c, nv) times those of the joints; return it, (2 c,), N.
+        """Add to the applied forces the friction of this step at contacts with these loads (c,), N, whose
+        velocities in the plane that they touch are J (2 c, nv) times those of the joints; return it, (2 c,),
+        N.
 
-        `constrained`: other forces of MuJoCo's constraints act in these directions too, such as those of bumps, or of `ties`,
-        which keep these combinations (k, nv) of the velocities zero.
+        `constrained`: other forces of MuJoCo's constraints act in these directions too, such as those of
+        bumps, or of `ties`, which keep these combinations (k, nv) of the velocities zero.
         """
         self._mujoco.mj_fwdAcceleration(self.model, self.data)
         without = self.data.qacc_smooth
@@ -130,17 +145,19 @@ class Stepped:
         return np.concatenate([q, self._functions["nu"](q, qdot, self._parameters)[0]])
 
     def pushed(self, x: np.ndarray, impulse: np.ndarray) -> np.ndarray:
-        """Return the state after an impulse (n-m) along the quasi-velocities, N s or N m s, from x, the state now: all velocities
-        change as those of the robot that rolls, whatever the friction.
+        """Return the state after an impulse (n-m) along the quasi-velocities, N s or N m s, from x, the state
+        now: all velocities change as those of the robot that rolls, whatever the friction.
         """
         raise NotImplementedError
 
-    def hold(self, t: float, x: np.ndarray, given: np.ndarray, duration: float, drive: Drive | None = None) -> np.ndarray:
-        """Return the state after `duration` seconds from x at time t, the state now, with the inputs (N, N m) `given`, or those
-        that drives supply for what is given to them, at each step of the engine.
+    def hold(
+        self, t: float, x: np.ndarray, given: np.ndarray, duration: float, drive: Drive | None = None
+    ) -> np.ndarray:
+        """Return the state after `duration` seconds from x at time t, the state now, with the inputs (N, N m)
+        `given`, or those that drives supply for what is given to them, at each step of the engine.
 
-        Raises Refused, at time t: "range" where a velocity grows beyond FASTEST, as with wheels that spin without bound,
-        "overturned" where a body that stands by itself falls over.
+        Raises Refused, at time t: "range" where a velocity grows beyond FASTEST, as with wheels that spin
+        without bound, "overturned" where a body that stands by itself falls over.
         """
         before = self.data.qpos.copy(), self.data.qvel.copy()
         steps = int(np.ceil(duration / self._longest - 1e-9))
@@ -164,14 +181,15 @@ class Stepped:
 def installed() -> Any:
     """Return MuJoCo. Raises BadInput if it is missing."""
     mujoco = library("mujoco", "--engine mujoco: MuJoCo is not installed", "physics")
-    mujoco.set_mju_user_warning(lambda _: None)  # what it warns of ends the run with a status; it would write a file as well
+    # What it warns of ends the run with a status; it would write a file as well
+    mujoco.set_mju_user_warning(lambda _: None)
     return mujoco
 
 
 @lru_cache(maxsize=16)
 def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
-    """Of q, qdot, p: velocities of the contacts, quasi-velocities; of the inputs besides: forces on the coordinates; of [q; nu]:
-    qdot; of q: S'MS.
+    """Of q, qdot, p: velocities of the contacts, quasi-velocities; of the inputs besides: forces on the
+    coordinates; of [q; nu]: qdot; of q: S'MS.
     """
     mechanism = system.mechanism
     q, qdot, p, tau = mechanism.q, mechanism.qdot, mechanism.p, ca.SX.sym("tau", len(mechanism.inputs))
@@ -189,15 +207,21 @@ def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
         "qdot": ([ca.vertcat(q, system.nu), p], system.qdot),
         "mass": ([q, p], S.T @ mechanism.M @ S),
     }
-    return {name: portable(ca.Function(name, given, [ca.densify(value)])) for name, (given, value) in made.items()}
+    return {
+        name: portable(ca.Function(name, given, [ca.densify(value)])) for name, (given, value) in made.items()
+    }
 
 
 def refuse_in_scene(where: str, name: str, bodies: PlanarBodies) -> None:
     """Raise BadInput for a robot that no scene can have. `where` is what asks for it, for the message."""
     if bodies.leaning:
-        raise BadInput(f"{where}: {name} leans, and scenes are for robots that stand by themselves; leave it out")
+        raise BadInput(
+            f"{where}: {name} leans, and scenes are for robots that stand by themselves; leave it out"
+        )
     if bodies.normal != 1.0:
-        raise BadInput(f"{where}: {name} is on a slope of its own; use a robot on level ground, and [floor] slope")
+        raise BadInput(
+            f"{where}: {name} is on a slope of its own; use a robot on level ground, and [floor] slope"
+        )
     if any(wheel.rollers or wheel.turned for wheel in bodies.wheels):
         raise BadInput(f"{where}: does not go with wheels that have rollers or are turned, as {name} has")
 
@@ -211,9 +235,14 @@ def on_joints(plant: Plant, bodies: PlanarBodies) -> np.ndarray:
     E = ca.Function("E", [mechanism.q, mechanism.p], [ca.densify(mechanism.E)])
     random = np.random.default_rng(1992)
     n = len(mechanism.coordinates)
-    found = [np.linalg.inv(bodies.joints).T @ E(random.uniform(-3, 3, n), plant.parameters).full() for _ in range(3)]
+    found = [
+        np.linalg.inv(bodies.joints).T @ E(random.uniform(-3, 3, n), plant.parameters).full()
+        for _ in range(3)
+    ]
     forces = np.round(found[0], 12)
     for name, column, spread in zip(mechanism.inputs, forces.T, np.ptp(found, axis=0).T, strict=True):
         if np.abs(column[:3]).max() > 0 or spread.max() > 1e-9:
-            raise BadInput(f"{mechanism.name}: its input {name.name} does not act on a joint, which a scene requires")
+            raise BadInput(
+                f"{mechanism.name}: its input {name.name} does not act on a joint, which a scene requires"
+            )
     return forces

@@ -14,17 +14,27 @@ from .stepping import on_joints, refuse_in_scene
 
 
 def scene_of(plant: Plant, contact: ContactSection, floor: Floor) -> str:
-    """Return the MJCF of a robot, its base on a free joint, with its floor and its motors and MuJoCo's own friction.
+    """Return the MJCF of a robot, its base on a free joint, with its floor and its motors and MuJoCo's own
+    friction.
 
-    Joints are named as their coordinates, or, if they have none, as their contacts; motors as their inputs. The slope of the
-    floor stays in the SPEC. Raises BadInput for a floor with patches, for a robot that `[scene]` would refuse, and as
-    FloorEngine and `mjcf`.
+    Joints are named as their coordinates, or, if they have none, as their contacts; motors as their inputs.
+    The slope of the floor stays in the SPEC. Raises BadInput for a floor with patches, for a robot that
+    `[scene]` would refuse, and as FloorEngine and `mjcf`.
     """
     if floor.patch:
-        raise BadInput("--write-scene: a scene has no patches; leave out [floor] patch, or make the floor of several shapes")
-    mechanism, bodies = plant.system.mechanism, with_castors(planar(plant.system.mechanism, plant.parameters), contact.share)
+        raise BadInput(
+            "--write-scene: a scene has no patches; leave out [floor] patch, or make the floor of several "
+            "shapes"
+        )
+    mechanism, bodies = (
+        plant.system.mechanism,
+        with_castors(planar(plant.system.mechanism, plant.parameters), contact.share),
+    )
     if several := [wheel.name for wheel in bodies.wheels if wheel.wheels]:
-        raise BadInput(f"--write-scene: {several[0]} of {mechanism.name} are several wheels on one coordinate; use its own file")
+        raise BadInput(
+            f"--write-scene: {several[0]} of {mechanism.name} are several wheels on one coordinate; use its "
+            "own file"
+        )
     refuse_in_scene("--write-scene", mechanism.name, bodies)
     names = [coordinate.name for coordinate in mechanism.coordinates]
     frames = [names[bodies.hinge(k)] for k in range(1, len(bodies.frames))]

@@ -1,4 +1,5 @@
-"""The desired motion of a robot under state feedback: its steady motion, commands, or a course; as a state x_d(t)."""
+"""The desired motion of a robot under state feedback: its steady motion, commands, or a course;
+as a state x_d(t)."""
 
 import bisect
 import itertools
@@ -20,8 +21,8 @@ STRAIGHT = 1e-9  # rad: an arc that turns less is a line
 
 @dataclass(frozen=True)
 class Along:
-    """A place x + i y (m) with a heading (rad), the distance (m) and the turn (rad) up to there, forward speed and yaw rate, and
-    their rates.
+    """A place x + i y (m) with a heading (rad), the distance (m) and the turn (rad) up to there, forward
+    speed and yaw rate, and their rates.
     """
 
     place: complex
@@ -38,8 +39,9 @@ Motion = Callable[[float], Along]  # from the time, s
 
 
 def commanded(commands: Sequence[Command], x: float, y: float, heading: float) -> Motion:
-    """Return the motion of commands from a pose, m and rad, one after the other; it stands before and after them. The progress
-    of each is a polynomial of degree 5 in time, whose speed and acceleration are 0 at both ends.
+    """Return the motion of commands from a pose, m and rad, one after the other; it stands before and after
+    them. The progress of each is a polynomial of degree 5 in time, whose speed and acceleration are 0 at both
+    ends.
     """
     begins = list(itertools.accumulate((each.time for each in commands), initial=0.0))
     poses = [(complex(x, y), heading, 0.0)]
@@ -95,9 +97,10 @@ def _times(matrix: np.ndarray, pair: np.ndarray) -> np.ndarray:
 class Desired:
     """The desired state x_d(t), (2n-m), of a robot: its steady motion, or one along `motion`.
 
-    Along it, quasi-velocities differ from those of the steady motion by the least that gives forward speed and yaw rate, and
-    coordinates that go on, such as angles of wheels, follow them. Coordinates that are constant in steady motion, such as the
-    pitch, are where inputs can hold them while the robot accelerates, to first order: it leans forward.
+    Along it, quasi-velocities differ from those of the steady motion by the least that gives forward speed
+    and yaw rate, and coordinates that go on, such as angles of wheels, follow them. Coordinates that are
+    constant in steady motion, such as the pitch, are where inputs can hold them while the robot accelerates,
+    to first order: it leans forward.
     """
 
     def __init__(self, steady: Steady, motion: Motion | None = None):
@@ -105,8 +108,8 @@ class Desired:
         system = steady.partial.system
         if motion and not steady.place:
             raise BadInput(
-                f"[reference]: {system.mechanism.name} has no position and heading as coordinates (moves_in_plane): "
-                "only its steady motion can be desired; leave out commands and course"
+                f"[reference]: {system.mechanism.name} has no position and heading as coordinates "
+                "(moves_in_plane): only its steady motion can be desired; leave out commands and course"
             )
         self._steady, self._motion, self._n, self._place = steady, motion, len(steady.q), steady.place or ()
         self._rates = np.array(steady.rates)
@@ -114,15 +117,21 @@ class Desired:
             self._lead()
 
     def _lead(self) -> None:
-        """Find quasi-velocities and rates of coordinates per forward speed and yaw rate, and what of these the motion has."""
+        """Find quasi-velocities and rates of coordinates per forward speed and yaw rate,
+        and what of these the motion has."""
         steady = self._steady
         system, dof = steady.partial.system, self._steady.partial.system.dof
         made = vehicle_motion(system)
-        seen = [made([*steady.q, *nu], steady.parameters).full().ravel()[3:5] for nu in (np.zeros(dof), *np.eye(dof))]
+        seen = [
+            made([*steady.q, *nu], steady.parameters).full().ravel()[3:5]
+            for nu in (np.zeros(dof), *np.eye(dof))
+        ]
         slope = np.array(seen[1:]).T - seen[0][:, None]
         self._nu = tidy(np.linalg.pinv(slope))
         self._own = tidy(slope @ steady.nu)
-        moves = ca.Function("moves", [system.mechanism.q, system.mechanism.p], [ca.jacobian(system.qdot, system.nu)])
+        moves = ca.Function(
+            "moves", [system.mechanism.q, system.mechanism.p], [ca.jacobian(system.qdot, system.nu)]
+        )
         self._moves = tidy(moves(steady.q, steady.parameters).full() @ self._nu)
         n, held = self._n, list(steady.constant)
         cause = np.hstack([steady.A[n:, held], steady.B[n:]])
@@ -135,12 +144,16 @@ class Desired:
         if self._motion is None:
             if self._place:
                 x, y, heading = self._place
-                state[[x, y]] = np.array(steady.q)[[x, y]] + self._arc(self._rates[[x, y]], self._rates[heading], t)
+                state[[x, y]] = np.array(steady.q)[[x, y]] + self._arc(
+                    self._rates[[x, y]], self._rates[heading], t
+                )
             return state
         along = self._motion(t)
         state[: self._n] += _times(self._moves, np.array([along.distance, along.turn]) - self._own * t)
         state[self._n :] += _times(self._nu, np.array([along.speed, along.yaw_rate]) - self._own)
-        state[list(steady.constant)] += _times(self._lean, np.array([along.acceleration, along.yaw_acceleration]))
+        state[list(steady.constant)] += _times(
+            self._lean, np.array([along.acceleration, along.yaw_acceleration])
+        )
         state[list(self._place)] = along.place.real, along.place.imag, along.heading
         return state
 

@@ -60,8 +60,8 @@ class OnMotion:
 
 
 def feedback_of(robot: Mechanism, spec: Spec, parameters: list[float]) -> Balanced:
-    """Return the feedback of a SPEC with [feedback] about the robot with these parameters. Raises BadInput and ModelError as
-    `design` and `analyse_steady`, and for limits that do not fit the robot.
+    """Return the feedback of a SPEC with [feedback] about the robot with these parameters. Raises BadInput
+    and ModelError as `design` and `analyse_steady`, and for limits that do not fit the robot.
     """
     section = spec.feedback or FeedbackSection(weights={})
     inputs = [q.name for q in robot.inputs]
@@ -75,7 +75,8 @@ def feedback_of(robot: Mechanism, spec: Spec, parameters: list[float]) -> Balanc
 
 
 def make_guidance(law: ControlLaw, balanced: Balanced, spec: Spec, desired: Desired) -> OnMotion:
-    """Return the guidance of a SPEC, with the controller of its backend. Raises BadInput for one that there is not."""
+    """Return the guidance of a SPEC, with the controller of its backend. Raises BadInput for one that there
+    is not."""
     feedback = _made(balanced, spec.simulation.backend)
     used = Balanced(balanced.steady, balanced.K, balanced.limit, feedback)
     return OnMotion(Leg(np.zeros(0), StateFeedback(law, used), Regular()), desired, balanced.used)
@@ -101,13 +102,17 @@ def desired_of(balanced: Balanced, spec: Spec) -> Desired:
     if reference.commands is not None:
         motion = commanded(reference.commands, x, y, heading)
     elif course := reference.course:
-        motion = on_course(SmoothCurve(x, y, course.heading, course.speed, course.lengths, course.curvatures, course.rounding))
+        motion = on_course(
+            SmoothCurve(
+                x, y, course.heading, course.speed, course.lengths, course.curvatures, course.rounding
+            )
+        )
     return Desired(balanced.steady, motion)
 
 
 def start_of(spec: Spec, balanced: Balanced, desired: Desired) -> np.ndarray | None:
-    """Return [q; nu] at t = 0: as desired, changed by [initial] state; None where [initial] gives it otherwise. Raises BadInput
-    for an unknown state.
+    """Return [q; nu] at t = 0: as desired, changed by [initial] state; None where [initial] gives it
+    otherwise. Raises BadInput for an unknown state.
     """
     if spec.initial and spec.initial.state is None:
         return None

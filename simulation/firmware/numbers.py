@@ -33,8 +33,8 @@ OUTPUTS = ("distance", "speed")  # in the order of the follower's integral actio
 def vehicle_of(spec: Spec) -> tuple[Loop, VehicleNumbers]:
     """Return the loop of a SPEC in float, and the numbers of a follower for its vehicle, SI.
 
-    Raises BadInput for options that a follower does not have, by the table of stages, for a robot that has none, and as
-    `make_loop` does.
+    Raises BadInput for options that a follower does not have, by the table of stages, for a robot that has
+    none, and as `make_loop` does.
     """
     check(spec, EXPORT)
     loop = make_loop(replace(spec, simulation=replace(spec.simulation, backend="cf")))
@@ -51,7 +51,9 @@ def _numbers(spec: Spec, loop: Loop) -> VehicleNumbers:
     assert route is not None, "a composite path is followed"
     options = route.options
     axle = steered_axle(system)
-    start = loop.start[list(axle.pose)] if axle else Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
+    start = (
+        loop.start[list(axle.pose)] if axle else Direct(vehicle_motion(system))(loop.start, loop.believed)[0]
+    )
     off = abs(float(route.guide(loop.start).distance))
     path: dict[str, object] = {
         "speed": options.speed,
@@ -68,7 +70,11 @@ def _numbers(spec: Spec, loop: Loop) -> VehicleNumbers:
         "period": period,
         "counts_per_turn": (float(spec.sensors.counts),) * 2,
         "counter_bits": COUNTER_BITS,
-        **(_fastest_steered(loop, axle, options) if axle else {"fastest": _fastest(loop, options.speed, spec)}),
+        **(
+            _fastest_steered(loop, axle, options)
+            if axle
+            else {"fastest": _fastest(loop, options.speed, spec)}
+        ),
         "start": dict(zip(("x", "y", "heading"), map(float, start[:3]), strict=True)),
         "path": path,
         "astray": off + ASTRAY,
@@ -82,8 +88,13 @@ def _numbers(spec: Spec, loop: Loop) -> VehicleNumbers:
         f"counters of {COUNTER_BITS} bits, which increase driving forward",
         f"a wheel that turns {FASTER:g} times as fast as on the path is misread",
         f"{ASTRAY:g} m farther from the path than at the start is astray",
-        "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are stuck",
-        *([f"a steering angle beyond {STEERING:g} rad is misread; its counter is 0 straight ahead"] if axle else []),
+        "the watchdog bridges 3 errors, each forgiven after 100 ticks, and does not look for wheels that are "
+        "stuck",
+        *(
+            [f"a steering angle beyond {STEERING:g} rad is misread; its counter is 0 straight ahead"]
+            if axle
+            else []
+        ),
     ]
     late = spec.simulation.delay + (spec.drive.delay if spec.drive and follows else 0.0)
     return VehicleNumbers(
@@ -130,8 +141,8 @@ def _fastest(loop: Loop, desired: float, spec: Spec) -> float:
 
 
 def _fastest_steered(loop: Loop, axle: SteeredAxle, options: TrackerOptions) -> dict[str, object]:
-    """Return upper bounds of the rates of the rolling wheel and of steering, rad/s, and of the steering angle, rad: FASTER times
-    what the path asks, for steering a right angle over the way that P_l is ahead.
+    """Return upper bounds of the rates of the rolling wheel and of steering, rad/s, and of the steering
+    angle, rad: FASTER times what the path asks, for steering a right angle over the way that P_l is ahead.
     """
     mechanism = loop.law.system.mechanism
     motion = ca.Function("motion", [axle.angle, mechanism.p], [axle.motion])(0.0, loop.believed).full()
@@ -161,11 +172,14 @@ def _limits(limits: Limits | None) -> dict[str, object]:
 
 
 def _drives(spec: Spec, loop: Loop) -> tuple[dict[str, object], VelocityDrives | None]:
-    """Return what the config says of drives that take velocities, and how they follow them; nothing of torques."""
+    """Return what the config says of drives that take velocities, and how they follow them;
+    nothing of torques."""
     drive = spec.drive
     if drive is None or not drive.takes_velocity:
         return {}, None
     limits = command_limits(drive, loop.law.system, spec.simulation.period)
     members = zip(limits.speed, limits.acceleration, limits.band, strict=True)
     velocity = [dict(zip(("speed", "acceleration", "band"), each, strict=True)) for each in members]
-    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}, VelocityDrives(drive.omega, limits.acceleration)
+    return {"drive": "NOSLIP_DRIVE_VELOCITY", "velocity": velocity}, VelocityDrives(
+        drive.omega, limits.acceleration
+    )

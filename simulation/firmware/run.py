@@ -1,4 +1,5 @@
-"""A run of the firmware of a SPEC's vehicle, here or on an emulated processor: its C, and the robot of the C that tests it."""
+"""A run of the firmware of a SPEC's vehicle, here or on an emulated processor: its C,
+and the robot of the C that tests it."""
 
 from __future__ import annotations
 
@@ -32,13 +33,18 @@ HEADERS = ("console.h", "decimal.h")  # of firmware/selftest
 
 
 def runs_as_firmware(spec: Spec) -> bool:
-    """Return whether a SPEC is run by the C in float that `noslip export --firmware` writes for its vehicle."""
-    return spec.simulation.backend in ON and not broken(spec, EXPORT) and has_follower(law_of(find_robot(spec.robot), spec.law))
+    """Return whether a SPEC is run by the C in float that `noslip export --firmware` writes for its
+    vehicle."""
+    return (
+        spec.simulation.backend in ON
+        and not broken(spec, EXPORT)
+        and has_follower(law_of(find_robot(spec.robot), spec.law))
+    )
 
 
 def run_of_firmware(spec: Spec, progress: Callable[[float], None] | None = None) -> Run:
-    """Return the run of a SPEC that `runs_as_firmware`; `progress` receives the time reached. Its rows are those that the test
-    of the exported project prints.
+    """Return the run of a SPEC that `runs_as_firmware`; `progress` receives the time reached. Its rows are
+    those that the test of the exported project prints.
 
     Raises BadInput as `vehicle_of`, where a tool is missing, and if the firmware rejects its numbers.
     """
@@ -87,7 +93,9 @@ def _rows(
     """Drive a vehicle along its path on a target; return the columns by name."""
     found = []
     command = target.run(str(_program(law, vehicle, target).resolve()), *(CONSOLE if target.bare else ()))
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, encoding="ascii") as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, encoding="ascii"
+    ) as process:
         assert process.stdout, "it is a pipe"
         next(process.stdout)
         for line in process.stdout:
@@ -95,7 +103,9 @@ def _rows(
             if progress and len(found[-1]) > 1:
                 progress(float(found[-1][0]))
     if process.returncode not in (0, STOPPED) or not found:
-        raise BadInput(f"the firmware of the vehicle ends on {target.name} with exit code {process.returncode}")
+        raise BadInput(
+            f"the firmware of the vehicle ends on {target.name} with exit code {process.returncode}"
+        )
     if len(found[-1]) == 1:
         raise BadInput(f"the firmware rejects the numbers of the vehicle: {found[-1][0]}")
     names = [*columns(law, vehicle), *DESIRED]
@@ -108,10 +118,16 @@ def _program(law: ControlLaw, vehicle: VehicleNumbers, target: Target) -> Path:
     if target.bare:
         require(target.compiler, *target.machine[:1])
     own = {Path(name).name: text for name, text in vehicle_files(law, FLOAT, vehicle).items()}
-    own |= {name: text for name, text in robot_files(law.system, [law], (FLOAT.real,)).items() if "_telemetry" not in name}
+    own |= {
+        name: text
+        for name, text in robot_files(law.system, [law], (FLOAT.real,)).items()
+        if "_telemetry" not in name
+    }
     own |= {name: text for name, text in headers().items() if name in HEADERS}
     files = {**with_runtime({**own, **source()}), **target.files()}
-    sources = [name for name in files if name.endswith(".c") and (name not in target.files() or name in target.start)]
+    sources = [
+        name for name in files if name.endswith(".c") and (name not in target.files() or name in target.start)
+    ]
     command = target.compile() if target.compiler else compiler()
     options = [*STANDARD, *QUICK, "-DDRIVE_DESIRED", *sources, *target.link()]
     return built([*command, *options], files, "drive.elf" if target.bare else "drive.run")

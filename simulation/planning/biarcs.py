@@ -1,7 +1,7 @@
 """Approximation of curves by few lines and arcs within a tolerance.
 
-A biarc consists of two arcs with a common tangent. Of the one-parameter family between two given points and directions, the
-one with equal chords is used (E. Bertolazzi, M. Frego, arXiv:1601.07392).
+A biarc consists of two arcs with a common tangent. Of the one-parameter family between two given points and
+directions, the one with equal chords is used (E. Bertolazzi, M. Frego, arXiv:1601.07392).
 """
 
 import math
@@ -19,10 +19,12 @@ from .curves import Points, Samples, bends, check_bends, of_function, sampled, t
 Arc = tuple[float, float]  # curvature (1/m, positive turns left) and length (m)
 
 QUARTER = math.pi / 2  # rad: largest angle of an arc, so that the foot of a point on it is unique
-STRETCH = 2  # the foot moves at most at this multiple of the curve's speed: the curve stays away from the centre of an arc
+# The foot moves at most at this multiple of the curve's speed: the curve stays away from the centre of an arc
+STRETCH = 2
 MOST_PIECES = 2000  # segments of a path: about 10 s of computing time, and 112 KB in double
 STRAIGHT = 1e-11  # rad: a curve whose direction changes less between samples is a line there
-ROUNDING = 64 * np.finfo(float).eps  # relative to the coordinates: smaller differences between lines and arcs are ignored
+# Relative to the coordinates: smaller differences between lines and arcs are ignored
+ROUNDING = 64 * np.finfo(float).eps
 
 
 def fit(
@@ -33,14 +35,17 @@ def fit(
     min_radius: float | None = None,
     domain: tuple[float, float] | None = None,
 ) -> list[Segment]:
-    """Return lines and arcs, without jumps of the heading, that stay within `tolerance` (m) of a curve, and vice versa.
+    """Return lines and arcs, without jumps of the heading, that stay within `tolerance` (m) of a curve, and
+    vice versa.
 
-    `points`: waypoints (x, y) in m, connected by the cubic Hermite curve of `curves.through` (chord-length parameter, directions
-    from parabolas through neighbours; `headings` in rad, None where free, prescribes some; `closed` connects the last to the
-    first); or a function t -> (x, y) on `domain`: by default 0 to 1, for a spline of SciPy its knots.
-    Start and end point and directions are those of the curve. Each segment covers as much of the curve as possible.
+    `points`: waypoints (x, y) in m, connected by the cubic Hermite curve of `curves.through` (chord-length
+    parameter, directions from parabolas through neighbours; `headings` in rad, None where free, prescribes
+    some; `closed` connects the last to the first); or a function t -> (x, y) on `domain`: by default 0 to 1,
+    for a spline of SciPy its knots. Start and end point and directions are those of the curve. Each segment
+    covers as much of the curve as possible.
 
-    Raises BadInput for invalid waypoints, a curve with a corner, and a curve with a radius below `min_radius` (m).
+    Raises BadInput for invalid waypoints, a curve with a corner, and a curve with a radius below `min_radius`
+    (m).
     """
     positive("tolerance", tolerance)
     if min_radius is not None:
@@ -61,7 +66,10 @@ def fit(
             for arc in pair:
                 _append(arcs, arc, rounding)
             if len(arcs) > MOST_PIECES:
-                raise BadInput(f"the path needs more than {MOST_PIECES} lines and arcs; make the tolerance larger or split it")
+                raise BadInput(
+                    f"the path needs more than {MOST_PIECES} lines and arcs; make the tolerance larger or "
+                    "split it"
+                )
     start, goal = (
         (float(place.real), float(place.imag), phase(direction))
         for place, direction in zip(samples.places[[0, -1]], samples.directions[[0, -1]], strict=True)
@@ -72,14 +80,17 @@ def fit(
 
 
 def _stops(samples: Samples) -> list[int]:
-    """Return the samples where straight parts begin and end, so that they become lines, and the last sample."""
+    """Return the samples where straight parts begin and end, so that they become lines,
+    and the last sample."""
     straight = np.abs(phase(samples.directions[1:] / samples.directions[:-1])) < STRAIGHT
     return [*(np.flatnonzero(np.diff(straight)) + 1), len(straight)]
 
 
-def _longest(samples: Samples, k: int, stop: int, tolerance: float, min_radius: float | None) -> tuple[int, list[Arc]]:
-    """Return the last sample up to `stop` that a biarc from sample k can reach, and the biarc; found by doubling and
-    bisection.
+def _longest(
+    samples: Samples, k: int, stop: int, tolerance: float, min_radius: float | None
+) -> tuple[int, list[Arc]]:
+    """Return the last sample up to `stop` that a biarc from sample k can reach, and the biarc; found by
+    doubling and bisection.
     """
     good, bad, step = k, stop + 1, 1
     best: list[Arc] = []
@@ -95,10 +106,12 @@ def _longest(samples: Samples, k: int, stop: int, tolerance: float, min_radius: 
         if _tight(pair, min_radius):
             radius = 1 / max(abs(curvature) for curvature, _ in pair)
             raise BadInput(
-                f"the curve has radius {radius:.4g} m {samples.near(k)}, less than min_radius = {min_radius:g} m; "
-                "straighten it there or allow a smaller radius"
+                f"the curve has radius {radius:.4g} m {samples.near(k)}, less than min_radius = "
+                f"{min_radius:g} m; straighten it there or allow a smaller radius"
             )
-        raise BadInput(f"no arcs stay within {tolerance:g} m of the curve {samples.near(k)}; make the tolerance larger")
+        raise BadInput(
+            f"no arcs stay within {tolerance:g} m of the curve {samples.near(k)}; make the tolerance larger"
+        )
     return good, best
 
 
@@ -123,9 +136,9 @@ def _tight(pair: list[Arc], min_radius: float | None) -> bool:
 def _within(samples: Samples, k: int, m: int, pair: list[Arc], tolerance: float) -> bool:
     """Return whether samples k to m are near the biarc, and the biarc near them.
 
-    The latter follows from the feet of the samples: they move along the biarc from end to end, neither backward nor in jumps, so
-    that every point of it is the foot of a point of the curve. Between samples, the distances of curve and biarc from their
-    chords are bounded.
+    The latter follows from the feet of the samples: they move along the biarc from end to end, neither
+    backward nor in jumps, so that every point of it is the foot of a point of the curve. Between samples, the
+    distances of curve and biarc from their chords are bounded.
     """
     if any(abs(curvature) * length > QUARTER for curvature, length in pair):
         return False
@@ -149,9 +162,11 @@ def _within(samples: Samples, k: int, m: int, pair: list[Arc], tolerance: float)
     return bool(np.all(np.maximum(np.abs(left[:-1]), np.abs(left[1:])) + bent <= tolerance))
 
 
-def _feet(points: Points, place: complex, direction: complex, curvature: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions of the feet of points on a line or arc, m from its start, and the distances of the points to its
-    left, m.
+def _feet(
+    points: Points, place: complex, direction: complex, curvature: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of the feet of points on a line or arc, m from its start, and the distances of the
+    points to its left, m.
     """
     local = product(points - place, np.conj(direction))
     # from the centre, in units of the radius; 1 at the start
@@ -161,7 +176,8 @@ def _feet(points: Points, place: complex, direction: complex, curvature: float) 
 
 
 def _append(arcs: list[Arc], arc: Arc, rounding: float) -> None:
-    """Append an arc, as a line if it is one up to rounding; an arc that continues the last one is merged with it."""
+    """Append an arc, as a line if it is one up to rounding;
+    an arc that continues the last one is merged with it."""
     curvature, length = arc
     if abs(curvature) * length * length <= rounding:
         curvature = 0.0

@@ -1,13 +1,16 @@
-"""A course: a smooth curve given by its curvature over its length, and a point that moves on it at constant speed.
+"""A course: a smooth curve given by its curvature over its length, and a point that moves on it at constant
+speed.
 
-Between the places where the curvature is given it changes as a polynomial whose first four derivatives vanish at both ends, so
-that all derivatives of the position up to order 6 are continuous: an output of that relative degree can follow it exactly. The
-curvature of a clothoid has a rate that jumps, which no torque at a steered wheel can follow. With a `rounding` the parts are
-lines, arcs and clothoids, and only within half that length of where two of them meet the rate changes smoothly instead. Before
-the beginning the first curvature stays. There the rate jumps if a course with a rounding begins with a clothoid.
+Between the places where the curvature is given it changes as a polynomial whose first four derivatives vanish
+at both ends, so that all derivatives of the position up to order 6 are continuous: an output of that relative
+degree can follow it exactly. The curvature of a clothoid has a rate that jumps, which no torque at a steered
+wheel can follow. With a `rounding` the parts are lines, arcs and clothoids, and only within half that length
+of where two of them meet the rate changes smoothly instead. Before the beginning the first curvature stays.
+There the rate jumps if a course with a rounding begins with a clothoid.
 
-Parts of negative length are driven in reverse. Where the sign changes is a cusp: the direction of the course continues, so that a
-vehicle stops there, and drives back with its heading, its steering angle and the angles of its hitches as they are.
+Parts of negative length are driven in reverse. Where the sign changes is a cusp: the direction of the course
+continues, so that a vehicle stops there, and drives back with its heading, its steering angle and the angles
+of its hitches as they are.
 """
 
 import itertools
@@ -26,7 +29,9 @@ NEAR = 0.2  # m: between the places from which the search of the nearest one beg
 MOST = 200_000  # of these places
 STEPS, ENOUGH = 20, 1e-13  # of Newton's method, as in noslip_course.h; relative change at which it ends
 FLATTEST = 0.1  # likewise: how near a point may be to the centre of curvature, in radii
-LEAST = 3  # intervals of the quadrature, 1 on clothoids, and one more for each radian: an error of 2e-14 m (300 random courses)
+# Intervals of the quadrature, 1 on clothoids, and one more for each radian: an error of 2e-14 m (300 random
+# courses)
+LEAST = 3
 NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: place, weight
     (0.18343464249564980494, 0.36268378337836198297),
     (0.52553240991632898582, 0.31370664587788728734),
@@ -36,9 +41,12 @@ NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: plac
 
 
 Polynomial = tuple[float, ...]  # coefficients by power
-Part = tuple[float, Polynomial]  # length in m, negative in reverse; curvature in 1/m as a polynomial in the part of the length
-BLEND = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)  # coefficients of the change from 0 at 0 to 1 at 1
-RISE = (0.0, 0.0, 0.0, 0.0, 0.0, 7.0, -14.0, 10.0, -2.5)  # integral of such a change with three derivatives, 1/2 at 1
+# Length in m, negative in reverse; curvature in 1/m as a polynomial in the part of the length
+Part = tuple[float, Polynomial]
+# Coefficients of the change from 0 at 0 to 1 at 1
+BLEND = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)
+# Integral of such a change with three derivatives, 1/2 at 1
+RISE = (0.0, 0.0, 0.0, 0.0, 0.0, 7.0, -14.0, 10.0, -2.5)
 
 
 def value(coefficients: Sequence[float], u: float, order: int = 0) -> float:
@@ -56,15 +64,17 @@ def blended(first: float, last: float) -> Polynomial:
 
 
 def rounded(first: float, before: float, after: float) -> Polynomial:
-    """Return the coefficients of a polynomial that is `first` at 0, and whose rate changes from `before` at 0 to `after` at 1."""
+    """Return the coefficients of a polynomial that is `first` at 0,
+    and whose rate changes from `before` at 0 to `after` at 1."""
     return (first, before, *[(after - before) * c for c in RISE[2:]])
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a course from `begin` on, m: the direction of travel there (rad), its `length` (m), and the coefficients of its
-    curvature (1/m, positive to the left of travel) as a polynomial in the part of the length; `backward`: whether it is driven in
-    reverse. Before its beginning the curvature is that of the beginning.
+    """A part of a course from `begin` on, m: the direction of travel there (rad), its `length` (m), and the
+    coefficients of its curvature (1/m, positive to the left of travel) as a polynomial in the part of the
+    length; `backward`: whether it is driven in reverse. Before its beginning the curvature is that of the
+    beginning.
     """
 
     begin: float
@@ -78,8 +88,8 @@ class Stretch:
         return value(self._polynomial(at), at / self.length, order) / math.prod([self.length] * order)
 
     def largest(self, at: float) -> float:
-        """Return a bound of the magnitude of the curvature up to `at` m after its beginning, 1/m: those at both ends, and in
-        between that of lines in the directions of the curvature there, as before rounding.
+        """Return a bound of the magnitude of the curvature up to `at` m after its beginning, 1/m: those at
+        both ends, and in between that of lines in the directions of the curvature there, as before rounding.
         """
         first, *others = self.coefficients
         return max(abs(first), abs(first + sum(others[:1]) / 2.0), abs(self.curvature(at)))
@@ -94,13 +104,14 @@ class Stretch:
 
 @dataclass(frozen=True)
 class SmoothCurve:
-    """From (x, y) in m in the direction `heading` (rad): `curvatures` (1/m, positive turns left) at the beginning of the first
-    of the `lengths` (m) and at the end of each; before the first and after the last the curvature stays. `speed`, m/s, along it.
-    Parts of negative length lead back, against the direction. Lengths along the course, its direction and its curvature are those
-    of travel.
+    """From (x, y) in m in the direction `heading` (rad): `curvatures` (1/m, positive turns left) at the
+    beginning of the first of the `lengths` (m) and at the end of each; before the first and after the last
+    the curvature stays. `speed`, m/s, along it. Parts of negative length lead back, against the direction.
+    Lengths along the course, its direction and its curvature are those of travel.
 
-    With a `rounding` (m, at most the shortest of the lengths) the curvature is linear over each part, except within half of it
-    of where parts meet and where the last ends; without, it changes smoothly over the whole of each part.
+    With a `rounding` (m, at most the shortest of the lengths) the curvature is linear over each part, except
+    within half of it of where parts meet and where the last ends; without, it changes smoothly over the whole
+    of each part.
     """
 
     x: float
@@ -124,7 +135,9 @@ class SmoothCurve:
                 cusp = backward != last.backward
                 begin = last.begin + (0.0 if cusp else last.length)
                 heading = last.heading + turn if cusp else last.direction(last.length)
-            found.append(Stretch(begin, heading, length, tuple(-c if backward else c for c in coefficients), backward))
+            found.append(
+                Stretch(begin, heading, length, tuple(-c if backward else c for c in coefficients), backward)
+            )
         return tuple(found)
 
     @property
@@ -142,7 +155,10 @@ class SmoothCurve:
         """The courses from cusp to cusp."""
         ends = [k + 1 for k in range(len(self.lengths)) if self._ends(k)] or [0]
         stretches, pieces, begin = self.stretches, [], 0
-        first = [0, *[k + 1 for k, (a, b) in enumerate(itertools.pairwise(stretches)) if a.backward != b.backward]]
+        first = [
+            0,
+            *[k + 1 for k, (a, b) in enumerate(itertools.pairwise(stretches)) if a.backward != b.backward],
+        ]
         for k, end in zip(first, ends, strict=True):
             x, y = self._places[k].real, self._places[k].imag
             heading = stretches[k].heading - math.pi * stretches[k].backward
@@ -160,7 +176,9 @@ class SmoothCurve:
         parts: list[Part] = []
         for k, signed in enumerate(self.lengths):
             way = math.copysign(1.0, signed)
-            parts += [(way * length, c) for length, c in (self._rounded(k) if self.rounding else self._blended(k))]
+            parts += [
+                (way * length, c) for length, c in (self._rounded(k) if self.rounding else self._blended(k))
+            ]
             parts += [(way, self.curvatures[k + 1 : k + 2])] if self._ends(k) else []
         return parts
 
@@ -169,7 +187,8 @@ class SmoothCurve:
         return [(abs(self.lengths[k]), blended(self.curvatures[k], self.curvatures[k + 1]))]
 
     def _rounded(self, k: int) -> list[Part]:
-        """Return lengths and polynomials of a line, arc or clothoid, and of what is between it and the next."""
+        """Return lengths and polynomials of a line, arc or clothoid,
+        and of what is between it and the next."""
         half, ends, slope = self.rounding / 2, self._ends(k), self._slope(k)
         cusp, after = ends and k + 1 < len(self.lengths), 0.0 if ends else self._slope(k + 1)
         begin = half if k > 0 and not self._ends(k - 1) else 0.0
@@ -211,9 +230,10 @@ class SmoothCurve:
         return np.array([self.position(length), *[self.speed * each for each in forward[:order]]])
 
     def nearest(self, point: complex, near: float | None = None) -> float:
-        """Return the length along the course, which has no cusp, at which it is nearest to a point x + i y, m, by Newton's method
-        from the length `near`; without one, from the nearest of places that are NEAR apart. NaN if the point is as far as the
-        centre of curvature, or too far ahead, by the rule of noslip_course_nearest. Raises BadInput as `_scanned` does.
+        """Return the length along the course, which has no cusp, at which it is nearest to a point x + i y,
+        m, by Newton's method from the length `near`; without one, from the nearest of places that are NEAR
+        apart. NaN if the point is as far as the centre of curvature, or too far ahead, by the rule of
+        noslip_course_nearest. Raises BadInput as `_scanned` does.
         """
         length = self._scanned(point) if near is None else near
         for _ in range(STEPS):
@@ -230,10 +250,17 @@ class SmoothCurve:
         return math.nan
 
     def _scanned(self, point: complex) -> float:
-        """Return the length at the nearest of places that are NEAR apart. Those are left out that are too near to a far one.
-        Raises BadInput if more than MOST are left.
+        """Return the length at the nearest of places that are NEAR apart. Those are left out that are too
+        near to a far one. Raises BadInput if more than MOST are left.
         """
-        last, k, at, place, nearest, least = 1 + int(self.stretches[-1].begin / NEAR), 0, 0.0, self.position(0.0), 0, math.inf
+        last, k, at, place, nearest, least = (
+            1 + int(self.stretches[-1].begin / NEAR),
+            0,
+            0.0,
+            self.position(0.0),
+            0,
+            math.inf,
+        )
         for _ in range(MOST):
             off = abs(point - place)
             if off < least:
@@ -243,8 +270,8 @@ class SmoothCurve:
                 return nearest * NEAR
             at, place = k * NEAR, self._further(place, at, k * NEAR)
         raise BadInput(
-            f"the course is {self.stretches[-1].begin:g} m long: its place nearest to the start is not found among {MOST} places "
-            f"that are {NEAR:g} m apart; take a shorter course"
+            f"the course is {self.stretches[-1].begin:g} m long: its place nearest to the start is not found "
+            f"among {MOST} places that are {NEAR:g} m apart; take a shorter course"
         )
 
     def _further(self, place: complex, at: float, length: float) -> complex:
@@ -252,7 +279,11 @@ class SmoothCurve:
         k = self._part(length)
         stretch = self.stretches[k]
         same = k == self._part(at)
-        return place + self._moved(stretch, length - stretch.begin, at - stretch.begin) if same else self.position(length)
+        return (
+            place + self._moved(stretch, length - stretch.begin, at - stretch.begin)
+            if same
+            else self.position(length)
+        )
 
     def _part(self, length: float) -> int:
         """The number of the part at a length; before the beginning the first."""
@@ -274,8 +305,11 @@ class SmoothCurve:
 
     @staticmethod
     def _moved(stretch: Stretch, length: float, start: float = 0.0) -> complex:
-        """Return how far the course goes within a part, by the quadrature of Gauss and Legendre over each radian of the turn."""
-        count = (LEAST if len(stretch.coefficients) > 2 else 1) + int(abs(length - start) * stretch.largest(length))
+        """Return how far the course goes within a part, by the quadrature of Gauss and Legendre over each
+        radian of the turn."""
+        count = (LEAST if len(stretch.coefficients) > 2 else 1) + int(
+            abs(length - start) * stretch.largest(length)
+        )
         half, total = (length - start) / count / 2, 0j
         for k in range(count):
             middle = start + (2 * k + 1) * half

@@ -1,4 +1,5 @@
-"""Smooth curves, through waypoints or given as functions, and samples of them that are dense enough for fitting arcs."""
+"""Smooth curves, through waypoints or given as functions, and samples of them that are dense enough for
+fitting arcs."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -29,8 +30,8 @@ MOST = 200_000  # samples
 
 @dataclass(frozen=True)
 class PlaneCurve:
-    """Positions (m) and velocities, complex, as functions of the parameter, (N,) -> (N,); breakpoints; name of a parameter
-    value.
+    """Positions (m) and velocities, complex, as functions of the parameter, (N,) -> (N,); breakpoints; name
+    of a parameter value.
     """
 
     place: Callable[[np.ndarray], Points]
@@ -57,21 +58,22 @@ class Samples:
 def through(
     points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool, tolerance: float
 ) -> tuple[PlaneCurve, float]:
-    """Return the cubic Hermite curve through waypoints (x, y) in m, with the accumulated chord length as parameter,
-    and the part of `tolerance` (m) that remains to stay within it.
+    """Return the cubic Hermite curve through waypoints (x, y) in m, with the accumulated chord length as
+    parameter, and the part of `tolerance` (m) that remains to stay within it.
 
-    Waypoints closer together than a part of the tolerance count as one, as does a first point that is repeated at
-    the end of a closed curve. The velocity at a waypoint is that of the parabola through the waypoint and its
-    neighbours, at an end that of the parabola's end: through collinear waypoints the curve is straight, and a
-    waypoint affects it only up to two waypoints away. If a heading (rad) is given, the velocity is the unit vector
-    in its direction. Raises BadInput.
+    Waypoints closer together than a part of the tolerance count as one, as does a first point that is
+    repeated at the end of a closed curve. The velocity at a waypoint is that of the parabola through the
+    waypoint and its neighbours, at an end that of the parabola's end: through collinear waypoints the curve
+    is straight, and a waypoint affects it only up to two waypoints away. If a heading (rad) is given, the
+    velocity is the unit vector in its direction. Raises BadInput.
     """
     places, prescribed = _places(points), _headings(headings, len(points))
     kept, off = _merged(places, prescribed, closed, max(SAME, NEAR * tolerance)) if len(places) else ([], 0.0)
     if len(places) > 1 and (extent := float(np.abs(places - places[0]).max())) <= tolerance:
         raise BadInput(
-            f"the waypoints are at most {extent:.3g} m from the first, less than the tolerance, {tolerance:g} m: make it "
-            "smaller, or give x and y in m; degrees of latitude and longitude have to be projected, for instance to UTM"
+            f"the waypoints are at most {extent:.3g} m from the first, less than the tolerance, "
+            f"{tolerance:g} m: make it smaller, or give x and y in m; degrees of latitude and longitude have "
+            "to be projected, for instance to UTM"
         )
     if len(kept) < (least := 3 if closed else 2):
         kind = "closed path" if closed else "path"
@@ -85,7 +87,9 @@ def through(
     for k in np.flatnonzero(math.pi - np.abs(phase(units[1:] / units[:-1])) < BACK) + 1:
         if prescribed[number[k] % len(places)] is None:
             where = f"waypoint {kept[number[k] % len(places)] + 1} {_shown(ring[k])}"
-            raise BadInput(f"the path turns back at {where}; give a heading there, move it, or split the path")
+            raise BadInput(
+                f"the path turns back at {where}; give a heading there, move it, or split the path"
+            )
     velocities = np.concatenate([units[:1], units])
     velocities[1:-1] = (lengths[1:] * units[:-1] + lengths[:-1] * units[1:]) / (lengths[1:] + lengths[:-1])
     _check_headings(prescribed, [velocities[closed + k] for k in range(len(places))])
@@ -110,10 +114,12 @@ def through(
     return PlaneCurve(spline, spline.derivative(), knots, called), tolerance - off
 
 
-def _merged(places: Points, prescribed: list[float | None], closed: bool, near: float) -> tuple[list[int], float]:
-    """Return the waypoints that are farther than `near` (m) from the one before, the first and, unless the curve is
-    closed, the last among them; and how far at most another one is from them, m. A heading of one that is left out
-    is given to the one that stands for it. Raises BadInput if those have different headings.
+def _merged(
+    places: Points, prescribed: list[float | None], closed: bool, near: float
+) -> tuple[list[int], float]:
+    """Return the waypoints that are farther than `near` (m) from the one before, the first and, unless the
+    curve is closed, the last among them; and how far at most another one is from them, m. A heading of one
+    that is left out is given to the one that stands for it. Raises BadInput if those have different headings.
     """
     kept, last, off = [0], len(places) - 1, [0.0, 0.0]
 
@@ -137,30 +143,40 @@ def _merged(places: Points, prescribed: list[float | None], closed: bool, near: 
 
 
 def _check_headings(prescribed: Sequence[float | None], directions: Sequence[complex]) -> None:
-    """Raise BadInput if many headings are prescribed, and most are not those of a path through these waypoints."""
-    pairs = [(h, each) for h, each in zip(prescribed, directions, strict=True) if h is not None and abs(each) > BACK]
+    """Raise BadInput if many headings are prescribed, and most are not those of a path through these
+    waypoints."""
+    pairs = [
+        (h, each)
+        for h, each in zip(prescribed, directions, strict=True)
+        if h is not None and abs(each) > BACK
+    ]
     off = [abs(phase(unit(heading) / each)) for heading, each in pairs]
     if len(off) >= MANY_HEADINGS and (usual := float(np.median(off))) > CONTRARY:
         raise BadInput(
-            f"the headings differ by {math.degrees(usual):.0f} deg from the directions between the waypoints: are they "
-            "headings of travel, in rad? Leave the column out with --columns x,y,- or state its unit"
+            f"the headings differ by {math.degrees(usual):.0f} deg from the directions between the "
+            "waypoints: are they headings of travel, in rad? Leave the column out with --columns x,y,- or "
+            "state its unit"
         )
 
 
 def check_bends(samples: Samples, tolerance: float) -> None:
-    """Raise BadInput if the curve has a smaller radius than the tolerance (m), a bend that its waypoints cannot mean."""
+    """Raise BadInput if the curve has a smaller radius than the tolerance (m),
+    a bend that its waypoints cannot mean."""
     turns = np.abs(phase(product(samples.directions[1:], samples.directions[:-1].conj())))
     radii = size(np.diff(samples.places)) / np.maximum(turns, 1e-300)
     k = int(np.argmin(radii))
     if radii[k] < tolerance:
         raise BadInput(
-            f"the curve has radius {radii[k]:.2g} m {samples.near(k)}, less than the tolerance, {tolerance:g} m; move or "
-            "remove a waypoint there, or make the tolerance smaller"
+            f"the curve has radius {radii[k]:.2g} m {samples.near(k)}, less than the tolerance, "
+            f"{tolerance:g} m; move or remove a waypoint there, or make the tolerance smaller"
         )
 
 
-def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> PlaneCurve:
-    """Return the curve t -> (x, y) in m: a spline of SciPy on all its knots, another function on `domain` (0 to 1)."""
+def of_function(
+    function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None
+) -> PlaneCurve:
+    """Return the curve t -> (x, y) in m: a spline of SciPy on all its knots,
+    another function on `domain` (0 to 1)."""
     knots = getattr(function, "x", None)  # PPoly
     if knots is None and hasattr(function, "t") and hasattr(function, "k"):  # BSpline
         knots = function.t[function.k : len(function.t) - function.k]
@@ -199,25 +215,34 @@ def of_function(function: Callable[[float], Sequence[float]], domain: tuple[floa
 
 
 def sampled(curve: PlaneCurve, tolerance: float) -> Samples:
-    """Return samples so dense that between two neighbours the curve differs from their chord by a part of the tolerance (m) only.
+    """Return samples so dense that between two neighbours the curve differs from their chord by a part of the
+    tolerance (m) only.
 
-    Raises BadInput if the velocity vanishes or the curve has a corner, and if there would be too many samples.
+    Raises BadInput if the velocity vanishes or the curve has a corner, and if there would be too many
+    samples.
     """
     shares = np.arange(PARTS) / PARTS
-    times = np.append((curve.knots[:-1, None] + np.diff(curve.knots)[:, None] * shares).ravel(), curve.knots[-1])
+    times = np.append(
+        (curve.knots[:-1, None] + np.diff(curve.knots)[:, None] * shares).ravel(), curve.knots[-1]
+    )
     samples = _at(curve, times)
     rough = np.ones(len(times) - 1, bool)  # intervals that may need refinement
     while rough.any():
         left = np.flatnonzero(rough)
         if len(samples.times) + len(left) > MOST:
-            raise BadInput(f"tolerance = {tolerance:g} m requires more than {MOST} samples of the curve; make it larger")
+            raise BadInput(
+                f"tolerance = {tolerance:g} m requires more than {MOST} samples of the curve; make it larger"
+            )
         new = _at(curve, (samples.times[left] + samples.times[left + 1]) / 2)
         chords = samples.places[left + 1] - samples.places[left]
         bent = bends(chords, (samples.directions[left], new.directions, samples.directions[left + 1]))
         fine = bent < np.minimum(SHARE * tolerance, TURN / 8 * size(chords))
         samples = Samples(
             curve,
-            *(np.insert(getattr(samples, name), left + 1, getattr(new, name)) for name in ("times", "places", "directions")),
+            *(
+                np.insert(getattr(samples, name), left + 1, getattr(new, name))
+                for name in ("times", "places", "directions")
+            ),
         )
         rough = np.insert(rough, left, ~fine)
         rough[left + np.arange(1, len(left) + 1)] = ~fine
@@ -228,8 +253,8 @@ def sampled(curve: PlaneCurve, tolerance: float) -> Samples:
 
 
 def bends(chords: Points, directions: Sequence[Points]) -> np.ndarray:
-    """Return the largest distance of a curve with these directions from its chords, m: exact for an arc, an upper bound
-    otherwise.
+    """Return the largest distance of a curve with these directions from its chords, m: exact for an arc, an
+    upper bound otherwise.
     """
     return size(chords) * np.max([np.abs(phase(product(d, chords.conj()))) for d in directions], axis=0) / 4
 
@@ -239,7 +264,9 @@ def _at(curve: PlaneCurve, times: np.ndarray) -> Samples:
     speeds = size(velocities)
     samples = Samples(curve, times, curve.place(times), velocities / np.where(speeds > 0, speeds, 1.0))
     for k in np.flatnonzero(speeds == 0):
-        raise BadInput(f"the velocity of the curve vanishes {samples.near(k)}; its direction is undefined there")
+        raise BadInput(
+            f"the velocity of the curve vanishes {samples.near(k)}; its direction is undefined there"
+        )
     return samples
 
 
@@ -259,10 +286,14 @@ def _headings(headings: Sequence[float | None] | None, count: int) -> list[float
     if headings is None:
         return [None] * count
     if len(headings) != count:
-        raise BadInput(f"{len(headings)} headings for {count} waypoints; give one for each, None where it is free")
+        raise BadInput(
+            f"{len(headings)} headings for {count} waypoints; give one for each, None where it is free"
+        )
     for k, heading in enumerate(headings, 1):
         if heading is not None and not math.isfinite(heading):
-            raise BadInput(f"the heading at waypoint {k} is {heading:g}; give a finite one, or None where it is free")
+            raise BadInput(
+                f"the heading at waypoint {k} is {heading:g}; give a finite one, or None where it is free"
+            )
     return list(headings)
 
 

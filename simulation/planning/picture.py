@@ -26,7 +26,9 @@ def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[f
         colour, name = _look(segment)
         angle = abs(segment.curvature * segment.length)
         places = np.transpose(segment.places(2 + math.ceil(angle / BEND)))
-        axes.plot(*places, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
+        axes.plot(
+            *places, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name
+        )
     joins = np.array([segment.end[:2] for segment in segments[:-1]]).reshape(-1, 2)
     axes.plot(*joins.T, "o", color="black", markersize=4, linestyle="", label="join", zorder=3)
     cusps = [after for before, after in itertools.pairwise(segments) if before.backward != after.backward]
@@ -34,7 +36,15 @@ def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[f
         places = np.array([(segment.x, segment.y) for segment in cusps])
         axes.plot(*places.T, "X", color=CUSP, markersize=10, linestyle="", label="cusp", zorder=4)
     if len(waypoints):
-        axes.plot(*np.transpose(waypoints), "o", color=GIVEN, markersize=5, fillstyle="none", linestyle="", label="waypoint")
+        axes.plot(
+            *np.transpose(waypoints),
+            "o",
+            color=GIVEN,
+            markersize=5,
+            fillstyle="none",
+            linestyle="",
+            label="waypoint",
+        )
     first, last = segments[0], segments[-1]
     _finish_plane(axes, (first.x, first.y, first.heading), last.end, (first.backward, last.backward))
     axes.set_title(title, fontsize=11)
@@ -43,8 +53,8 @@ def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[f
 
 
 def draw_course(course: SmoothCurve, title: str, points: Sequence[Sequence[float]]) -> Figure:
-    """Return a plot of a course beside the `points` (x, y) in m that it was fitted to, if any, and its curvature over the length:
-    that of the vehicle, which at a cusp is the same on both sides.
+    """Return a plot of a course beside the `points` (x, y) in m that it was fitted to, if any, and its
+    curvature over the length: that of the vehicle, which at a cusp is the same on both sides.
     """
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     plane, bend = figure.subplots(1, 2)
@@ -60,10 +70,26 @@ def draw_course(course: SmoothCurve, title: str, points: Sequence[Sequence[float
         bends = np.array([piece.bend(float(s)) for s in at]) * (-1.0 if backward[-1] else 1.0)
         bend.plot(begin + at, bends, color=colour, linestyle=style, linewidth=1.8)
         begin += piece.way
-    plane.plot(joins.real, joins.imag, "o", color="black", markersize=4, linestyle="", label="end of a part", zorder=3)
+    plane.plot(
+        joins.real,
+        joins.imag,
+        "o",
+        color="black",
+        markersize=4,
+        linestyle="",
+        label="end of a part",
+        zorder=3,
+    )
     if len(points):
         plane.plot(
-            *np.transpose(points), "o", color=GIVEN, markersize=6, fillstyle="none", linestyle="", label="waypoint", zorder=4
+            *np.transpose(points),
+            "o",
+            color=GIVEN,
+            markersize=6,
+            fillstyle="none",
+            linestyle="",
+            label="waypoint",
+            zorder=4,
         )
     last = course.pieces[-1]
     way = last.stretches[-1].begin if not course.rounding else last.way
@@ -92,7 +118,9 @@ def _finish_plane(axes: Axes, begin: Pose, end: Pose, backward: tuple[bool, bool
 def _legend(figure: Figure, axes: Axes) -> None:
     """Add a legend below all panels, with each kind once."""
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    figure.legend(
+        named.values(), named.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False
+    )
 
 
 def _look(segment: Segment) -> tuple[str, str]:
@@ -103,7 +131,9 @@ def _look(segment: Segment) -> tuple[str, str]:
     return (LEFT, f"turning left{way}") if segment.curvature > 0 else (RIGHT, f"turning right{way}")
 
 
-def _draw_vehicle(axes: Axes, travel: tuple[float, float, float], backward: bool, size: float, name: str, alpha: float) -> None:
+def _draw_vehicle(
+    axes: Axes, travel: tuple[float, float, float], backward: bool, size: float, name: str, alpha: float
+) -> None:
     """Draw a pointed box at a pose, with its tip in the direction of the vehicle's heading."""
     x, y, heading = travel
     ahead = np.exp(1j * (heading + math.pi * backward))

@@ -27,8 +27,9 @@ def reference_of(course: SmoothCurve) -> dict[str, Any]:
 
 
 def read_reference(file: str | Path) -> dict[str, Any]:
-    """Return `position` and `course` of a SPEC's [reference] from a file: .json or .toml as `noslip plan course` writes it, or
-    .csv with points, to which a course is fitted within TOLERANCE, at 1 m/s. Raises BadInput, naming the file.
+    """Return `position` and `course` of a SPEC's [reference] from a file: .json or .toml as
+    `noslip plan course` writes it, or .csv with points, to which a course is fitted within TOLERANCE, at 1
+    m/s. Raises BadInput, naming the file.
     """
     kind = Path(file).suffix.lower()
     if kind == ".csv":
@@ -39,17 +40,27 @@ def read_reference(file: str | Path) -> dict[str, Any]:
             return reference_of(fit_course(read_points.points, TOLERANCE, headings=read_points.headings))
     check_ending(file, [".json", ".toml", ".csv"], "a course")
     read = {".json": json.loads, ".toml": tomllib.loads}[kind]
-    with naming(file, OSError, "check the path"), naming(f"{file}: not {kind[1:].upper()}", (ValueError, RecursionError)):
+    with (
+        naming(file, OSError, "check the path"),
+        naming(f"{file}: not {kind[1:].upper()}", (ValueError, RecursionError)),
+    ):
         whole = read(read_input(file).decode("utf-8-sig"))
     found = whole.get("reference") if isinstance(whole, dict) else None
-    if not isinstance(found, dict) or set(found) != {"position", "course"} or not isinstance(found["course"], dict):
-        raise BadInput(f"{file} has no [reference] with position and course; noslip plan course writes such a file")
+    if (
+        not isinstance(found, dict)
+        or set(found) != {"position", "course"}
+        or not isinstance(found["course"], dict)
+    ):
+        raise BadInput(
+            f"{file} has no [reference] with position and course; noslip plan course writes such a file"
+        )
     return found
 
 
 @dataclass(frozen=True)
 class Waypoints:
-    """Points (x, y) in m and headings in rad, None where there is none; `remarks`: what of the file was not used."""
+    """Points (x, y) in m and headings in rad, None where there is none; `remarks`:
+    what of the file was not used."""
 
     points: list[tuple[float, float]]
     headings: list[float | None]
@@ -57,9 +68,11 @@ class Waypoints:
 
 
 def read_waypoints(file: str | Path, degrees: bool = False, columns: Sequence[str] = ()) -> Waypoints:
-    """Return the waypoints of a table with columns x, y and, optionally, heading; without a header it has x and y only.
+    """Return the waypoints of a table with columns x, y and, optionally, heading; without a header it has x
+    and y only.
 
-    `degrees`: of headings without a unit; `columns`: names that replace the header. Raises BadInput naming the row.
+    `degrees`: of headings without a unit; `columns`: names that replace the header. Raises BadInput naming
+    the row.
     """
     with naming(file, OSError, "check the path"):
         table = read_table(file, columns, incomplete=True)
@@ -73,8 +86,8 @@ def read_waypoints(file: str | Path, degrees: bool = False, columns: Sequence[st
         first = ", ".join(str(each.entries[0]) for each in table.values())
         example = ",".join(["x", "y", "heading", *["-"] * len(table)][: max(2, len(table))])
         raise BadInput(
-            f"{file} has {what}, in its first row {first}: say which are x and y (m) and, if there is one, heading (rad), "
-            f"with - for others, in the first line of the file or by --columns {example}"
+            f"{file} has {what}, in its first row {first}: say which are x and y (m) and, if there is one, "
+            f"heading (rad), with - for others, in the first line of the file or by --columns {example}"
         )
     x, y = (found[name].numbers("m").tolist() for name in ("x", "y"))
     for row, *place in zip(found["x"].rows, x, y, strict=True):
@@ -83,9 +96,16 @@ def read_waypoints(file: str | Path, degrees: bool = False, columns: Sequence[st
             raise BadInput(f"{file} row {row}: {numbers}; give two finite numbers, or delete the row")
     used = {column.where for column in found.values()}
     unused = [name for name, column in table.items() if column.where not in used]
-    remarks = [*table.remarks, *([f"not used: column{'s' * (len(unused) > 1)} {listed(unused)}"] if unused else [])]
+    remarks = [
+        *table.remarks,
+        *([f"not used: column{'s' * (len(unused) > 1)} {listed(unused)}"] if unused else []),
+    ]
     none: list[float | None] = [None] * len(x)
-    return Waypoints(list(zip(x, y, strict=True)), _headings(found["heading"], degrees) if "heading" in found else none, remarks)
+    return Waypoints(
+        list(zip(x, y, strict=True)),
+        _headings(found["heading"], degrees) if "heading" in found else none,
+        remarks,
+    )
 
 
 def _headings(column: Column, degrees: bool) -> list[float | None]:
@@ -95,10 +115,12 @@ def _headings(column: Column, degrees: bool) -> list[float | None]:
     values = column.numbers("rad").tolist()
     for row, entry, value in zip(column.rows, column.entries, values, strict=True):
         if not math.isfinite(value) and entry not in (None, ""):
-            raise BadInput(f"{column.where} row {row}: {entry} is not finite; give a heading, or leave the entry empty")
+            raise BadInput(
+                f"{column.where} row {row}: {entry} is not finite; give a heading, or leave the entry empty"
+            )
         if abs(value) > MOST_ANGLE and column.unit is None:
             raise BadInput(
-                f"{column.where} row {row}: {value:g} rad is more than a turn; did you mean degrees? Say --degrees, or call the "
-                "column 'heading [deg]', or 'heading [rad]' if that is meant"
+                f"{column.where} row {row}: {value:g} rad is more than a turn; did you mean degrees? Say "
+                "--degrees, or call the column 'heading [deg]', or 'heading [rad]' if that is meant"
             )
     return [value if math.isfinite(value) else None for value in values]

@@ -25,8 +25,9 @@ HEADER = "noslip_profile.h"
 
 @dataclass(frozen=True)
 class Accelerations:
-    """The largest accelerations of the vehicle, m/s^2, positive: `lateral`, to the centre of a curve, and along the path, which
-    together are within an ellipse. `angular`, rad/s^2, is that of its yaw rate where the curvature jumps; 0: no limit.
+    """The largest accelerations of the vehicle, m/s^2, positive: `lateral`, to the centre of a curve, and
+    along the path, which together are within an ellipse. `angular`, rad/s^2, is that of its yaw rate where
+    the curvature jumps; 0: no limit.
     """
 
     lateral: float
@@ -40,15 +41,16 @@ class Accelerations:
 
 
 def top_speed(segments: Sequence[Segment], lateral: Numbers | float, along: Numbers | float) -> np.ndarray:
-    """Return a speed (m/s) that no profile of the path exceeds, with these largest accelerations (m/s^2), one or arrays."""
+    """Return a speed (m/s) that no profile of the path exceeds, with these largest accelerations (m/s^2),
+    one or arrays."""
     way = sum(segment.length for segment in segments)
     radii = [1 / abs(segment.curvature) for segment in segments if segment.curvature]
     return np.sqrt(2 * np.asarray(along) * way + np.asarray(lateral) * max(radii, default=0.0))
 
 
 class SpeedProfile:
-    """The profile of a path that a tracker follows with the same options, computed by the C in double or float, here or
-    as `c` runs it; thread-safe.
+    """The profile of a path that a tracker follows with the same options, computed by the C in double or
+    float, here or as `c` runs it; thread-safe.
 
     Raises BadInput for accelerations that are not finite and positive.
     """
@@ -65,8 +67,14 @@ class SpeedProfile:
         ffi, name = self._c.ffi, SCALARS[scalar].name
         self._segments = ffi.new(f"{name('noslip_segment')}[]", [vars(segment) for segment in segments])
         self._squares = self._c.array(scalar, np.zeros(len(segments)))
-        values = vars(options) | {"reversing": REVERSING.index(options.reversing), "stop": STOP.index(options.stop)}
-        given = self._c.new("noslip_path_options", scalar, values), self._c.new("noslip_profile_limits", scalar, asdict(limits))
+        values = vars(options) | {
+            "reversing": REVERSING.index(options.reversing),
+            "stop": STOP.index(options.stop),
+        }
+        given = (
+            self._c.new("noslip_path_options", scalar, values),
+            self._c.new("noslip_profile_limits", scalar, asdict(limits)),
+        )
         self._self = self._c.new("noslip_profile", scalar)
         self._given, self._guide = (segments, *given), self._c.new("noslip_guide", scalar)
         self._answer = [self._c.array(scalar, [0.0]) for _ in range(2)]
@@ -74,7 +82,8 @@ class SpeedProfile:
         self._call("init", self._segments, self._count, *given, self._squares)
 
     def speed(self, guide: Guide, forward_speed: float) -> tuple[float, float]:
-        """Return the desired forward speed (m/s), at most that of the guide, and its rate along the motion (m/s^2)."""
+        """Return the desired forward speed (m/s), at most that of the guide,
+        and its rate along the motion (m/s^2)."""
         with self._lock:
             for field in ("segment", "x", "y", "curvature", "progress", "speed", "speed_rate"):
                 setattr(self._guide, field, getattr(guide, field))
@@ -85,10 +94,14 @@ class SpeedProfile:
         """Return the largest speed (m/s, without sign) at a place on a segment, m from its start."""
         given = self._given[0][segment]
         place = {name: getattr(given, name) for name in ("x", "y", "curvature")}
-        return self.speed(Guide("ok", segment=segment, progress=progress, speed=self._given[1].speed, **place), 0.0)[0]
+        return self.speed(
+            Guide("ok", segment=segment, progress=progress, speed=self._given[1].speed, **place), 0.0
+        )[0]
 
     def _call(self, name: str, *arguments) -> None:
-        status = self._c.status(self._c.function(f"noslip_profile_{name}", self._scalar)(self._self, *arguments))
+        status = self._c.status(
+            self._c.function(f"noslip_profile_{name}", self._scalar)(self._self, *arguments)
+        )
         check_status(status, f"speed profile: {name}", "accelerations must be finite and positive")
 
 

@@ -1,4 +1,5 @@
-"""Courses along paths of lines and arcs: between them the curvature changes over ramps, and the goal is met."""
+"""Courses along paths of lines and arcs: between them the curvature changes over ramps,
+and the goal is met."""
 
 import itertools
 import math
@@ -17,16 +18,19 @@ ROUNDS = 30  # of Newton's method
 SHORTEST = 1e-9  # m: shorter lines and arcs are left out
 ENOUGH = 1e-13  # m and rad: change at which it ends, relative to the length of the path
 
-Part = tuple[float, float, float, int]  # signed length (m), curvature at both ends (1/m), number of a segment or -1 for a ramp
+# Signed length (m), curvature at both ends (1/m), number of a segment or -1 for a ramp
+Part = tuple[float, float, float, int]
 
 
 def with_ramps(segments: Sequence[Segment], ramp: float, speed: float = 1.0) -> SmoothCurve:
-    """Return the course that leads along lines and arcs, forward and in reverse, with the same start and goal.
+    """Return the course that leads along lines and arcs, forward and in reverse, with the same start and
+    goal.
 
-    Its curvature is 0 at both ends, and changes smoothly over `ramp` (m) at each end and where segments of different curvature
-    meet; beside a cusp over a ramp on each side, to and from their mean, so that a steered wheel does not turn there. It is
-    nowhere larger than that of the segments, whose lengths are changed so that the goal is met, by Newton's method, with the
-    least change. Raises BadInput if none of positive lengths is found, and for numbers that are not positive and finite.
+    Its curvature is 0 at both ends, and changes smoothly over `ramp` (m) at each end and where segments of
+    different curvature meet; beside a cusp over a ramp on each side, to and from their mean, so that a
+    steered wheel does not turn there. It is nowhere larger than that of the segments, whose lengths are
+    changed so that the goal is met, by Newton's method, with the least change. Raises BadInput if none of
+    positive lengths is found, and for numbers that are not positive and finite.
     """
     positive("ramp", ramp)
     positive("speed", speed)
@@ -47,16 +51,20 @@ def with_ramps(segments: Sequence[Segment], ramp: float, speed: float = 1.0) -> 
         if not np.abs(change).max() > ENOUGH * max(1.0, whole):
             break
     curve = _curve((first.x, first.y, start), speed, parts, lengths)
-    if not lengths.min() > -SHORTEST or not np.abs(_off(curve, goal, parts, lengths, bends, ways)[0]).max() <= CLOSE:
+    if (
+        not lengths.min() > -SHORTEST
+        or not np.abs(_off(curve, goal, parts, lengths, bends, ways)[0]).max() <= CLOSE
+    ):
         raise BadInput(
-            f"no course with ramps of {ramp:g} m leads along this path of {len(segments)} segments: they are too short; make the "
-            "ramps shorter, or the radius larger"
+            f"no course with ramps of {ramp:g} m leads along this path of {len(segments)} segments: they are "
+            "too short; make the ramps shorter, or the radius larger"
         )
     return curve
 
 
 def _parts(bends: Sequence[float], ways: Sequence[float], ramp: float) -> list[Part]:
-    """Return the parts of a course, ramps between segments with these curvatures, driven forward (1) or in reverse (-1)."""
+    """Return the parts of a course, ramps between segments with these curvatures,
+    driven forward (1) or in reverse (-1)."""
     parts: list[Part] = [(ways[0] * ramp, 0.0, bends[0], -1)]
     for k, (bend, way) in enumerate(zip(bends, ways, strict=True)):
         parts.append((way, bend, bend, k))
@@ -69,7 +77,8 @@ def _parts(bends: Sequence[float], ways: Sequence[float], ramp: float) -> list[P
 
 
 def _taken(parts: Sequence[Part], segment: int, ramp: float) -> float:
-    """Return how much of a segment its ramps take at first, m: as they turn as much as it, or half of each."""
+    """Return how much of a segment its ramps take at first, m: as they turn as much as it,
+    or half of each."""
     taken = 0.0
     for before, after in itertools.pairwise(parts):
         if segment in (before[3], after[3]) and -1 in (before[3], after[3]):
@@ -79,7 +88,9 @@ def _taken(parts: Sequence[Part], segment: int, ramp: float) -> float:
     return taken
 
 
-def _curve(start: tuple[float, float, float], speed: float, parts: Sequence[Part], lengths: np.ndarray) -> SmoothCurve:
+def _curve(
+    start: tuple[float, float, float], speed: float, parts: Sequence[Part], lengths: np.ndarray
+) -> SmoothCurve:
     """Return the course whose segments have these lengths, from a pose."""
     given = [(part[0] * (lengths[part[3]] if part[3] >= 0 else 1.0), part[2]) for part in parts]
     kept = [(length, bend) for length, bend in given if abs(length) > SHORTEST]
@@ -95,8 +106,8 @@ def _off(
     bends: Sequence[float],
     ways: Sequence[float],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return by how much a course misses the pose x, y (m) and heading (rad), and the derivatives by the lengths: where a segment
-    is longer, what follows moves ahead, and turns about its end.
+    """Return by how much a course misses the pose x, y (m) and heading (rad), and the derivatives by the
+    lengths: where a segment is longer, what follows moves ahead, and turns about its end.
     """
     ends = np.cumsum([abs(part[0]) * (abs(lengths[part[3]]) if part[3] >= 0 else 1.0) for part in parts])
     end, heading = curve.position(curve.way), _heading(curve, curve.way)

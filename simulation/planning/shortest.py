@@ -1,10 +1,11 @@
 """Shortest paths between poses for a vehicle with a minimum turning radius: Dubins, and Reeds-Shepp.
 
-Lengths are in turning radii, points are complex numbers, and the start is the origin with heading along x. A path begins
-on one of the two circles at the start and ends on one of the two at the goal. The middle part takes the centre of the first
-circle to the centre of the last by K e^{i theta}, where theta is the heading at the end of the first arc, and K depends on the
-middle part only. So |K|, the distance of the centres, determines the one free length of the middle part, and the direction from
-centre to centre then determines theta and with it the arcs at both ends.
+Lengths are in turning radii, points are complex numbers, and the start is the origin with heading along x. A
+path begins on one of the two circles at the start and ends on one of the two at the goal. The middle part
+takes the centre of the first circle to the centre of the last by K e^{i theta}, where theta is the heading at
+the end of the first arc, and K depends on the middle part only. So |K|, the distance of the centres,
+determines the one free length of the middle part, and the direction from centre to centre then determines
+theta and with it the arcs at both ends.
 """
 
 import math
@@ -19,24 +20,28 @@ from .chain import Pose, joined, pose, prove
 Piece = tuple[int, float]  # steering (1 left, 0 straight, -1 right) and signed length (negative: in reverse)
 Middles = Callable[[int, int, float], Iterator[list[Piece]]]
 
-SNAP = 1e-10  # m and rad: shorter pieces, and arcs shorter than a full turn by less than this, are due to rounding
+# m and rad: shorter pieces, and arcs shorter than a full turn by less than this, are due to rounding
+SNAP = 1e-10
 FAR = 1e100  # turning radii: beyond this, squares of distances overflow
-TIE = 1e-12  # relative difference of lengths below which paths are equal: then fewer cusps, fewer pieces, forward first
+# Relative difference of lengths below which paths are equal: then fewer cusps, fewer pieces, forward first
+TIE = 1e-12
 SIDES = (1, -1)
 
 
 def dubins(start: Sequence[float], goal: Sequence[float], radius: float) -> list[Segment]:
-    """Return the shortest forward path between poses (x m, y m, heading rad) with turning radius at least `radius` (m).
+    """Return the shortest forward path between poses (x m, y m, heading rad) with turning radius at least
+    `radius` (m).
 
-    L. E. Dubins, American Journal of Mathematics 79 (1957): arc, line, arc; or three arcs. The error at the goal is at most
-    1e-9 (m and rad). Raises BadInput for an invalid pose or radius, for equal poses, and for distances or a radius so large
-    that rounding prevents that accuracy.
+    L. E. Dubins, American Journal of Mathematics 79 (1957): arc, line, arc; or three arcs. The error at the
+    goal is at most 1e-9 (m and rad). Raises BadInput for an invalid pose or radius, for equal poses, and for
+    distances or a radius so large that rounding prevents that accuracy.
     """
     return _plan(_dubins_middles, False, pose(start, "start"), pose(goal, "goal"), radius)
 
 
 def reeds_shepp(start: Sequence[float], goal: Sequence[float], radius: float) -> list[Segment]:
-    """Return the shortest path, forward and in reverse, between poses of the vehicle with turning radius at least `radius` (m).
+    """Return the shortest path, forward and in reverse, between poses of the vehicle with turning radius at
+    least `radius` (m).
 
     J. A. Reeds and L. A. Shepp, Pacific Journal of Mathematics 145 (1990): at most five pieces. Heading and
     curvature of a Segment are those of the direction of travel. Units, accuracy and errors as for `dubins`.
@@ -49,9 +54,13 @@ def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: fl
     positive("radius", radius)
     target = complex(goal[0] - start[0], goal[1] - start[1]) / radius * unit(-start[2])
     if not abs(target) < FAR:
-        raise BadInput(f"start and goal are too far apart for a radius of {radius:g} m; move them together or increase it")
+        raise BadInput(
+            f"start and goal are too far apart for a radius of {radius:g} m; move them together or increase "
+            "it"
+        )
     turn = math.remainder(goal[2] - start[2], 2 * math.pi)
-    slack = SNAP / max(1.0, radius * (1 + abs(target)))  # rad, or radii: moves the end point by less than SNAP
+    # rad, or radii: moves the end point by less than SNAP
+    slack = SNAP / max(1.0, radius * (1 + abs(target)))
     if abs(target) < slack and abs(turn) < slack:
         raise BadInput("start and goal are the same pose; there is no path to plan")
     paths = [_tidy(pieces, reversing, slack) for pieces in _paths(middles, target, turn, slack)]
@@ -64,7 +73,8 @@ def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: fl
 
 
 def _paths(middles: Middles, target: complex, turn: float, slack: float) -> Iterator[list[Piece]]:
-    """Yield every path to the target, with the heading changed by `turn`, that has one of the middle parts."""
+    """Yield every path to the target, with the heading changed by `turn`,
+    that has one of the middle parts."""
     for first in SIDES:
         for last in SIDES:
             apart = _centres(first, last, target, turn)
@@ -76,8 +86,8 @@ def _paths(middles: Middles, target: complex, turn: float, slack: float) -> Iter
 
 
 def _centres(first: int, last: int, end: complex, turned: float) -> complex:
-    """Return the vector from the centre of the first circle, which begins at the origin, to that of the last circle through
-    `end`.
+    """Return the vector from the centre of the first circle, which begins at the origin, to that of the last
+    circle through `end`.
     """
     return end + 1j * last * unit(turned) - 1j * first
 
@@ -92,8 +102,11 @@ def _end(pieces: Iterable[Piece]) -> tuple[complex, float]:
     return place, heading
 
 
-def _straight(first: int, last: int, apart: float, before: list[Piece], after: list[Piece]) -> Iterator[list[Piece]]:
-    """Yield middle parts with a line between given pieces: the two lengths of the line for which the centres are `apart`."""
+def _straight(
+    first: int, last: int, apart: float, before: list[Piece], after: list[Piece]
+) -> Iterator[list[Piece]]:
+    """Yield middle parts with a line between given pieces: the two lengths of the line for which the centres
+    are `apart`."""
     fixed = _centres(first, last, *_end([*before, *after]))
     along = (fixed * unit(-sum(steer * length for steer, length in before))).real
     square = along * along + apart * apart - (fixed.real * fixed.real + fixed.imag * fixed.imag)
@@ -120,15 +133,19 @@ def _reeds_shepp_middles(first: int, last: int, apart: float) -> Iterator[list[P
                 yield from _straight(first, last, apart, before, after)
     if first != last:
         for side in SIDES:
-            for cosine, second in (((2 + apart) / 4, -1), ((2 - apart) / 4, -1), ((20 - apart * apart) / 16, 1)):
+            for cosine, second in (
+                ((2 + apart) / 4, -1),
+                ((2 - apart) / 4, -1),
+                ((20 - apart * apart) / 16, 1),
+            ):
                 if abs(cosine) <= 1:
                     arc = side * (math.pi / 2 - arcsine(cosine))
                     yield [(-first, arc), (first, second * arc)]
 
 
 def _tidy(pieces: Iterable[Piece], reversing: bool, slack: float) -> list[Piece]:
-    """Return the pieces with equal steering merged, arcs taken the shorter way (forward, unless reversing), without empty
-    ones.
+    """Return the pieces with equal steering merged, arcs taken the shorter way (forward, unless reversing),
+    without empty ones.
     """
     merged: list[Piece] = []
     for steer, length in pieces:

@@ -1,4 +1,5 @@
-"""Fits a course, a curve of continuous curvature, to sampled points, splines and other curves within a tolerance."""
+"""Fits a course, a curve of continuous curvature, to sampled points,
+splines and other curves within a tolerance."""
 
 from collections.abc import Callable, Sequence
 
@@ -25,12 +26,14 @@ def fit_course(
     domain: tuple[float, float] | None = None,
     headings: Sequence[float | None] | None = None,
 ) -> SmoothCurve:
-    """Return a course that is at most `tolerance` (m) from a curve, each point from that at the same length along it.
+    """Return a course that is at most `tolerance` (m) from a curve, each point from that at the same length
+    along it.
 
-    `curve`: points (x, y) in m, through which a smooth curve is laid, with `headings` (rad) where they are given; or a function
-    t -> (x, y), such as a spline of SciPy, on `domain`. The course has parts of equal length, of which it tries more and more;
-    its curvature is as SmoothCurve says, with a `rounding` (m) that of lines, arcs and clothoids. Raises BadInput for curves with
-    corners, if more than MOST parts were needed, and for numbers that are not finite, or not positive (`rounding`: negative).
+    `curve`: points (x, y) in m, through which a smooth curve is laid, with `headings` (rad) where they are
+    given; or a function t -> (x, y), such as a spline of SciPy, on `domain`. The course has parts of equal
+    length, of which it tries more and more; its curvature is as SmoothCurve says, with a `rounding` (m) that
+    of lines, arcs and clothoids. Raises BadInput for curves with corners, if more than MOST parts were
+    needed, and for numbers that are not finite, or not positive (`rounding`: negative).
     """
     positive("tolerance", tolerance)
     positive("speed", speed)
@@ -52,8 +55,8 @@ def fit_course(
             return made
         count = max(count + 1, count * 3 // 2)
     raise BadInput(
-        f"no course of {count if rounding else MOST} parts or fewer is within {tolerance:g} m of the curve; make tolerance larger"
-        + (", or rounding smaller" if rounding else "")
+        f"no course of {count if rounding else MOST} parts or fewer is within {tolerance:g} m of the curve; "
+        "make tolerance larger" + (", or rounding smaller" if rounding else "")
     )
 
 
@@ -67,8 +70,8 @@ def _lengths(samples: Samples) -> np.ndarray:
 def _fitted(
     samples: Samples, lengths: np.ndarray, count: int, speed: float, rounding: float, tolerance: float
 ) -> SmoothCurve | None:
-    """Return the course of `count` parts of least squares, None if that is clearly beyond the tolerance. Its direction is linear
-    in its curvatures.
+    """Return the course of `count` parts of least squares, None if that is clearly beyond the tolerance. Its
+    direction is linear in its curvatures.
     """
     part, each = float(lengths[-1]) / count, max(EACH, PLACES // count)
     parts, at = (part,) * count, np.linspace(0.0, lengths[-1], count * each + 1)
@@ -81,12 +84,19 @@ def _fitted(
 
     def summed(values: np.ndarray) -> np.ndarray:
         """Integrals from the beginning, by the trapezoidal rule: what it neglects `_deviation` would see."""
-        return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum((values[1:] + values[:-1]) / 2, axis=0)]) * step
+        return (
+            np.concatenate(
+                [np.zeros((1, *values.shape[1:])), np.cumsum((values[1:] + values[:-1]) / 2, axis=0)]
+            )
+            * step
+        )
 
     for _ in range(ROUNDS):
         along = np.exp(1j * (columns @ turns))
         off = target - (start + summed(along))
-        slopes = np.column_stack([np.ones(len(at)), 1j * np.ones(len(at)), summed(1j * along[:, None] * columns)])
+        slopes = np.column_stack(
+            [np.ones(len(at)), 1j * np.ones(len(at)), summed(1j * along[:, None] * columns)]
+        )
         both = np.vstack([slopes.real, slopes.imag])
         change = np.linalg.lstsq(both, np.concatenate([off.real, off.imag]), rcond=None)[0]
         start, turns = start + change[0] + 1j * change[1], turns + change[2:]
@@ -98,7 +108,8 @@ def _fitted(
 
 
 def _turned(parts: tuple[float, ...], rounding: float, at: np.ndarray, each: int) -> np.ndarray:
-    """Return the direction at each place, a column for each knot: for the curvature 1 there and 0 at the others.
+    """Return the direction at each place, a column for each knot: for the curvature 1 there and 0 at the
+    others.
 
     All but the first two and the last are equal but for their place.
     """
@@ -115,4 +126,6 @@ def _turned(parts: tuple[float, ...], rounding: float, at: np.ndarray, each: int
 
 def _deviation(course: SmoothCurve, samples: Samples, lengths: np.ndarray) -> float:
     """Return the largest distance of samples from the points of the course at the same lengths, m."""
-    return max(abs(course.position(float(s)) - place) for s, place in zip(lengths, samples.places, strict=True))
+    return max(
+        abs(course.position(float(s)) - place) for s, place in zip(lengths, samples.places, strict=True)
+    )

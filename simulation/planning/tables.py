@@ -13,11 +13,26 @@ from ...model.algebra.trigonometry import angle_of
 from ...model.segments import Segment
 from ...readers import printing
 from ...readers.errors import BadInput
-from ...readers.reading import Reader, Schema, angle, check_keys, flag, number, of_type, one_of, point, table_of
+from ...readers.reading import (
+    Reader,
+    Schema,
+    angle,
+    check_keys,
+    flag,
+    number,
+    of_type,
+    one_of,
+    point,
+    table_of,
+)
 
 LENGTH, FROM = number("positive", "m"), point.about("by default where the previous segment ends")
 READERS: dict[str, dict[str, Reader]] = {
-    "line": {"from": FROM, "to": point.about("its end"), "length": LENGTH.about("instead of from and to: it goes straight on")},
+    "line": {
+        "from": FROM,
+        "to": point.about("its end"),
+        "length": LENGTH.about("instead of from and to: it goes straight on"),
+    },
     "arc": {
         "from": FROM,
         "heading": angle.about("direction of travel at its start, by default that of the previous segment"),
@@ -28,25 +43,30 @@ READERS: dict[str, dict[str, Reader]] = {
 BACKWARD = flag.about("whether it is driven in reverse")
 DIGITS = {"double": np.float64, "float": np.float32}
 LARGEST_GAP = {"double": 1e-6, "float": 1e-4}  # m, between segments: defaults of noslip_path_init
-SURE = 1e-9  # rad: a line whose rounded end points determine its heading less accurately is written by its length
+# rad: a line whose rounded end points determine its heading less accurately is written by its length
+SURE = 1e-9
 
 
 def schema() -> Schema:
     """Return the JSON Schema of a list of segments."""
     kinds = [
-        table_of({"kind": one_of(kind).about("kind of segment"), "backward": BACKWARD, **READERS[kind]}, ["kind"])
+        table_of(
+            {"kind": one_of(kind).about("kind of segment"), "backward": BACKWARD, **READERS[kind]}, ["kind"]
+        )
         for kind in READERS
     ]
     return {"type": "array", "minItems": 1, "items": {"anyOf": kinds}}
 
 
 def segments_from_tables(tables: Any, where: str) -> list[Segment]:
-    """Return segments from tables { kind = "line", from, to } and { kind = "arc", from, heading, radius, angle }, m and rad.
+    """Return segments from tables { kind = "line", from, to } and { kind = "arc", from, heading, radius,
+    angle }, m and rad.
 
-    `angle` is positive to the left; `heading` is the direction of travel; `backward = true` for segments driven in reverse.
-    After the first, a segment without `from`, or an arc without `heading`, continues the previous one (in the opposite direction
-    where `backward` changes); such a line may have a `length` instead of `to`. Joins of other segments are not checked.
-    Raises BadInput, counting segments from 1, for anything else.
+    `angle` is positive to the left; `heading` is the direction of travel; `backward = true` for segments
+    driven in reverse. After the first, a segment without `from`, or an arc without `heading`, continues the
+    previous one (in the opposite direction where `backward` changes); such a line may have a `length` instead
+    of `to`. Joins of other segments are not checked. Raises BadInput, counting segments from 1, for anything
+    else.
     """
     if not isinstance(tables, list) or not tables:
         raise BadInput(f"{where} = {tables!r} is not a list of lines and arcs")
@@ -76,7 +96,8 @@ def _read(table: Any, before: Segment | None, where: str) -> Segment:
         if "length" in entries:
             if "from" in entries or "to" in entries:
                 raise BadInput(
-                    f"{where} length is only for a line that continues the previous segment; remove length, or from and to"
+                    f"{where} length is only for a line that continues the previous segment; remove length, "
+                    "or from and to"
                 )
             length = entries["length"]
         else:
@@ -84,7 +105,9 @@ def _read(table: Any, before: Segment | None, where: str) -> Segment:
             dx, dy = entries["to"][0] - x, entries["to"][1] - y
             heading, length = angle_of(dy, dx), math.hypot(dx, dy)
     if not (0 < length < math.inf):
-        raise BadInput(f"{where} has length {length:g} m; remove it" if length == 0 else f"{where} is too long")
+        raise BadInput(
+            f"{where} has length {length:g} m; remove it" if length == 0 else f"{where} is too long"
+        )
     return Segment(x, y, math.remainder(heading, 2 * math.pi), curvature, length, backward)
 
 
@@ -104,7 +127,12 @@ def _table(segment: Segment, first: bool) -> dict[str, Any]:
     backward = {"backward": segment.backward}
     if segment.curvature:
         angle = segment.curvature * segment.length
-        arc = {"from": begin, "heading": segment.heading, "radius": 1 / abs(segment.curvature), "angle": angle}
+        arc = {
+            "from": begin,
+            "heading": segment.heading,
+            "radius": 1 / abs(segment.curvature),
+            "angle": angle,
+        }
         return {"kind": "arc", **arc, **backward}
     ulp = math.ulp(max(map(abs, (*begin, *end))))
     if not first and ulp > SURE * segment.length:
@@ -117,7 +145,10 @@ def toml(segments: Sequence[Segment], closed: bool = False) -> str:
     rows = []
     for table in tables(segments):
         rows.append(f"  {printing.toml(table)},\n")
-    return f'path = {{ kind = "composite", {"closed = true, " if closed else ""}segments = [\n{"".join(rows)}] }}\n'
+    return (
+        f'path = {{ kind = "composite", {"closed = true, " if closed else ""}segments = '
+        f"[\n{''.join(rows)}] }}\n"
+    )
 
 
 def as_json(segments: Sequence[Segment], closed: bool = False) -> str:
@@ -133,18 +164,22 @@ def _rounded(segment: Segment, scalar: Scalar) -> Segment:
 
 
 def c_array(segments: Sequence[Segment], scalar: Scalar, origin: Sequence[float] | None = None) -> str:
-    """Return the path as a C array of noslip_segment, or of noslip_segment_f; `origin` (x, y), m, is that to which it
-    is relative. Raises BadInput if the digits of the scalar leave gaps that noslip_path_init would refuse.
+    """Return the path as a C array of noslip_segment, or of noslip_segment_f; `origin` (x, y), m, is that to
+    which it is relative. Raises BadInput if the digits of the scalar leave gaps that noslip_path_init would
+    refuse.
     """
     rounded = [_rounded(segment, scalar) for segment in segments]
     for before, after in pairwise(rounded):
-        (x, y, _), digit = before.end, float(np.spacing(np.array([after.x, after.y], DIGITS[scalar.real])).max())
+        (x, y, _), digit = (
+            before.end,
+            float(np.spacing(np.array([after.x, after.y], DIGITS[scalar.real])).max()),
+        )
         gap = math.hypot(x - after.x, y - after.y) + digit  # its own sums are rounded, too
         if gap > LARGEST_GAP[scalar.real]:
             raise BadInput(
-                f"in {scalar.real}, x = {after.x:.9g}, y = {after.y:.9g} m leave a gap of {gap:.2g} m between segments, more "
-                f"than noslip_path accepts: write the path relative to an origin near it, for instance --origin "
-                f"{segments[0].x:.0f} {segments[0].y:.0f}, or in double"
+                f"in {scalar.real}, x = {after.x:.9g}, y = {after.y:.9g} m leave a gap of {gap:.2g} m "
+                "between segments, more than noslip_path accepts: write the path relative to an origin near "
+                f"it, for instance --origin {segments[0].x:.0f} {segments[0].y:.0f}, or in double"
             )
     rows = []
     for segment in segments:
@@ -153,5 +188,11 @@ def c_array(segments: Sequence[Segment], scalar: Scalar, origin: Sequence[float]
         rows.append(f"    {{{', '.join(fields)}, .backward = {int(segment.backward)}}},\n")
     about = "m; heading of travel in rad; curvature in 1/m, positive turns left"
     if origin:
-        about += f";\n   x and y are relative to ({origin[0]:.12g}, {origin[1]:.12g}) m: subtract that from the pose, too"
-    return f"/* {about} */\nstatic const {scalar.name('noslip_segment')} path[{len(rows)}] = {{\n{''.join(rows)}}};\n"
+        about += (
+            f";\n   x and y are relative to ({origin[0]:.12g}, {origin[1]:.12g}) m: subtract that from "
+            "the pose, too"
+        )
+    return (
+        f"/* {about} */\nstatic const {scalar.name('noslip_segment')} path[{len(rows)}] = "
+        f"{{\n{''.join(rows)}}};\n"
+    )

@@ -43,8 +43,13 @@ MEANING = {  # of the keys, for the schema
     "reference": "desired outputs and their rates",
     "y": "desired outputs, in m, rad or m/s",
     "yd": "their first derivatives, in m/s or rad/s; of outputs of relative degree 1 or 0 not used, 0",
-    "ydd": "of outputs of relative degree 2 the second derivatives, of degree 1 the first, in m/s^2, rad/s^2, m/s or rad/s",
-    **{name: f"their derivatives of order {order}, in SI units" for order, name in enumerate(DERIVATIVES) if order > 2},
+    "ydd": "of outputs of relative degree 2 the second derivatives, of degree 1 the first, in m/s^2, "
+    "rad/s^2, m/s or rad/s",
+    **{
+        name: f"their derivatives of order {order}, in SI units"
+        for order, name in enumerate(DERIVATIVES)
+        if order > 2
+    },
     "extension": "every state of the law's dynamic extension, in SI units",
     "gains": "by name, or kp, kd, kv for all of a kind, in SI units",
     "expect": "results to compare with",
@@ -65,7 +70,8 @@ MEANING = {  # of the keys, for the schema
     "Sdot": "rate of S, in SI units",
     "v": "virtual input (20), in SI units",
 }
-DECIMAL = r"^\s*[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
+FINITE = r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?"
+DECIMAL = rf"^\s*[-+]?({FINITE}|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +89,8 @@ class EvaluationCase:
 
 
 def read_cases(path: str) -> list[EvaluationCase]:
-    """Read a file of cases. Raises BadInput naming file and case for invalid entries, OSError if it cannot be read."""
+    """Read a file of cases. Raises BadInput naming file and case for invalid entries,
+    OSError if it cannot be read."""
     content = _read_json(path)
     _check_keys(content, FILE_KEYS, ("cases",), path)
     cases = content["cases"]
@@ -131,7 +138,12 @@ def schema() -> Schema:
 
 def _object(properties: dict[str, Schema], required: Sequence[str] = ()) -> Schema:
     described = {key: {"description": MEANING[key], **schema} for key, schema in properties.items()}
-    return {"type": "object", "properties": described, "required": list(required), "additionalProperties": False}
+    return {
+        "type": "object",
+        "properties": described,
+        "required": list(required),
+        "additionalProperties": False,
+    }
 
 
 def write_out(path: str, evaluations: Sequence[Evaluation]) -> None:
@@ -144,7 +156,8 @@ def write_out(path: str, evaluations: Sequence[Evaluation]) -> None:
 
 
 def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, Any]]:
-    """Return the law's name and the entries for law.config, including those of the path, of an `output` table.
+    """Return the law's name and the entries for law.config, including those of the path, of an `output`
+    table.
 
     `type` is I to IV, IV with the kind of its path; or the name of a law. Raises BadInput for others.
     """
@@ -160,15 +173,19 @@ def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, A
             raise BadInput(f"{where}: {key!r} is given twice, once in `path`")
     law = LawName(kind, path["kind"] if kind == "IV" else "") if kind in TYPES else LawName.parse(kind)
     if "kind" in path and (law is None or law.path != path["kind"]):
-        raise BadInput(f"{where}: type {kind!r} takes no path of kind {path['kind']!r}; types are I, II, III, IV or a law's name")
+        raise BadInput(
+            f"{where}: type {kind!r} takes no path of kind {path['kind']!r}; types are I, II, III, IV or a "
+            "law's name"
+        )
     return str(law or kind), own | of_path
 
 
 def gain_entries(law: ControlLaw, values: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return gains by the names of law.gains: kp, kd, kv apply to all gains of that kind; a full name takes precedence.
+    """Return gains by the names of law.gains: kp, kd, kv apply to all gains of that kind; a full name takes
+    precedence.
 
-    Those of integral action are left to `integral_entries`, those of observers to `observer_entries`. Raises BadInput for an
-    unknown name.
+    Those of integral action are left to `integral_entries`, those of observers to `observer_entries`. Raises
+    BadInput for an unknown name.
     """
     names = [gain.name for gain in law.gains]
     with_memory = [f"{kind}_{row.name}" for kind in (INTEGRAL, OBSERVER) for row in law.output.rows]
@@ -179,12 +196,14 @@ def gain_entries(law: ControlLaw, values: Mapping[str, Any], where: str) -> dict
 
 
 def integral_entries(law: ControlLaw, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return gains ki_distance, ... of integral action, which is not part of the law; ki applies to all of them."""
+    """Return gains ki_distance, ... of integral action, which is not part of the law;
+    ki applies to all of them."""
     return _in_full([f"{INTEGRAL}_{row.name}" for row in law.output.rows], values)
 
 
 def observer_entries(law: ControlLaw, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return rates ko_distance, ... of disturbance observers, which are not part of the law; ko applies to all of them."""
+    """Return rates ko_distance, ... of disturbance observers, which are not part of the law;
+    ko applies to all of them."""
     return _in_full([f"{OBSERVER}_{row.name}" for row in law.output.rows], values)
 
 
@@ -200,7 +219,9 @@ def _read_json(path: str) -> Any:
         naming(f"{path}: not valid JSON, or truncated", json.JSONDecodeError),
         naming(f"{path}: not JSON: not UTF-8 text", UnicodeDecodeError),
     ):
-        return json.loads(read_input(file_or_shipped(path, ".json"), MOST).decode("utf-8-sig"), parse_int=float)
+        return json.loads(
+            read_input(file_or_shipped(path, ".json"), MOST).decode("utf-8-sig"), parse_int=float
+        )
 
 
 def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
@@ -235,8 +256,8 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
 
 
 def _reference(law: ControlLaw, table: Any, where: str) -> np.ndarray:
-    """Return y, yd, ... by row of the output, up to the derivative of its relative degree; for degree 1 y and ydd, the desired
-    rate. Raises BadInput for a rate in yd, which the law would not use.
+    """Return y, yd, ... by row of the output, up to the derivative of its relative degree; for degree 1 y and
+    ydd, the desired rate. Raises BadInput for a rate in yd, which the law would not use.
     """
     rows, degrees = len(law.output.rows), law.linearization.relative_degree
     names = DERIVATIVES[: max(2, *degrees) + 1]
@@ -247,10 +268,11 @@ def _reference(law: ControlLaw, table: Any, where: str) -> np.ndarray:
         return np.full(sum(map(len, values)), np.nan)
     for k in (k for k, degree in enumerate(degrees) if degree == 1):
         rate, used = given[1:3, k]
-        if rate != used and rate and not (used and law.output.path):  # files of Type IV have had other numbers in yd
+        # Files of Type IV have had other numbers in yd
+        if rate != used and rate and not (used and law.output.path):
             raise BadInput(
-                f"{where}: yd[{k}] = {rate:g}: {law.output.rows[k].name} has relative degree 1, and its desired rate is "
-                f"ydd[{k}]: write it there, and 0 in yd[{k}]"
+                f"{where}: yd[{k}] = {rate:g}: {law.output.rows[k].name} has relative degree 1, and its "
+                f"desired rate is ydd[{k}]: write it there, and 0 in yd[{k}]"
             )
     return np.concatenate(values)
 

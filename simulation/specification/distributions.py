@@ -26,8 +26,10 @@ from ...readers.reading import (
     whole,
 )
 
-SEEDS = 2**21  # of a sweep: the seed of a sample is that of the sweep times 2^32 plus the sample's number, below 2^53
-PERIOD = 0.01  # s between calls for a SPEC with period 0 (continuous): the compiled loop of a sweep is sampled
+# Of a sweep: the seed of a sample is that of the sweep times 2^32 plus the sample's number, below 2^53
+SEEDS = 2**21
+# s between calls for a SPEC with period 0 (continuous): the compiled loop of a sweep is sampled
+PERIOD = 0.01
 BAND = 0.05  # m, rad, m/s: an error has settled if it stays within
 DESIGNS = ("random", "sobol", "latin")
 KINDS = {
@@ -46,8 +48,8 @@ EXAMPLE = "for example { normal = [30.0, 6.0] } or { uniform = [-1.0, 1.0] }"
 
 @dataclass(frozen=True)
 class Margin:
-    """The distribution of one number: normal with mean a and standard deviation b, within bounds; uniform between a and b, or its
-    logarithm is uniform. `kind` "fixed": the value is a.
+    """The distribution of one number: normal with mean a and standard deviation b, within bounds; uniform
+    between a and b, or its logarithm is uniform. `kind` "fixed": the value is a.
     """
 
     kind: str
@@ -76,7 +78,8 @@ _OF_KIND = [
     {
         "type": "object",
         "properties": {
-            key: _PAIR | {"description": f"{KEYS[key]}, {SI}"} for key in ((kind, "within") if kind == "normal" else (kind,))
+            key: _PAIR | {"description": f"{KEYS[key]}, {SI}"}
+            for key in ((kind, "within") if kind == "normal" else (kind,))
         },
         "required": [kind],
         "additionalProperties": False,
@@ -127,7 +130,8 @@ def _collect(value: Any, name: str, where: str, found: dict[str, Margin]) -> Non
 
 
 def _is_margin(table: Mapping[str, Any]) -> bool:
-    """Is it a distribution, if perhaps of an unknown kind? Then there are numbers in it, not tables or lists of them."""
+    """Is it a distribution, if perhaps of an unknown kind? Then there are numbers in it,
+    not tables or lists of them."""
     parts = (item if isinstance(item, list) else [item] for item in table.values())
     return any(not any(isinstance(part, dict) for part in items) for items in parts)
 
@@ -147,7 +151,9 @@ def _margin(table: Mapping[str, Any], where: str) -> Margin:
 
     low, high = ascending(number())(table["within"], f"{where} within")
     if not ndtr((high - a) / b) - ndtr((low - a) / b) > 1e-9:
-        raise BadInput(f"{where} within: almost none of the normal distribution lies between {low:g} and {high:g}")
+        raise BadInput(
+            f"{where} within: almost none of the normal distribution lies between {low:g} and {high:g}"
+        )
     return Margin(kind, a, b, (low, high))
 
 
@@ -171,7 +177,9 @@ def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
 def _criterion(value: Any, where: str) -> dict[str, float | bool]:
     """Read the criterion of failure: status = true, and outcomes with their limits."""
     made: dict[str, float | bool] = {}
-    for key, item in of_type(value, dict, where, "a table, for example { status = true, final = 0.05 }").items():
+    for key, item in of_type(
+        value, dict, where, "a table, for example { status = true, final = 0.05 }"
+    ).items():
         if key == "status":
             made[key] = flag(item, f"{where} status")
         elif isinstance(item, dict):  # final.distance = 0.05
@@ -183,18 +191,27 @@ def _criterion(value: Any, where: str) -> dict[str, float | bool]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """What varies, and the criterion of failure: a sample fails if it stops early, or an outcome exceeds a limit."""
+    """What varies, and the criterion of failure: a sample fails if it stops early,
+    or an outcome exceeds a limit."""
 
     seed: int = entry(whole(0, SEEDS - 1), 0, f"seed of the random numbers, below {SEEDS}")
     design: str = entry(one_of(*DESIGNS), "random", "how the samples fill the space")
     band: float = entry(number("positive"), BAND, "an error has settled when it stays within")
-    period: float | None = entry(number("positive", "s"), None, "between calls of the controller, for a continuous SPEC")
-    fails: Mapping[str, float | bool] | None = entry(_criterion, None, "limits of outcomes above which a sample fails")
+    period: float | None = entry(
+        number("positive", "s"), None, "between calls of the controller, for a continuous SPEC"
+    )
+    fails: Mapping[str, float | bool] | None = entry(
+        _criterion, None, "limits of outcomes above which a sample fails"
+    )
     correlation: tuple[tuple[str, str, float], ...] = entry(
         _correlations, (), "correlations of the normal variables that underlie two numbers"
     )
-    parameters: Mapping[str, Margin] = entry(margins, {}, "distributions of what the controller believes, and the robot has")
-    plant: Mapping[str, Margin] = entry(margins, {}, "distributions of the parameters that only the robot has")
+    parameters: Mapping[str, Margin] = entry(
+        margins, {}, "distributions of what the controller believes, and the robot has"
+    )
+    plant: Mapping[str, Margin] = entry(
+        margins, {}, "distributions of the parameters that only the robot has"
+    )
     gains: Mapping[str, Margin] = entry(margins, {}, "distributions of gains")
     output: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [output]")
     feedback: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [feedback]")
@@ -220,4 +237,6 @@ class Sweep:
             *("parameters", "plant", "gains", "output", "feedback", "reference", "initial"),
             *("limits", "contact", "sensors", "correction", "adaptation", "estimator", "simulation"),
         )
-        return {f"{where}.{name}": margin for where in sections for name, margin in getattr(self, where).items()}
+        return {
+            f"{where}.{name}": margin for where in sections for name, margin in getattr(self, where).items()
+        }

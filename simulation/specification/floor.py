@@ -20,7 +20,8 @@ _interval = ascending(number(unit="m"))
 
 @dataclass(frozen=True, kw_only=True)
 class Patch:
-    """A rectangle of the floor, x from x[0] to x[1] and y from y[0] to y[1] (m), with a friction coefficient of its own."""
+    """A rectangle of the floor, x from x[0] to x[1] and y from y[0] to y[1] (m),
+    with a friction coefficient of its own."""
 
     x: tuple[float, ...] = entry(_interval, about="from a to b")
     y: tuple[float, ...] = entry(_interval, about="from a to b")
@@ -29,7 +30,8 @@ class Patch:
 
 @dataclass(frozen=True, kw_only=True)
 class Bump:
-    """A cap of a sphere that rises from the floor: `height` (m) in its middle at x, y (m), on a circle of a `radius` (m)."""
+    """A cap of a sphere that rises from the floor: `height` (m) in its middle at x, y (m),
+    on a circle of a `radius` (m)."""
 
     x: float = entry(number(unit="m"), about="middle")
     y: float = entry(number(unit="m"), about="middle")
@@ -38,7 +40,9 @@ class Bump:
 
     def __post_init__(self):
         if self.height > self.radius:
-            raise BadInput(f"[floor] bump: height = {self.height:g} must be at most its radius, {self.radius:g}")
+            raise BadInput(
+                f"[floor] bump: height = {self.height:g} must be at most its radius, {self.radius:g}"
+            )
 
     @property
     def curvature(self) -> float:
@@ -48,12 +52,17 @@ class Bump:
     def at(self, x: float, y: float) -> float:
         """Return its height above the floor at a place, m; 0 beside it."""
         aside = (x - self.x) ** 2 + (y - self.y) ** 2
-        return math.sqrt(self.curvature**2 - aside) - self.curvature + self.height if aside < self.radius**2 else 0.0
+        return (
+            math.sqrt(self.curvature**2 - aside) - self.curvature + self.height
+            if aside < self.radius**2
+            else 0.0
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rough:
-    """Bumps of one `radius` at `count` random places in a rectangle, evenly distributed, as are their heights up to `height`."""
+    """Bumps of one `radius` at `count` random places in a rectangle, evenly distributed,
+    as are their heights up to `height`."""
 
     count: int = entry(whole(1, MOST_BUMPS), about=f"how many bumps, at most {MOST_BUMPS}")
     x: tuple[float, ...] = entry(_interval, about="from a to b")
@@ -64,7 +73,9 @@ class Rough:
 
     def __post_init__(self):
         if self.height > self.radius:
-            raise BadInput(f"[floor] rough: height = {self.height:g} must be at most the radius, {self.radius:g}")
+            raise BadInput(
+                f"[floor] rough: height = {self.height:g} must be at most the radius, {self.radius:g}"
+            )
 
     def bumps(self) -> tuple[Bump, ...]:
         """Return the bumps."""
@@ -80,7 +91,10 @@ class Rough:
         )
 
 
-@reads({"anyOf": [angle.schema(), row("[angle, heading]", angle, angle).schema()], "description": "in rad"}, "rad")
+@reads(
+    {"anyOf": [angle.schema(), row("[angle, heading]", angle, angle).schema()], "description": "in rad"},
+    "rad",
+)
 def _slope(value: Any, where: str) -> tuple[float, float]:
     """Read an angle below the horizontal, or with it the heading of the way down."""
     made = row("[angle, heading]", angle, angle)(value if isinstance(value, list) else [value, 0.0], where)
@@ -93,17 +107,25 @@ def _slope(value: Any, where: str) -> tuple[float, float]:
 class Floor(Section):
     """The floor of a run in a physics engine."""
 
-    mu: float | None = entry(number("nonnegative", "1"), None, "friction coefficient, by default that of [contact]")
-    slope: tuple[float, float] = entry(_slope, (0.0, 0.0), "angle below the horizontal, or [angle, heading of the way down]")
+    mu: float | None = entry(
+        number("nonnegative", "1"), None, "friction coefficient, by default that of [contact]"
+    )
+    slope: tuple[float, float] = entry(
+        _slope, (0.0, 0.0), "angle below the horizontal, or [angle, heading of the way down]"
+    )
     patch: tuple[Patch, ...] = entry(
         list_of(Patch, "{ x = [0, 1], y = [-1, 1], mu = 0.2 }"),
         (),
         "rectangles with a friction coefficient of their own; the last one counts",
     )
-    bump: tuple[Bump, ...] = entry(list_of(Bump, "{ x = 1, y = 0, height = 0.01, radius = 0.2 }"), (), "caps that rise from it")
+    bump: tuple[Bump, ...] = entry(
+        list_of(Bump, "{ x = 1, y = 0, height = 0.01, radius = 0.2 }"), (), "caps that rise from it"
+    )
     rough: Rough | None = entry(section(Rough), None)
     step: float = entry(
-        number("positive", "s", least=SHORTEST, most=LONGEST), 1e-3, f"longest step of the engine, {SHORTEST:g} to {LONGEST:g}"
+        number("positive", "s", least=SHORTEST, most=LONGEST),
+        1e-3,
+        f"longest step of the engine, {SHORTEST:g} to {LONGEST:g}",
     )
 
     def __post_init__(self):

@@ -1,4 +1,5 @@
-"""The units of a SPEC's numbers that depend on its robot and law: parameters by name, gains, coordinates, inputs, outputs."""
+"""The units of a SPEC's numbers that depend on its robot and law: parameters by name, gains,
+coordinates, inputs, outputs."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -15,7 +16,8 @@ from .spec import Spec
 
 
 def check_units(spec: Spec, law: ControlLaw) -> None:
-    """Raise BadInput for a number that was given with a unit of another kind than the robot's or the law's own.
+    """Raise BadInput for a number that was given with a unit of another kind than the robot's or the law's
+    own.
 
     Unknown names are left to the checks of names.
     """
@@ -29,17 +31,26 @@ def check_units(spec: Spec, law: ControlLaw) -> None:
 
 
 NAMED = tuple(
-    f"{sweep}{where}." for sweep in ("", "sweep.") for where in ("parameters", "plant", "gains", "given", "output", "initial")
+    f"{sweep}{where}."
+    for sweep in ("", "sweep.")
+    for where in ("parameters", "plant", "gains", "given", "output", "initial")
 )
 
 
 def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
-    """Return the units that each number must have, by dotted name; a number that stands for several has all of theirs."""
-    mechanism, rows, rates = law.system.mechanism, law.output.rows, [q.unit for q in law.system.quasi_velocities]
+    """Return the units that each number must have, by dotted name;
+    a number that stands for several has all of theirs."""
+    mechanism, rows, rates = (
+        law.system.mechanism,
+        law.output.rows,
+        [q.unit for q in law.system.quasi_velocities],
+    )
     known = {name: [unit] for name, unit in units(Spec)}
     known |= {f"{where}.{q.name}": [q.unit] for where in ("parameters", "plant") for q in law.parameters}
     known |= {
-        f"{where}.{q.name}": [q.unit] for where in ("initial", "initial.state", "feedback.motion") for q in law.system.state
+        f"{where}.{q.name}": [q.unit]
+        for where in ("initial", "initial.state", "feedback.motion")
+        for q in law.system.state
     }
     known |= {f"given.{q.name}": [q.unit] for q in mechanism.coordinates}
     known |= {f"output.{'parameters' if spec.output.own else 'path'}.{q.name}": [q.unit] for q in law.config}
@@ -58,8 +69,12 @@ def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
         "reference.oscillation.angle": ["rad"] * len(rows),
         "initial.q": [q.unit for q in mechanism.coordinates],
         "initial.nu": rates,
-        "limits.integral": [_derivative(row.unit, degrees[row.name]) for row in rows if ki.get(f"ki_{row.name}")],
-        "limits.disturbance": [_derivative(row.unit, degrees[row.name]) for row in rows if ko.get(f"ko_{row.name}")],
+        "limits.integral": [
+            _derivative(row.unit, degrees[row.name]) for row in rows if ki.get(f"ki_{row.name}")
+        ],
+        "limits.disturbance": [
+            _derivative(row.unit, degrees[row.name]) for row in rows if ko.get(f"ko_{row.name}")
+        ],
         "limits.torque": [q.unit for q in mechanism.inputs],
         "sensors.noise.mean": rates,
         "sensors.noise.sd": rates,
@@ -91,5 +106,7 @@ def _measured(value: Any, name: str = "") -> Iterator[tuple[str, Measured]]:
         if dataclasses.is_dataclass(value):
             fields = {e.name: getattr(value, e.name) for e in dataclasses.fields(value)}
         for key, item in fields.items():
-            inside = name if name == "output.path" and key == "parameters" else f"{name}.{key}" if name else key
+            inside = (
+                name if name == "output.path" and key == "parameters" else f"{name}.{key}" if name else key
+            )
             yield from _measured(item, inside)

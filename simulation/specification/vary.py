@@ -21,7 +21,8 @@ def read_varied(file: Path | str, changes: Mapping[str, Any]) -> Spec:
 
 
 def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
-    """Return the SPEC of a text with changes; `name` is that of the text, whose own errors are reported first."""
+    """Return the SPEC of a text with changes; `name` is that of the text,
+    whose own errors are reported first."""
     try:
         table = toml_table(text)
         with naming(f"{name} with {', '.join(changes)} changed"):
@@ -34,7 +35,8 @@ def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
 
 
 def change(text: str) -> tuple[str, Any]:
-    """Read `key=value`, with the value in TOML, a number with a unit, or a word. Raises BadInput if it is invalid."""
+    """Read `key=value`, with the value in TOML, a number with a unit,
+    or a word. Raises BadInput if it is invalid."""
     key, equals, value = text.partition("=")
     try:
         read = toml_table(f"value = {value}")
@@ -42,12 +44,14 @@ def change(text: str) -> tuple[str, Any]:
         value, read = value.strip(), {}
         if re.fullmatch(TYPED, value):
             read = {"value": spaced(value)}
-        elif re.fullmatch(r"[A-Za-z_][\w+.-]*", value, re.ASCII):  # a word, of which a shell took the quotation marks away
+        elif re.fullmatch(r"[A-Za-z_][\w+.-]*", value, re.ASCII):
+            # a word, of which a shell took the quotation marks away
             read = {"value": value}
     if not equals or not key.strip() or list(read) != ["value"] or key.count(".") >= DEEPEST:
         text = text if len(text) <= 80 else f"{text[:77]}..."
         raise BadInput(
-            f"{text!r} is not KEY=VALUE in TOML, for example initial.heading=0.5, initial.heading='90 deg' or output.type='\"I\"'"
+            f"{text!r} is not KEY=VALUE in TOML, for example initial.heading=0.5, initial.heading='90 deg' "
+            "or output.type='\"I\"'"
         )
     return key.strip(), read["value"]
 
@@ -63,10 +67,16 @@ def _set(table: dict[str, Any], key: str, value: Any) -> None:
 
 def spec_text(table: Mapping[str, Any]) -> str:
     """Return a table of a SPEC as TOML, sections last; tables inside sections are written in one line."""
-    sections = {key: value for key, value in table.items() if isinstance(value, Mapping) and not _is_numbers(value)}
+    sections = {
+        key: value for key, value in table.items() if isinstance(value, Mapping) and not _is_numbers(value)
+    }
     lines = [f"{_key(key)} = {_value(value)}" for key, value in table.items() if key not in sections]
     for name, section in sections.items():
-        lines += ["", f"[{_key(name)}]", *(f"{_key(key)} = {_value(value)}" for key, value in section.items())]
+        lines += [
+            "",
+            f"[{_key(name)}]",
+            *(f"{_key(key)} = {_value(value)}" for key, value in section.items()),
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -83,4 +93,5 @@ def _value(value: Any) -> str:
         return "{ " + ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items()) + " }"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_value, value))}]"
-    return repr(value) if type(value) is float else json.dumps(value)  # integers, strings, true and false as in JSON
+    # Integers, strings, true and false as in JSON
+    return repr(value) if type(value) is float else json.dumps(value)

@@ -1,1 +1,2 @@
-"""Many closed loops with random parameters, run in batches in C, stored as Parquet and evaluated in results/."""
+"""Many closed loops with random parameters, run in batches in C,
+stored as Parquet and evaluated in results/."""

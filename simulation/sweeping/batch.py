@@ -36,18 +36,24 @@ _one = Lock()  # CasADi's functions are evaluated by one thread at a time
 
 
 class Batch:
-    """Closed loops of a SPEC with a sampled controller, run in C with the same meaning as in `noslip simulate`.
+    """Closed loops of a SPEC with a sampled controller, run in C with the same meaning as in
+    `noslip simulate`.
 
-    `inputs`: names of the numbers that a sample has, dotted as in the SPEC ("plant.m_c", "initial.x_c", "limits.torque[0]"), and
-    "seed"; `nominal`: what they are in the SPEC. `outcomes`: names of what comes of it, SI:
+    `inputs`: names of the numbers that a sample has, dotted as in the SPEC ("plant.m_c", "initial.x_c",
+    "limits.torque[0]"), and "seed"; `nominal`: what they are in the SPEC. `outcomes`: names of what comes of
+    it, SI:
 
-    status      a number, see `status`: ok, saturated, arrived, or the reason for which the run stopped early (t_end, s)
-    final.ROW, peak.ROW, settling.ROW  of each output: y - y_d at the last output time, its largest absolute value, and the last
+    status      a number, see `status`: ok, saturated, arrived, or the reason for which the run stopped early
+                (t_end, s)
+    final.ROW, peak.ROW, settling.ROW  of each output: y - y_d at the last output time, its largest absolute
+                                       value, and the last
                 output time (s) at which it was beyond the band
     saturated   time (s) with an input at its limit; effort.INPUT: the largest absolute value of each input
     grip, will_slip  time (s) with these statuses, where inputs are limited by friction
-    slipping    time (s) with this status, where slip is noticed: false alarms, since the wheels of a sweep roll
-    use         largest friction use of any contact at an output time, with [contact], of a robot whose laws can limit it
+    slipping    time (s) with this status, where slip is noticed: false alarms, since the wheels of a sweep
+                roll
+    use         largest friction use of any contact at an output time, with [contact], of a robot whose laws
+                can limit it
     end.STATE   true state at the end
     integration_error  estimated error of the integrator, the largest component of the state
     steps       steps of the integrator between two calls; order: of its method
@@ -65,11 +71,13 @@ class Batch:
         longest: float = LONGEST,
         vectors: int = VECTORS,
     ):
-        """`accuracy`: a run whose integration error is larger is repeated with the method of order 6 instead of 4, then with half
-        the step, five times at most; `longest`: the longest step, s. `band`: one for all outputs or one for each, in their
-        units. `instants`: s, ascending. `vectors`: the longest, as in batch.h; the outcomes are the same with all.
+        """`accuracy`: a run whose integration error is larger is repeated with the method of order 6 instead
+        of 4, then with half the step, five times at most; `longest`: the longest step, s. `band`: one for all
+        outputs or one for each, in their units. `instants`: s, ascending. `vectors`: the longest, as in
+        batch.h; the outcomes are the same with all.
 
-        Raises BadInput and ModelError as `simulate` does, for a SPEC that is not sampled and for a backend other than c and cf.
+        Raises BadInput and ModelError as `simulate` does, for a SPEC that is not sampled and for a backend
+        other than c and cf.
         """
         check(spec, "noslip sweep")
         check(spec, "the C of a sweep")
@@ -80,7 +88,8 @@ class Batch:
         drive = spec.drive.kind if spec.drive else "torque"
         if drive != "torque" and law.system.redundant:
             raise BadInput(
-                f'[drive] kind = "{drive}": a sweep has it for as many inputs as quasi-velocities; use noslip simulate'
+                f'[drive] kind = "{drive}": a sweep has it for as many inputs as quasi-velocities; use '
+                "noslip simulate"
             )
         self._route = self.loop.route
         self._wheels: ca.Function | None
@@ -115,19 +124,25 @@ class Batch:
         self.outcomes = [name for name, kept in zip(names, self._kept, strict=True) if kept]
 
     def run(self, table: np.ndarray) -> np.ndarray:
-        """Outcomes (N, outcomes) of samples (N, inputs). A row depends on its sample only. The GIL is released."""
+        """Outcomes (N, outcomes) of samples (N, inputs). A row depends on its sample only. The GIL is
+        released."""
         made = np.empty((len(table), len(self._kept)))
         cast, lib = self._program.ffi.cast, self._program.lib
         for start in range(0, len(table), CHUNK):
             samples = self._samples(np.asarray(table[start : start + CHUNK], float))
             part = made[start : start + CHUNK]
-            given = cast("batch_sample *", samples.ctypes.data), len(samples), cast("double *", part.ctypes.data)
+            given = (
+                cast("batch_sample *", samples.ctypes.data),
+                len(samples),
+                cast("double *", part.ctypes.data),
+            )
             lib.batch_run(self._settings, *given, made.shape[1])
         return made[:, self._kept]
 
     @property
     def vectors(self) -> str:
-        """The vectors in which this processor runs samples: avx512, avx2 or plain; scalar for one after the other."""
+        """The vectors in which this processor runs samples: avx512, avx2 or plain;
+        scalar for one after the other."""
         return self._program.ffi.string(self._program.lib.batch_vectors(self._settings)).decode()
 
     @property
@@ -141,7 +156,8 @@ class Batch:
         return self._program.ffi.string(self._program.lib.noslip_status_name(int(number))).decode()
 
     def trace(self, row: np.ndarray) -> np.ndarray:
-        """Return records (t, x, tau, error, status, piece) of one sample, a row of a table, at all output times."""
+        """Return records (t, x, tau, error, status, piece) of one sample, a row of a table,
+        at all output times."""
         simulation, cast = self.spec.simulation, self._program.ffi.cast
         duration = row[self.inputs.index("simulation.duration")]
         rows = np.zeros(int(duration / simulation.output_step) + 3, self._row)
@@ -149,10 +165,15 @@ class Batch:
         sample, place = cast("batch_sample *", samples.ctypes.data), cast("batch_row *", rows.ctypes.data)
         return rows[: self._program.lib.batch_trace(self._settings, sample, place, len(rows))]
 
-    # -- settings shared by all samples ------------------------------------------------------------------------------------------
+    # -- settings shared by all samples ----------------------------------------------------------------------
 
     def _make_settings(
-        self, accuracy: float, band: float | tuple[float, ...], instants: tuple[float, ...], longest: float, vectors: int
+        self,
+        accuracy: float,
+        band: float | tuple[float, ...],
+        instants: tuple[float, ...],
+        longest: float,
+        vectors: int,
     ):
         spec, ffi = self.spec, self._program.ffi
         self._instants = ffi.new("double[]", [*instants, 0.0])  # referenced by pointers in the settings
@@ -179,7 +200,11 @@ class Batch:
         members = {"final": rows, "peak": rows, "settling": rows, "end": self._inputs.state}
         members["effort"] = [q.name for q in self.law.system.mechanism.inputs]
         fields = self._outcome.names or ()
-        names = [f"{field}.{member}" if member else field for field in fields for member in members.get(field, [""])]
+        names = [
+            f"{field}.{member}" if member else field
+            for field in fields
+            for member in members.get(field, [""])
+        ]
         return [*names, *[f"error.{row}[{k}]" for row in rows for k in range(instants)]]
 
     def _applies(self, outcome: str) -> bool:
@@ -190,7 +215,7 @@ class Batch:
             return self.spec.limits is not None and self.spec.limits.mode == "grip"
         return outcome != "use" or (self.spec.contact is not None and knows_ground(self.law))
 
-    # -- samples ---------------------------------------------------------------------------------------------------------
+    # -- samples ---------------------------------------------------------------------------------------------
 
     def _samples(self, table: np.ndarray) -> np.ndarray:
         """Return rows of a table as structs of the C."""
@@ -227,7 +252,9 @@ class Batch:
         if self._earns:
             made["earned"], made["error"] = made["period"], given["limits.error"]
             made["known"] = given.get("limits.known", 0.0)
-            made["coarse"], made["lag"] = roughness(made["period"], made["delay"], made["counts"], made["sd"].max(axis=1))
+            made["coarse"], made["lag"] = roughness(
+                made["period"], made["delay"], made["counts"], made["sd"].max(axis=1)
+            )
         if self.spec.correction:
             made["correction_rate"] = given["correction.rate"]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -242,7 +269,8 @@ class Batch:
                 made[name] = arm_function(law.system)(made[whose].T).full().T
         if self.spec.reference.approach:
             linear, angular = (
-                given.get(f"reference.approach.{name}", np.zeros(len(made))) for name in ("acceleration", "angular")
+                given.get(f"reference.approach.{name}", np.zeros(len(made)))
+                for name in ("acceleration", "angular")
             )
             made["acceleration"][:, :-1] = np.transpose(accelerations(law, linear, angular))
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -257,7 +285,8 @@ class Batch:
         return made
 
     def _set_drives(self, made: Structs, given: dict[str, np.ndarray], part: np.ndarray) -> None:
-        """Set the drives, and for a kinematic law the limits of the vehicle's motion, with a `part` of the weight on contacts."""
+        """Set the drives, and for a kinematic law the limits of the vehicle's motion,
+        with a `part` of the weight on contacts."""
         with np.errstate(divide="ignore", invalid="ignore"):
             made["omega"], made["drive_delay"] = 2 * np.pi * given["drive.bandwidth"], given["drive.delay"]
             for k in range(self.law.system.dof):
@@ -286,7 +315,10 @@ class Batch:
         output, law = self.spec.output, self.law
         zeros = np.zeros(len(made))
         on_axle = output.extension and not output.own
-        L, made["W"] = -made["ahead"] if on_axle else given.get("output.L", zeros), given.get("output.W", zeros)
+        L, made["W"] = (
+            -made["ahead"] if on_axle else given.get("output.L", zeros),
+            given.get("output.W", zeros),
+        )
         mirrored = given.get("output.L_backward", -L - 2 * made["ahead"])
         if self._route:
             made["L"] = np.column_stack([L, mirrored])
@@ -310,7 +342,9 @@ class Batch:
             if output.own:
                 made["config"][:, k] = given[f"output.parameters.{c.name}"]
             else:
-                made["config"][:, k] = L if c.name == "L" else given.get(f"output.{c.name}", given.get(f"output.path.{c.name}"))
+                made["config"][:, k] = (
+                    L if c.name == "L" else given.get(f"output.{c.name}", given.get(f"output.path.{c.name}"))
+                )
         entry = 0
         for k, degree in enumerate(law.linearization.relative_degree):
             if output.type == "IV":
@@ -339,23 +373,33 @@ class Batch:
         return extension_starts(self.law, made["believed"], config, made["start"], made["offset"])
 
     def _refused(self, made: Structs, table: np.ndarray) -> np.ndarray:
-        """Return 0, or the status with which a SPEC with these numbers is rejected, apart from the checks made by the C."""
+        """Return 0, or the status with which a SPEC with these numbers is rejected,
+        apart from the checks made by the C."""
         period, delay, duration = (made[name] for name in ("period", "delay", "duration"))
         with np.errstate(divide="ignore", invalid="ignore"):
             good = np.isfinite(table).all(axis=1) & np.isfinite(made["start"]).all(axis=1)
             good &= np.isfinite(made["extension"]).all(axis=1)
             good &= (period > 0) & (delay >= 0) & (delay <= period) & (duration > 0)
-            good &= (duration / period <= MOST_ROWS) & (duration / self.spec.simulation.output_step <= MOST_ROWS)
+            good &= (duration / period <= MOST_ROWS) & (
+                duration / self.spec.simulation.output_step <= MOST_ROWS
+            )
             if self.spec.drive and self.spec.drive.takes_velocity:
                 good &= (made["omega"] > 0) & (made["drive_delay"] >= 0)
             good &= (made["sd"] >= 0).all(axis=1) & (made["sensor_period"] >= 0) & (made["counts"] >= 0)
             good &= (made["seed"] >= 0) & (made["seed"] < SEEDS) & (made["limit"] >= 0).all(axis=1)
-            good &= (made["share"] <= 1) & (made["height"] >= 0) & (made["margin"] >= 0) & (made["margin"] < 1)
+            good &= (
+                (made["share"] <= 1) & (made["height"] >= 0) & (made["margin"] >= 0) & (made["margin"] < 1)
+            )
             if self.spec.contact:
                 good &= (made["mu"] > 0) & (made["share"] > 0)
                 good &= (made["height"] == 0) | is_wide(self.law.system)
             if self._route and self.spec.reference.profiled:
-                good &= (made["angular"] >= 0) & (made["lateral"] > 0) & (made["along"] > 0) & (made["deceleration"] > 0)
+                good &= (
+                    (made["angular"] >= 0)
+                    & (made["lateral"] > 0)
+                    & (made["along"] > 0)
+                    & (made["deceleration"] > 0)
+                )
             if self.spec.correction:
                 good &= (made["correction_rate"] > 0) & (made["release"] > 0)
             for k, row in enumerate(self.loop.integral.rows):
@@ -365,5 +409,7 @@ class Batch:
 
     def _stable(self, row: str, ki: np.ndarray, made: Structs) -> np.ndarray:
         """Whether an output with integral action is stable."""
-        own = [made["gains"][:, k] for k, gain in enumerate(self.law.gains) if gain.name.partition("_")[2] == row]
+        own = [
+            made["gains"][:, k] for k, gain in enumerate(self.law.gains) if gain.name.partition("_")[2] == row
+        ]
         return (ki == 0) | hurwitz([np.ones_like(ki), *own[::-1], ki])

@@ -1,4 +1,5 @@
-"""A sweep on the workers of a Dask cluster (distributed, optional): they receive rows of numbers and the SPEC, and run the C.
+"""A sweep on the workers of a Dask cluster (distributed, optional): they receive rows of numbers and the
+SPEC, and run the C.
 
 Rows are made here, so that the numbers do not depend on whose processor computes a logarithm.
 """
@@ -28,12 +29,16 @@ class Cluster:
         absent = OSError, ValueError, RuntimeError  # TimeoutError is an OSError
         with naming(f"--scheduler {address}: no scheduler answers", absent, "start one with dask scheduler"):
             self._client = distributed.Client(address, timeout=PATIENCE)
-        self.workers = sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
+        self.workers = sum(
+            worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values()
+        )
         if not self.workers:
             self.close()
             raise BadInput(f"--scheduler {address}: it has no workers; start some with dask worker {address}")
 
-    def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    def results(
+        self, tables: Iterable[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """See `Engine`. Raises BadInput if a worker cannot run this sweep or the connection is lost."""
         study, client = self._study, self._client
 
@@ -43,8 +48,12 @@ class Cluster:
         gone = OSError, self._distributed.client.FutureCancelledError
         with (
             naming("a worker cannot run noslip", ImportError, "install the same version of it there"),
-            naming("too many workers died on one part", self._distributed.KilledWorker, "give them more memory"),
-            naming("the scheduler is gone", gone, "what is finished is kept, the same command goes on from there"),
+            naming(
+                "too many workers died on one part", self._distributed.KilledWorker, "give them more memory"
+            ),
+            naming(
+                "the scheduler is gone", gone, "what is finished is kept, the same command goes on from there"
+            ),
         ):
             yield from in_flight(tables, submit, self._finished, AHEAD * self.workers)
 

@@ -1,5 +1,5 @@
-"""Designs: samples in the unit cube. Sample k is a pure function of the seed, k and the number of samples: any part can be
-computed at any time, and nothing grows with their number.
+"""Designs: samples in the unit cube. Sample k is a pure function of the seed, k and the number of samples:
+any part can be computed at any time, and nothing grows with their number.
 """
 
 import warnings

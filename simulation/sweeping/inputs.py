@@ -23,8 +23,8 @@ SEEDS = 2**53  # upper bound of seeds: integers that a double represents
 class SampleInputs:
     """Columns of a table of samples: `nominal` values by name, in order; `spec` has all of them explicitly.
 
-    `follows`: inputs that are equal to another one unless they are given, such as parameters of the plant, which are those of the
-    controller unless the SPEC gives others. `state`: names of [q; nu].
+    `follows`: inputs that are equal to another one unless they are given, such as parameters of the plant,
+    which are those of the controller unless the SPEC gives others. `state`: names of [q; nu].
     """
 
     law: ControlLaw
@@ -39,8 +39,8 @@ class SampleInputs:
         return list(self.nominal)
 
     def table(self, columns: Mapping[str, np.ndarray | float], count: int) -> np.ndarray:
-        """Return a table (count, inputs) from given columns by name; the others follow or are nominal. Raises BadInput for
-        unknown names."""
+        """Return a table (count, inputs) from given columns by name; the others follow or are nominal. Raises
+        BadInput for unknown names."""
         for name in columns:
             check_named(name, self.names, "not a number of this SPEC that a sample can have:")
         made = np.empty((count, len(self.nominal)))
@@ -50,12 +50,14 @@ class SampleInputs:
         return made
 
     def spec_of(self, row: Sequence[float]) -> Spec:
-        """Return the SPEC of one sample, a row of a table, for `noslip simulate`. Raises BadInput if it cannot be run."""
+        """Return the SPEC of one sample, a row of a table, for `noslip simulate`. Raises BadInput if it
+        cannot be run."""
         values = dict(zip(self.nominal, row, strict=True))
         spec = _changed(self.spec, {self._place(name): float(value) for name, value in values.items()})
         if not spec.output.extension or spec.output.own:
             return spec
-        return replace(spec, output=replace(spec.output, L=axle_at(self.law, spec.parameters)))  # P_l stays on the axle
+        # P_l stays on the axle
+        return replace(spec, output=replace(spec.output, L=axle_at(self.law, spec.parameters)))
 
     def _place(self, name: str) -> Place:
         """Return the path to an input in a Spec."""
@@ -80,7 +82,10 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
         nominal |= {f"{where}.{name}": value for name, value in getattr(full, where).items()}
     output, reference, simulation = full.output, full.reference, full.simulation
     nominal |= {f"output.{name}": getattr(output, name) for name in _point(output, law)}
-    nominal |= {f"output.path.{name}": value for name, value in (output.path.parameters if output.path else {}).items()}
+    nominal |= {
+        f"output.path.{name}": value
+        for name, value in (output.path.parameters if output.path else {}).items()
+    }
     nominal |= {f"output.parameters.{name}": value for name, value in output.parameters.items()}
     nominal |= _numbers(reference, "reference")
     if reference.approach:
@@ -118,9 +123,15 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
         nominal[SEED] = full.sensors.seed
     if adaptation := full.adaptation:
         nominal |= _numbers(adaptation, "adaptation")
-        nominal |= {f"adaptation.bounds.{name}[{k}]": pair[k] for name, pair in adaptation.bounds.items() for k in range(2)}
+        nominal |= {
+            f"adaptation.bounds.{name}[{k}]": pair[k]
+            for name, pair in adaptation.bounds.items()
+            for k in range(2)
+        }
     if estimator := full.estimator:
-        nominal |= _numbers(estimator, "estimator") | (_numbers(estimator.pose, "estimator.pose") if estimator.pose else {})
+        nominal |= _numbers(estimator, "estimator") | (
+            _numbers(estimator.pose, "estimator.pose") if estimator.pose else {}
+        )
         nominal |= {f"estimator.scales.{name}": value for name, value in estimator.scales.items()}
     nominal |= {f"simulation.{name}": getattr(simulation, name) for name in ("period", "delay", "duration")}
     follows = {f"plant.{name}": f"parameters.{name}" for name in full.plant if name not in spec.plant}
@@ -145,7 +156,9 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     }
     if spec.output.own:
         given = values_of(list(law.config), spec.output.parameters, "[output] parameters")
-        changed["output"] = replace(spec.output, parameters=dict(zip([c.name for c in law.config], given, strict=True)))
+        changed["output"] = replace(
+            spec.output, parameters=dict(zip([c.name for c in law.config], given, strict=True))
+        )
     if spec.output.type != "IV" and not spec.feedback:
         rows = len(law.output.rows)
         changed["reference"] = replace(spec.reference, velocity=spec.reference.velocity or (0.0,) * rows)
@@ -164,10 +177,15 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     if spec.limits:
         count = len(mechanism.inputs)
         torque = None if spec.kinematic else _spread(spec.limits.torque or (0.0,), count)
-        integral, disturbance = _spread(spec.limits.integral, len(ki)), _spread(spec.limits.disturbance, len(ko))
+        integral, disturbance = (
+            _spread(spec.limits.integral, len(ki)),
+            _spread(spec.limits.disturbance, len(ko)),
+        )
         changed["limits"] = replace(spec.limits, torque=torque, integral=integral, disturbance=disturbance)
     if spec.sensors:
-        noise = NoiseSection(**{name: _spread(getattr(spec.sensors.noise, name), law.system.dof) for name in ("mean", "sd")})
+        noise = NoiseSection(
+            **{name: _spread(getattr(spec.sensors.noise, name), law.system.dof) for name in ("mean", "sd")}
+        )
         changed["sensors"] = replace(spec.sensors, noise=noise)
     return replace(spec, **changed)
 
@@ -188,7 +206,9 @@ def _numbers(section: Any, where: str) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, value in ((f.name, getattr(section, f.name)) for f in fields(section)):
         if isinstance(value, tuple):
-            found |= {f"{where}.{name}[{k}]": item for k, item in enumerate(value) if isinstance(item, float | int)}
+            found |= {
+                f"{where}.{name}[{k}]": item for k, item in enumerate(value) if isinstance(item, float | int)
+            }
         elif isinstance(value, float | int) and not isinstance(value, bool):
             found[f"{where}.{name}"] = value
     return found
@@ -205,4 +225,6 @@ def _changed(value: Any, changes: Mapping[Place, float]) -> Any:
         return {**value, **{head: _changed(value[head], rest) for head, rest in parts.items()}}
     if isinstance(value, tuple):
         return tuple(_changed(item, parts[k]) if k in parts else item for k, item in enumerate(value))
-    return replace(value, **{str(head): _changed(getattr(value, str(head)), rest) for head, rest in parts.items()})
+    return replace(
+        value, **{str(head): _changed(getattr(value, str(head)), rest) for head, rest in parts.items()}
+    )

@@ -1,4 +1,5 @@
-"""The samples of a sweep: a table of numbers for the batch simulator, any part of which can be computed at any time."""
+"""The samples of a sweep: a table of numbers for the batch simulator,
+any part of which can be computed at any time."""
 
 import re
 from collections.abc import Sequence
@@ -24,13 +25,15 @@ MOST = {"random": 2**32, "latin": 2**32, "sobol": 2**SOBOL_BITS}
 def sweep_of(spec: Spec) -> Sweep:
     """Return [sweep] of a SPEC. Raises BadInput if it is missing."""
     if spec.sweep is None:
-        raise BadInput("[sweep] is missing: seed = 0 and, for example, [sweep.plant] m_c = { normal = [30.0, 6.0] }")
+        raise BadInput(
+            "[sweep] is missing: seed = 0 and, for example, [sweep.plant] m_c = { normal = [30.0, 6.0] }"
+        )
     return spec.sweep
 
 
 def as_sampled(spec: Spec) -> Spec:
-    """Return the SPEC with a control period: its own, or for a continuous SPEC that of [sweep]. Raises BadInput without
-    [sweep]."""
+    """Return the SPEC with a control period: its own, or for a continuous SPEC that of [sweep]. Raises
+    BadInput without [sweep]."""
     own, asked = spec.simulation.period, sweep_of(spec).period
     if own and asked:
         raise BadInput("[sweep] period applies to a continuous SPEC; here [simulation] period is given")
@@ -60,7 +63,9 @@ class Plan:
                 hint = f"; give a list of {len(lists)}" if lists else suggestion(name, self.inputs.names)
                 raise BadInput(f"[sweep] {name} is not a number of this SPEC that can vary{hint}")
         if not self.names and SEED not in self.inputs.names:
-            raise BadInput("[sweep]: nothing varies; for example [sweep.plant] m_c = { normal = [30.0, 6.0] }")
+            raise BadInput(
+                "[sweep]: nothing varies; for example [sweep.plant] m_c = { normal = [30.0, 6.0] }"
+            )
         self._mixing  # noqa: B018, raises BadInput now
 
     @property
@@ -84,9 +89,14 @@ class Plan:
         return self.rows(u, np.arange(first, first + count))
 
     def rows(self, u: np.ndarray, k: np.ndarray | int) -> np.ndarray:
-        """Return rows of the table for points of the open unit cube (count, dimensions); `k`: numbers of the seeds."""
+        """Return rows of the table for points of the open unit cube (count, dimensions); `k`:
+        numbers of the seeds."""
         u = self._correlated(u)
-        columns = {name: margin.quantile(np.zeros(len(u))) for name, margin in self.margins.items() if margin.kind == "fixed"}
+        columns = {
+            name: margin.quantile(np.zeros(len(u)))
+            for name, margin in self.margins.items()
+            if margin.kind == "fixed"
+        }
         columns |= {name: self.margins[name].quantile(u[:, j]) for j, name in enumerate(self.names)}
         if SEED in self.inputs.names:
             columns[SEED] = np.broadcast_to(self.sweep.seed * 2.0**32 + k, len(u))
@@ -114,7 +124,8 @@ class Plan:
 
     @cached_property
     def _mixing(self) -> np.ndarray | None:
-        """Return the Cholesky factor of the correlations, (dimensions, dimensions); None without correlations."""
+        """Return the Cholesky factor of the correlations, (dimensions, dimensions);
+        None without correlations."""
         given = self.sweep.correlation
         if not given:
             return None
@@ -124,12 +135,16 @@ class Plan:
                 check_named(name, self.names, "[sweep] correlation: no number that varies:")
             i, j = self.names.index(one), self.names.index(other)
             if i == j or matrix[i, j]:
-                raise BadInput(f"[sweep] correlation of {one} and {other}: " + ("the same" if i == j else "given twice"))
+                raise BadInput(
+                    f"[sweep] correlation of {one} and {other}: " + ("the same" if i == j else "given twice")
+                )
             matrix[i, j] = matrix[j, i] = rho
         try:
             return np.linalg.cholesky(matrix)
         except np.linalg.LinAlgError as error:
-            raise BadInput("[sweep] correlation: no distribution has these (not positive definite); make them smaller") from error
+            raise BadInput(
+                "[sweep] correlation: no distribution has these (not positive definite); make them smaller"
+            ) from error
 
     def _correlated(self, u: np.ndarray) -> np.ndarray:
         """Apply a Gaussian copula to u. The order of the sums does not depend on the number of rows."""

@@ -1,4 +1,5 @@
-"""The C of the batch simulator for one law: batch.c compiled with the names and sizes of the law, and its types in NumPy."""
+"""The C of the batch simulator for one law: batch.c compiled with the names and sizes of the law,
+and its types in NumPy."""
 
 import re
 from dataclasses import dataclass, replace
@@ -31,9 +32,10 @@ VECTORS: tuple[tuple[str, int, str], ...] = (
 
 @dataclass(frozen=True)
 class LoopParts:
-    """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the number of its segments
-    if its speed has a profile; an approach; outputs with integral action, and with a disturbance observer, by name; a gyro that
-    notices slip, and an accelerometer; its drives, one of DRIVES; and whether friction is earned.
+    """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the
+    number of its segments if its speed has a profile; an approach; outputs with integral action, and with a
+    disturbance observer, by name; a gyro that notices slip, and an accelerometer; its drives, one of DRIVES;
+    and whether friction is earned.
     """
 
     sensed: bool = False
@@ -65,9 +67,17 @@ class Simulator:
         self.ffi = cffi.FFI()
         self.ffi.cdef(declarations(PATH))
         self.ffi.cdef(_declared(texts["batch.h"], law_h))
-        plant = {**dynamics_text(dynamics, DOUBLE).files(), **dynamics_text(dynamics, SCALARS[scalar]).files()}
-        made = [{**shared_files(law.system, s), **law_text(law_program(law), s).files()} for s in (DOUBLE, SCALARS[scalar])]
-        self.lib = load(self.ffi, {**texts, "batch_law.h": law_h, **plant, **made[0], **made[1]}, optimized=True)
+        plant = {
+            **dynamics_text(dynamics, DOUBLE).files(),
+            **dynamics_text(dynamics, SCALARS[scalar]).files(),
+        }
+        made = [
+            {**shared_files(law.system, s), **law_text(law_program(law), s).files()}
+            for s in (DOUBLE, SCALARS[scalar])
+        ]
+        self.lib = load(
+            self.ffi, {**texts, "batch_law.h": law_h, **plant, **made[0], **made[1]}, optimized=True
+        )
 
     def type(self, name: str) -> np.dtype:
         """Return the NumPy type of a struct of doubles."""
@@ -85,8 +95,9 @@ def program(law: ControlLaw, scalar: str, parts: LoopParts) -> Simulator:
 
 @dataclass(frozen=True)
 class Vectors:
-    """What the loops of a law have in vectors: the dynamics, the test of a singular Phi, and where it `steps`, since nothing else
-    belongs to the loop, the law. `driven`: entries of the state whose rates the drives determine.
+    """What the loops of a law have in vectors: the dynamics, the test of a singular Phi, and where it
+    `steps`, since nothing else belongs to the loop, the law. `driven`: entries of the state whose rates the
+    drives determine.
     """
 
     dynamics: VectorText
@@ -106,7 +117,8 @@ class Vectors:
         """Return the functions that copy constants of a robot to its lane."""
         kinds = (("plant", "BATCH_PLANT()", self.dynamics), ("law", "BATCH_JUDGE()", self.law))
         heads = [
-            f"static inline void batch_put_{name}(const {kind} *one, double *constants, int width)" for name, kind, _ in kinds
+            f"static inline void batch_put_{name}(const {kind} *one, double *constants, int width)"
+            for name, kind, _ in kinds
         ]
         return [f"{head}\n{{\n{text.puts}\n}}" for head, (*_, text) in zip(heads, kinds, strict=True)]
 
@@ -130,13 +142,26 @@ def vectors_of(law: ControlLaw, dynamics: DynamicsProgram, scalar: str, parts: L
 
 def _of_size(name: str, width: int, instructions: str) -> str:
     """Return the source of the vectors of a size."""
-    lines = [f"#define LANES_WIDTH {width}", f'#define LANES_NAME "{name}"', f"#define LANES_KIT lanes_{name}"]
+    lines = [
+        f"#define LANES_WIDTH {width}",
+        f'#define LANES_NAME "{name}"',
+        f"#define LANES_KIT lanes_{name}",
+    ]
     lines.append('#include "lanes.inc"')
     if instructions:
-        clang = f'#pragma clang attribute push(__attribute__((target("{instructions}"))), apply_to = function)'
+        clang = (
+            f'#pragma clang attribute push(__attribute__((target("{instructions}"))), apply_to = function)'
+        )
         gcc = f'#pragma GCC target("{instructions}")'
         lines = ["#if defined(__x86_64__)", "#if defined(__clang__)", clang, "#else", gcc, "#endif", *lines]
-        lines += ["#if defined(__clang__)", "#pragma clang attribute pop", "#endif", "#else", "typedef int nothing;", "#endif"]
+        lines += [
+            "#if defined(__clang__)",
+            "#pragma clang attribute pop",
+            "#endif",
+            "#else",
+            "typedef int nothing;",
+            "#endif",
+        ]
     return "\n".join([*lines, ""])
 
 
@@ -147,7 +172,10 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
     degree, rows = law.linearization.relative_degree, law.output.rows
     names = [q.name for q in law.reference]
     entries = [names.index(row.name) for row in rows]
-    acting, observed = ([k for k, row in enumerate(rows) if row.name in chosen] for chosen in (parts.integrals, parts.observers))
+    acting, observed = (
+        [k for k, row in enumerate(rows) if row.name in chosen]
+        for chosen in (parts.integrals, parts.observers)
+    )
     rate_of = [sum(d > 1 for d in degree[:k]) if degree[k] > 1 else -1 for k in observed]
     angles = [k for k, row in enumerate(rows) if row.unit == "rad" and not parts.route]
     suffix = f"##{own.suffix}" if own.suffix else ""
@@ -206,7 +234,11 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
     if parts.sensed:
         known["WHEELS"] = _list(angle_coordinates(law.system))
     known |= vectors.known() if vectors else {"LANES": 0, "STEPS": 0}
-    includes = [own.name(f"{mechanism.name}_{law.name}"), f"{mechanism.name}_{law.name}", f"{mechanism.name}_dynamics"]
+    includes = [
+        own.name(f"{mechanism.name}_{law.name}"),
+        f"{mechanism.name}_{law.name}",
+        f"{mechanism.name}_dynamics",
+    ]
     includes += [own.name(f"{mechanism.name}_dynamics")] if parts.drive != "torque" else []
     lines = [f'#include "{name}.h"' for name in dict.fromkeys(includes)]
     lines += [*(f"#define BATCH_{k} {v}" for k, v in known.items()), *(vectors.puts() if vectors else [])]
@@ -214,8 +246,8 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts, vectors: Vectors | N
 
 
 def knows_ground(law: ControlLaw) -> bool:
-    """Return whether the C of the law computes the forces on the ground; that of a kinematic law, or of one with a dynamic
-    extension, does not.
+    """Return whether the C of the law computes the forces on the ground; that of a kinematic law, or of one
+    with a dynamic extension, does not.
     """
     return can_grip(law.system) and not law.extension and not law.kinematic
 

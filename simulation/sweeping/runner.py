@@ -22,7 +22,9 @@ LANES = 8  # samples that the longest vectors run together
 class TableRunner(Protocol):
     """Runs tables in any order, several at a time."""
 
-    def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    def results(
+        self, tables: Iterable[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Yield number, table and outcomes of each part when it is finished."""
 
     def close(self) -> None:
@@ -35,10 +37,14 @@ class Threads:
     def __init__(self, batch: Batch, jobs: int):
         self._batch, self._jobs = batch, jobs
 
-    def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    def results(
+        self, tables: Iterable[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """See `TableRunner`."""
         with ThreadPoolExecutor(self._jobs) as pool:
-            yield from in_flight(tables, lambda table: pool.submit(self._batch.run, table), first_finished, AHEAD * self._jobs)
+            yield from in_flight(
+                tables, lambda table: pool.submit(self._batch.run, table), first_finished, AHEAD * self._jobs
+            )
 
     def close(self) -> None:
         """Nothing to release: threads end with their work."""
@@ -51,9 +57,13 @@ class Processes:
         self._jobs, self._pool = jobs, ProcessPoolExecutor(jobs)
         self._run = partial(outcomes_of, study.text, study.identity, instants=study.instants)
 
-    def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    def results(
+        self, tables: Iterable[tuple[int, np.ndarray]]
+    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """See `TableRunner`."""
-        yield from in_flight(tables, partial(self._pool.submit, self._run), first_finished, AHEAD * self._jobs)
+        yield from in_flight(
+            tables, partial(self._pool.submit, self._run), first_finished, AHEAD * self._jobs
+        )
 
     def close(self) -> None:
         """Nothing to release: processes end with the last table."""
@@ -105,7 +115,9 @@ def engine_of(study: Study, jobs: int) -> Threads | Processes:
 atexit.register(engine_of.cache_clear)  # while there are still modules that end processes
 
 
-def run_table(study: Study, table: np.ndarray, jobs: int, finished: Callable[[int], None] | None = None) -> np.ndarray:
+def run_table(
+    study: Study, table: np.ndarray, jobs: int, finished: Callable[[int], None] | None = None
+) -> np.ndarray:
     """Return the outcomes of a table; `finished` is told how many of its rows are."""
     least = 1 if isinstance(study.batch, Simulated) else LANES
     pieces, found = np.array_split(table, max(1, min(PIECES * jobs, len(table) // least))), {}

@@ -1,4 +1,5 @@
-"""Many closed loops of one SPEC, each run by `noslip simulate` itself: what the C of batch.c does not have, at its own pace."""
+"""Many closed loops of one SPEC, each run by `noslip simulate` itself:
+what the C of batch.c does not have, at its own pace."""
 
 from typing import Any
 
@@ -16,10 +17,12 @@ from .inputs import inputs_of
 
 
 class Simulated:
-    """Closed loops of a SPEC with sections that are not in the C of a sweep: inputs and outcomes are named as in `Batch`, and
+    """Closed loops of a SPEC with sections that are not in the C of a sweep: inputs and outcomes are named as
+    in `Batch`, and
 
     learned.NAME  of each learned parameter: its value in use at the end
-    outside     largest distance of a learned parameter in use from its bounds, relative to the distance of these: 0 within them
+    outside     largest distance of a learned parameter in use from its bounds, relative to the distance of
+                these: 0 within them
     off         largest distance of the pose that the controller sees from the true one, m, with [estimator]
 
     `integration_error` is the tolerance of the integrator.
@@ -28,7 +31,8 @@ class Simulated:
     computed = "none, each sample is run by noslip simulate"  # where `Batch` names the vectors
 
     def __init__(self, spec: Spec, band: float, instants: tuple[float, ...] = ()):
-        """`band` of all outputs, in their units; `instants`: s, ascending. Raises BadInput and ModelError as `simulate` does."""
+        """`band` of all outputs, in their units; `instants`: s,
+        ascending. Raises BadInput and ModelError as `simulate` does."""
         self.loop = make_loop(spec)
         self.law = self.loop.law
         self._inputs = inputs_of(spec, self.loop)
@@ -37,7 +41,12 @@ class Simulated:
         self.table = self._inputs.table
         rows = [row.name for row in self.law.output.rows]
         self._pose = pose_coordinates(self.law.system) if spec.estimator else []
-        members = {"final": rows, "peak": rows, "settling": rows, "effort": [q.name for q in self.law.system.mechanism.inputs]}
+        members = {
+            "final": rows,
+            "peak": rows,
+            "settling": rows,
+            "effort": [q.name for q in self.law.system.mechanism.inputs],
+        }
         members |= {"end": self._inputs.state, "learned": list(spec.learned)}
         self.outcomes = ["status", "t_end", "saturated", "integration_error"]
         self.outcomes += [f"{kind}.{name}" for kind, names in members.items() for name in names]
@@ -45,8 +54,11 @@ class Simulated:
         self.outcomes += [f"error.{row}[{k}]" for row in rows for k in range(len(instants))]
 
     def run(self, table: np.ndarray) -> np.ndarray:
-        """Outcomes (N, outcomes) of samples (N, inputs); NaN except status and t_end where a number is rejected."""
-        return np.array([self._of_sample(row) for row in np.asarray(table, float)]).reshape(len(table), len(self.outcomes))
+        """Outcomes (N, outcomes) of samples (N, inputs); NaN except status and t_end where a number is
+        rejected."""
+        return np.array([self._of_sample(row) for row in np.asarray(table, float)]).reshape(
+            len(table), len(self.outcomes)
+        )
 
     def status(self, number: float) -> str:
         """Return the name of a status."""
@@ -70,18 +82,30 @@ class Simulated:
             "end": run.x[-1],
             "learned": run.learned[-1],
         }
-        found = {name: values for kind, each in entries.items() for name, values in zip(self._named(kind), each, strict=True)}
-        found |= {"status": self._number(stopped), "t_end": run.t[-1], "integration_error": run.spec.simulation.tolerance}
+        found = {
+            name: values
+            for kind, each in entries.items()
+            for name, values in zip(self._named(kind), each, strict=True)
+        }
+        found |= {
+            "status": self._number(stopped),
+            "t_end": run.t[-1],
+            "integration_error": run.spec.simulation.tolerance,
+        }
         found["saturated"] = np.diff(run.t, append=run.t[-1])[run.status == "saturated"].sum()
         if run.spec.adaptation:
             least, most = np.array(list(run.spec.adaptation.bounds.values())).T
-            found["outside"] = np.maximum(np.maximum(least - run.learned, run.learned - most) / (most - least), 0.0).max()
+            found["outside"] = np.maximum(
+                np.maximum(least - run.learned, run.learned - most) / (most - least), 0.0
+            ).max()
         if self.spec.estimator:
             found["off"] = np.hypot(*(run.seen - run.x)[:, self._pose[:2]].T).max()
         for k, instant in enumerate(self._instants):
             later = np.flatnonzero(run.t >= instant - 1e-9)
             at = error[later[0]] if len(later) else np.full(error.shape[1], np.nan)
-            found |= {f"error.{row.name}[{k}]": value for row, value in zip(self.law.output.rows, at, strict=True)}
+            found |= {
+                f"error.{row.name}[{k}]": value for row, value in zip(self.law.output.rows, at, strict=True)
+            }
         return found
 
     def _named(self, kind: str) -> list[str]:

@@ -1,6 +1,7 @@
 """Results of a sweep: finished parts in a folder beside the output, and at the end one Parquet file.
 
-The file depends on the SPEC and the number of samples alone: rows in order, a row group for each part, no dates.
+The file depends on the SPEC and the number of samples alone: rows in order, a row group for each part, no
+dates.
 """
 
 import fcntl
@@ -25,12 +26,16 @@ try:
     import pyarrow as pa
     import pyarrow.parquet as pq
 except ImportError as error:
-    raise BadInput(f"a sweep is kept in a Parquet file, which needs pyarrow; {installing('sweep')}") from error
+    raise BadInput(
+        f"a sweep is kept in a Parquet file, which needs pyarrow; {installing('sweep')}"
+    ) from error
 
-LARGEST, SMALLEST, FEWEST = 4096, 32, 64  # of samples in a part; of parts, so that all cores stay busy until the end
+# Of samples in a part; of parts, so that all cores stay busy until the end
+LARGEST, SMALLEST, FEWEST = 4096, 32, 64
 SPEC, IDENTITY = b"noslip.spec", b"noslip.sweep"  # in the file's metadata
 MANIFEST = "sweep.json"
-OWN = re.compile(r"sweep\.json|\d{7}|\..+\.[0-9a-f]{12}\.part")  # files in the folder of the parts, also temporary ones
+# Files in the folder of the parts, also temporary ones
+OWN = re.compile(r"sweep\.json|\d{7}|\..+\.[0-9a-f]{12}\.part")
 DIGEST = hashlib.sha256().digest_size
 
 
@@ -40,7 +45,8 @@ def part_size(samples: int) -> int:
 
 
 class Parts:
-    """The finished parts of a sweep, in OUT.parts: for each part the table, its outcomes (raw doubles), and their digest.
+    """The finished parts of a sweep, in OUT.parts: for each part the table, its outcomes (raw doubles), and
+    their digest.
 
     A manifest identifies the sweep of the folder. Other files in it are neither read nor removed.
     """
@@ -59,7 +65,8 @@ class Parts:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Create the folder if necessary and lock it. Raises BadInput if it belongs to another sweep or is in use."""
+        """Create the folder if necessary and lock it. Raises BadInput if it belongs to another sweep or is in
+        use."""
         try:
             if self.folder.is_symlink():
                 raise BadInput(f"{self.folder} is a link; remove it or change -o")
@@ -71,7 +78,9 @@ class Parts:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
-                raise BadInput(f"{self.folder} is in use by another noslip sweep; wait for it or change -o") from error
+                raise BadInput(
+                    f"{self.folder} is in use by another noslip sweep; wait for it or change -o"
+                ) from error
             self._claim()
             yield
         finally:
@@ -91,8 +100,12 @@ class Parts:
         """Return table and outcomes of a part. Raises BadInput if it is damaged."""
         data = self._data(part)
         if data is None:
-            raise BadInput(f"{self._file(part)} was damaged while the sweep ran; the same command computes it again")
-        table, outcomes = np.split(np.frombuffer(data).reshape(-1, self.width), [len(self.study.batch.inputs)], axis=1)
+            raise BadInput(
+                f"{self._file(part)} was damaged while the sweep ran; the same command computes it again"
+            )
+        table, outcomes = np.split(
+            np.frombuffer(data).reshape(-1, self.width), [len(self.study.batch.inputs)], axis=1
+        )
         return table, outcomes
 
     def remove(self) -> None:
@@ -110,7 +123,10 @@ class Parts:
         """Raise BadInput unless the folder belongs to this sweep; an empty folder receives its manifest."""
         manifest, identity = self.folder / MANIFEST, self.study.identity
         if not os.path.lexists(manifest):
-            if any(not path.name.endswith(".part") or not OWN.fullmatch(path.name) for path in self.folder.iterdir()):
+            if any(
+                not path.name.endswith(".part") or not OWN.fullmatch(path.name)
+                for path in self.folder.iterdir()
+            ):
                 raise BadInput(f"{self.folder} exists and is not a sweep's; move it or change -o")
             with replacing(manifest) as new:
                 create(new, (json.dumps(identity, indent=1) + "\n").encode())
@@ -118,7 +134,10 @@ class Parts:
         with naming(f"{manifest} is damaged or not a sweep's", damaged, f"remove {self.folder} or change -o"):
             found = dict(json.loads(manifest.read_bytes()))
         if found != identity:
-            raise BadInput(f"{self.folder} has parts of another sweep: {_difference(found, identity)}; remove it or change -o")
+            raise BadInput(
+                f"{self.folder} has parts of another sweep: {_difference(found, identity)}; remove it or "
+                "change -o"
+            )
 
     def _file(self, part: int) -> Path:
         return self.folder / f"{part:07d}"
@@ -173,7 +192,15 @@ def _reading(file: Path | str) -> Iterator[None]:
         yield
     except FileNotFoundError as error:
         raise BadInput(f"{file}: there is no such file") from error
-    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, RecursionError, OverflowError) as error:
+    except (
+        pa.ArrowException,
+        OSError,
+        KeyError,
+        ValueError,
+        TypeError,
+        RecursionError,
+        OverflowError,
+    ) as error:
         raise BadInput(f"{file} is not a finished noslip sweep, or is damaged") from error
 
 
@@ -192,13 +219,16 @@ def open_sweep(file: Path | str) -> tuple[pq.ParquetFile, str, dict]:
 
 
 def is_finished(output: Path, study: Study) -> bool:
-    """Whether the file already has the complete results of this sweep. Raises BadInput if it is another file."""
+    """Whether the file already has the complete results of this sweep. Raises BadInput if it is another
+    file."""
     if not output.exists():
         return False
     with naming("", remedy="remove it or change -o"):
         found, _, identity = open_sweep(output)
     if identity != study.identity:
-        raise BadInput(f"{output} is another sweep: {_difference(identity, study.identity)}; remove it or change -o")
+        raise BadInput(
+            f"{output} is another sweep: {_difference(identity, study.identity)}; remove it or change -o"
+        )
     with _reading(output):
         if not found.schema_arrow.equals(_schema(study), check_metadata=True):
             raise ValueError(output)
@@ -208,7 +238,8 @@ def is_finished(output: Path, study: Study) -> bool:
 
 
 def sample_of(file: Path | str, sample: int) -> tuple[str, dict[str, float], dict[str, Any]]:
-    """Return, for one sample of a finished sweep, the text of the SPEC, the varied numbers and the outcomes, by name.
+    """Return, for one sample of a finished sweep, the text of the SPEC, the varied numbers and the outcomes,
+    by name.
 
     Raises BadInput if there is no such sample.
     """
@@ -227,4 +258,6 @@ def _difference(found: dict, identity: dict) -> str:
     if found.get("spec_sha256") != identity["spec_sha256"]:
         return "its SPEC is not this one"
     found = {"format": 1, **found}  # the first did not say so
-    return ", ".join(f"{key} {found.get(key)}, not {value}" for key, value in identity.items() if found.get(key) != value)
+    return ", ".join(
+        f"{key} {found.get(key)}, not {value}" for key, value in identity.items() if found.get(key) != value
+    )

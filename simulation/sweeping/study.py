@@ -1,4 +1,5 @@
-"""A sweep prepared for execution: its SPEC, the simulator, the plan of the samples, and the criterion of failure."""
+"""A sweep prepared for execution: its SPEC, the simulator, the plan of the samples,
+and the criterion of failure."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -22,19 +23,22 @@ from .simulated import Simulated
 
 SHORT = ("final", "peak", "settling")  # of each output that is a position or an angle, not a speed
 FORMAT = 2  # of the results: 1 had the integrator of order 6 alone, and no column `order`
-STOPPED = 1e6  # severity of a run that stops early: larger than any other, and the larger the earlier it stops
+# Severity of a run that stops early: larger than any other, and the larger the earlier it stops
+STOPPED = 1e6
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """The criterion of failure: the run stopped early (`status`), or the absolute value of an outcome exceeds its limit."""
+    """The criterion of failure: the run stopped early (`status`),
+    or the absolute value of an outcome exceeds its limit."""
 
     status: bool
     limits: Mapping[str, float]
     outcomes: Sequence[str]
 
     def severity(self, outcomes: np.ndarray, duration: np.ndarray | float) -> np.ndarray:
-        """Return the severity of rows of outcomes (N); above 1 they fail. `duration`: the intended duration, s."""
+        """Return the severity of rows of outcomes (N); above 1 they fail. `duration`:
+        the intended duration, s."""
         status, t_end = (outcomes[:, self.outcomes.index(name)] for name in ("status", "t_end"))
         worst = np.zeros(len(outcomes))
         for name, limit in self.limits.items():
@@ -51,8 +55,8 @@ class Criterion:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The objects defined by the text of a SPEC and a number of samples. `spec` has a control period; `instants`: s, when
-    outcomes include errors.
+    """The objects defined by the text of a SPEC and a number of samples. `spec` has a control period;
+    `instants`: s, when outcomes include errors.
     """
 
     text: str
@@ -91,7 +95,11 @@ class Study:
     def shown(self) -> list[str]:
         """The outcomes that are printed: errors, outcomes with a limit, and inputs."""
         names = [long for name in SHORT for long in _in_full(name, self.batch)]
-        limited = [name for name in ("saturated", "grip", "will_slip", "use") if self.spec.limits and name in self.batch.outcomes]
+        limited = [
+            name
+            for name in ("saturated", "grip", "will_slip", "use")
+            if self.spec.limits and name in self.batch.outcomes
+        ]
         learned = [name for name in ("outside", "off") if name in self.batch.outcomes]
         return list(dict.fromkeys([*names, *self.criterion.limits, *limited, *learned]))
 
@@ -106,15 +114,22 @@ class Study:
 
 
 def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = ()) -> Study:
-    """A sweep of the SPEC `text`; with `instants` (s), the outcomes include the errors at these times. Raises BadInput with
-    `name`."""
+    """A sweep of the SPEC `text`; with `instants` (s), the outcomes include the errors at these times. Raises
+    BadInput with `name`."""
     try:
         spec = as_sampled(spec_of(text, name))
         sweep = sweep_of(spec)
         law = None if spec.feedback else law_of(find_robot(spec.robot), spec.law)
         runs = Simulated if broken(spec, "the C of a sweep", law) else Batch
         batch = runs(spec, band=sweep.band, instants=instants)
-        return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch), instants)
+        return Study(
+            text,
+            spec,
+            batch,
+            Plan(spec, inputs_of(spec, batch.loop), samples),
+            _criterion(sweep, batch),
+            instants,
+        )
     except BadInput as error:
         raise BadInput(str(error) if str(error).startswith(f"{name}: ") else f"{name}: {error}") from error
 
@@ -122,8 +137,8 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
 def outcomes_of(
     text: str, identity: Mapping[str, str | int | float], table: np.ndarray, instants: tuple[float, ...] = ()
 ) -> np.ndarray:
-    """Return the outcomes of a table of a sweep, in another process, where the sweep is prepared anew. Raises BadInput if it is
-    another one there.
+    """Return the outcomes of a table of a sweep, in another process, where the sweep is prepared anew. Raises
+    BadInput if it is another one there.
     """
     study = _study(text, int(identity["samples"]), instants)
     if study.identity != identity:
@@ -137,7 +152,8 @@ def _study(text: str, samples: int, instants: tuple[float, ...]) -> Study:
 
 
 def sample_spec(text: str, row: Mapping[str, float]) -> Spec:
-    """Return the SPEC of one sample of a sweep of the SPEC `text`, given its columns. Raises BadInput if it cannot be run."""
+    """Return the SPEC of one sample of a sweep of the SPEC `text`,
+    given its columns. Raises BadInput if it cannot be run."""
     spec = as_sampled(spec_of(text, "[sweep]"))
     plan = Plan(spec, inputs_of(spec, make_loop(spec)), 1)
     varied = list(plan.columns(plan.table(0, 1)))
@@ -158,9 +174,14 @@ def _criterion(sweep: Sweep, batch: Batch | Simulated) -> Criterion:
 
 
 def _in_full(name: str, batch: Batch | Simulated) -> list[str]:
-    """Return the outcomes of a name: for a SHORT one those of each output of relative degree 2, or of all if there is none."""
+    """Return the outcomes of a name: for a SHORT one those of each output of relative degree 2,
+    or of all if there is none."""
     if name not in SHORT:
         return [name]
     rows = batch.law.output.rows
-    places = [row.name for row, degree in zip(rows, batch.law.linearization.relative_degree, strict=True) if degree == 2]
+    places = [
+        row.name
+        for row, degree in zip(rows, batch.law.linearization.relative_degree, strict=True)
+        if degree == 2
+    ]
     return [f"{name}.{row}" for row in places or [row.name for row in rows]]

@@ -1,4 +1,5 @@
-"""A serial dump: frames as runtime_c/noslip_telemetry.h writes them, the starts of a vehicle in it, and what is missing."""
+"""A serial dump: frames as runtime_c/noslip_telemetry.h writes them, the starts of a vehicle in it,
+and what is missing."""
 
 import struct
 import zlib
@@ -43,8 +44,8 @@ class Event:
 
 @dataclass(eq=False)
 class Start:
-    """The ticks from one start of a vehicle on: the name of its robot, the image of its config, records in the order of ticks,
-    and what was done between them.
+    """The ticks from one start of a vehicle on: the name of its robot, the image of its config, records in
+    the order of ticks, and what was done between them.
     """
 
     robot: str
@@ -128,8 +129,8 @@ class _Open:
 def read_dump(file: str | Path) -> Dump:
     """Read a dump. Raises BadInput if it has no tick with a config, and OSError.
 
-    Damaged frames are left out, and so are the ticks of a start without a config. A start begins where the number of the tick
-    goes back.
+    Damaged frames are left out, and so are the ticks of a start without a config. A start begins where the
+    number of the tick goes back.
     """
     data = read_input(file, LARGEST)
     dump, open_starts, damaged, own = Dump(), [_Open()], 0, 0
@@ -170,12 +171,15 @@ def read_dump(file: str | Path) -> Dump:
 
 
 def _closed(start: _Open, remarks: list[str]) -> Start:
-    """Return a start with its records as an array; those of another size than the config says are left out."""
+    """Return a start with its records as an array; those of another size than the config says are left
+    out."""
     scalar = "double" if start.image[REAL_IN_FORMAT : REAL_IN_FORMAT + 1] == b"\x08" else "float"
     kind = record_type(scalar)
     fits = [len(record) == kind.itemsize for record in start.records]
     if not all(fits):
-        remarks.append(f"{fits.count(False)} records are not in {scalar}, as their config is, and are left out")
+        remarks.append(
+            f"{fits.count(False)} records are not in {scalar}, as their config is, and are left out"
+        )
     rows = np.cumsum([0, *fits]).tolist()
     events = tuple(Event(rows[each.row], each.kind, each.content) for each in start.events)
     whole = b"".join(record for record, good in zip(start.records, fits, strict=True) if good)
@@ -187,7 +191,9 @@ def chosen(dump: Dump, number: int | None, file: str) -> Start:
     count = len(dump.starts)
     if number is None and count > 1:
         lengths = ", ".join(f"{k}: {len(start.records)} ticks" for k, start in enumerate(dump.starts, 1))
-        raise BadInput(f"{file}: the vehicle was started {count} times ({lengths}); choose one with --start K")
+        raise BadInput(
+            f"{file}: the vehicle was started {count} times ({lengths}); choose one with --start K"
+        )
     if number is not None and not 1 <= number <= count:
         raise BadInput(f"--start {number}: {file} has {count} starts")
     return dump.starts[(number or 1) - 1]

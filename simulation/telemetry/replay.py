@@ -6,14 +6,17 @@ from ...readers.progress import Reported, silent
 from .dump import Start
 from .vehicle import FollowerInC
 
-GIVEN = ("tick", "missed", "counts", "dt", "turned")  # arguments of a tick; all other fields of a record are compared
+# Arguments of a tick; all other fields of a record are compared
+GIVEN = ("tick", "missed", "counts", "dt", "turned")
 
 
-def first_different_tick(start: Start, vehicle: FollowerInC, where: str, progress: Reported = silent) -> tuple[int, str | None]:
+def first_different_tick(
+    start: Start, vehicle: FollowerInC, where: str, progress: Reported = silent
+) -> tuple[int, str | None]:
     """Return how many ticks are the same, and the first difference, None if there is none up to the end.
 
-    Ticks after a record that is missing cannot be repeated, which counts as a difference. Raises BadInput if the config or an
-    event of the start cannot be used.
+    Ticks after a record that is missing cannot be repeated, which counts as a difference. Raises BadInput if
+    the config or an event of the start cannot be used.
     """
     lost = start.lost
     last = lost[0][0] if lost else len(start.records)
@@ -21,19 +24,29 @@ def first_different_tick(start: Start, vehicle: FollowerInC, where: str, progres
     if isinstance(repeated, str):
         return 0, repeated
     recorded = start.records[:last]
-    rows = {name: _rows_that_differ(recorded[name], repeated[name]) for name in recorded.dtype.names or () if name not in GIVEN}
+    rows = {
+        name: _rows_that_differ(recorded[name], repeated[name])
+        for name in recorded.dtype.names or ()
+        if name not in GIVEN
+    }
     first = min((int(each[0]) for each in rows.values() if len(each)), default=last)
     for name, each in rows.items():
         if len(each) and each[0] == first:
             then, now = (np.atleast_1d(values[name][first]) for values in (recorded, repeated))
-            return first, f"tick {recorded['tick'][first]}: {name} was {_shown(then)}, on this host it is {_shown(now)}"
+            return (
+                first,
+                f"tick {recorded['tick'][first]}: {name} was {_shown(then)}, on this host it is "
+                f"{_shown(now)}",
+            )
     if lost:
         tick = start.records["tick"][last]
         return last, f"{lost[0][1]} records are missing before tick {tick}: what follows cannot be repeated"
     return last, None
 
 
-def _repeated(start: Start, vehicle: FollowerInC, last: int, where: str, progress: Reported) -> np.ndarray | str:
+def _repeated(
+    start: Start, vehicle: FollowerInC, last: int, where: str, progress: Reported
+) -> np.ndarray | str:
     """Return the records of the first `last` ticks, or why the follower does not begin."""
     config, segments = vehicle.config(start.image, where)
     follower, command, turned = vehicle.new(""), vehicle.reals(2), vehicle.reals(2)

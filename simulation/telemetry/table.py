@@ -1,4 +1,5 @@
-"""A table of a run, as `noslip log` and `noslip simulate` write them, as a run of ours again, for a given SPEC."""
+"""A table of a run, as `noslip log` and `noslip simulate` write them, as a run of ours again,
+for a given SPEC."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,9 +23,9 @@ UNUSED = 0.0  # for coordinates that the table does not have and the outputs do 
 def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
     """Return the rows of a table as a run of a SPEC, which says what robot, law and path they belong to.
 
-    Desired values are those of columns desired_y1, ..., otherwise those that the SPEC gives at each row. Inputs that the table
-    does not have are NaN, and a status is "unknown". Raises BadInput if t, or a coordinate or velocity that the outputs depend
-    on, is missing or not finite.
+    Desired values are those of columns desired_y1, ..., otherwise those that the SPEC gives at each row.
+    Inputs that the table does not have are NaN, and a status is "unknown". Raises BadInput if t, or a
+    coordinate or velocity that the outputs depend on, is missing or not finite.
     """
     loop = make_loop(spec)
     law, plant = loop.law, loop.plant
@@ -33,7 +34,10 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
     if (late := np.flatnonzero(np.diff(t) <= 0)).size:
         before, after = distinct(*t[late[0] : late[0] + 2])
         row = columns["t"].rows[late[0] + 1]
-        raise BadInput(f"{where} row {row}: t goes from {before} s to {after} s; times must increase: cut the table there")
+        raise BadInput(
+            f"{where} row {row}: t goes from {before} s to {after} s; times must increase: cut the table "
+            "there"
+        )
     measured = _columns(columns, system.state, len(t))
     x = np.nan_to_num(measured, nan=UNUSED)
     followed = _followed(loop, t, x)
@@ -63,8 +67,12 @@ def run_of_table(columns: Mapping[str, Column], spec: Spec, where: str) -> Run:
         nu=x[:, n:],
         tau=tau,
         y=y,
-        y_d=np.column_stack([followed["y_d"][:, k] if each is None else each for k, each in enumerate(desired)]),
-        status=np.array([str(each) for each in columns["status"].entries] if "status" in columns else [UNKNOWN] * len(t)),
+        y_d=np.column_stack(
+            [followed["y_d"][:, k] if each is None else each for k, each in enumerate(desired)]
+        ),
+        status=np.array(
+            [str(each) for each in columns["status"].entries] if "status" in columns else [UNKNOWN] * len(t)
+        ),
         forces=plant.constraint_forces(x, tau),
         seen=x,
         piece=followed["piece"],
@@ -114,8 +122,11 @@ def _optional(columns: Mapping[str, Column], name: str, unit: str) -> np.ndarray
     return columns[name].numbers(unit) if name in columns else None
 
 
-def _use(columns: Mapping[str, Column], plant: Plant, x: np.ndarray, tau: np.ndarray, spec: Spec) -> dict[str, np.ndarray]:
-    """Return the friction use of each contact that the table has; if it has none, what rolling needs, if [contact] is given."""
+def _use(
+    columns: Mapping[str, Column], plant: Plant, x: np.ndarray, tau: np.ndarray, spec: Spec
+) -> dict[str, np.ndarray]:
+    """Return the friction use of each contact that the table has; if it has none, what rolling needs,
+    if [contact] is given."""
     named = {c.name: f"use_{c.name.replace(' ', '_')}" for c in plant.system.mechanism.contacts}
     if found := {name: columns[column].numbers() for name, column in named.items() if column in columns}:
         return found
@@ -129,7 +140,10 @@ def _columns(columns: Mapping[str, Column], quantities: Sequence[Quantity], rows
     return np.column_stack([np.full(rows, np.nan) if each is None else each for each in found])
 
 
-def _inputs(columns: Mapping[str, Column], inputs: Sequence[Quantity], rows: int, velocity: bool) -> np.ndarray:
-    """Return the inputs; with velocity drives those of the law, `law_...` if the table has them, as `noslip log` calls them."""
+def _inputs(
+    columns: Mapping[str, Column], inputs: Sequence[Quantity], rows: int, velocity: bool
+) -> np.ndarray:
+    """Return the inputs; with velocity drives those of the law, `law_...` if the table has them,
+    as `noslip log` calls them."""
     names = {i.name: f"law_{i.name}" if velocity and f"law_{i.name}" in columns else i.name for i in inputs}
     return _columns({own: columns[name] for own, name in names.items() if name in columns}, inputs, rows)

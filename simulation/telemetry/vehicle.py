@@ -1,4 +1,5 @@
-"""The C of a follower with its telemetry on this host: loads the config that a dump has, and makes the follower's calls."""
+"""The C of a follower with its telemetry on this host: loads the config that a dump has,
+and makes the follower's calls."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ ROWS_AT = 20  # place of the number of segments in an image
 REFUSED = {
     "damaged": "its bytes are damaged",
     "other_version": "it is of another version of noslip, or of another scalar",
-    "other_model": "its law is not the one that this noslip derives; use the noslip and the robot that generated the C",
+    "other_model": "its law is not the one that this noslip derives; use the noslip and the robot that "
+    "generated the C",
 }
 
 
@@ -40,11 +42,17 @@ class FollowerInC(InC):
         self.law: ControlLaw = law_of(system, LAW)
         self.scalar = scalar
         self._own = system.mechanism.name
-        files = {name: text for name, text in robot_files(system, [self.law], (scalar,)).items() if name[-2:] in (".h", ".c")}
+        files = {
+            name: text
+            for name, text in robot_files(system, [self.law], (scalar,)).items()
+            if name[-2:] in (".h", ".c")
+        }
         self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
             write_folder(Path(folder, "c"), files)
-            self.ffi.cdef(declarations(SCALARS[scalar].name(f"{self._own}_telemetry") + ".h", Path(folder, "c")))
+            self.ffi.cdef(
+                declarations(SCALARS[scalar].name(f"{self._own}_telemetry") + ".h", Path(folder, "c"))
+            )
         self.lib = load(self.ffi, files)
 
     def new(self, kind: str) -> Any:
@@ -57,8 +65,12 @@ class FollowerInC(InC):
         return getattr(self.lib, SCALARS[self.scalar].name(f"{self._own}_{NAME}_{function}"))(*arguments)
 
     def config(self, image: bytes, where: str) -> tuple[Any, Any]:
-        """Return the config of an image and its segments, which must be kept. Raises BadInput if it is not one for this C."""
-        config, count = self.new("config"), ROWS.unpack_from(image.ljust(ROWS_AT + ROWS.size, b"\0"), ROWS_AT)[0]
+        """Return the config of an image and its segments, which must be kept. Raises BadInput if it is not
+        one for this C."""
+        config, count = (
+            self.new("config"),
+            ROWS.unpack_from(image.ljust(ROWS_AT + ROWS.size, b"\0"), ROWS_AT)[0],
+        )
         segments = self.ffi.new(f"{SCALARS[self.scalar].name('noslip_segment')}[]", min(count, len(image)))
         status = self.call("load", config, segments, len(segments), image, len(image))
         if status < 0:
@@ -79,7 +91,9 @@ class FollowerInC(InC):
             try:
                 *pose, mode = struct.unpack(f"<3{real}i", event.content)
             except struct.error as error:
-                raise BadInput(f"a correction before row {event.row} has {len(event.content)} bytes") from error
+                raise BadInput(
+                    f"a correction before row {event.row} has {len(event.content)} bytes"
+                ) from error
             truth = self.ffi.new(f"{SCALARS[self.scalar].name('noslip_pose')} *", pose)
             return self.call("correct", follower, truth, mode)
         tuning = self.new("tuning")
@@ -116,7 +130,8 @@ def follower_in_c(robot: str, scalar: str) -> FollowerInC:
 
 
 def vehicle_of(start: Start, robot: str | None, where: str) -> FollowerInC:
-    """Return the compiled follower of a start: that of `robot`, or of the shipped one that the dump names. Raises BadInput."""
+    """Return the compiled follower of a start: that of `robot`,
+    or of the shipped one that the dump names. Raises BadInput."""
     name = robot or start.robot
     if not name:
         raise BadInput(f"{where}: it does not name its robot; give --robot")

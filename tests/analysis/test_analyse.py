@@ -1,4 +1,5 @@
-"""`noslip analyse` and what it rests on: det Phi, normal forms, zero dynamics and starts, against the robots' own numbers."""
+"""`noslip analyse` and what it rests on: det Phi, normal forms, zero dynamics and starts,
+against the robots' own numbers."""
 
 import dataclasses
 import json
@@ -40,7 +41,8 @@ NORMAL_OR_FLAT = f"{NORMAL}, or the gradient of the distance vanishes at P_l"  #
 
 
 class Numbers:
-    """The linearization behind a form at random states and parameters, by CasADi: nothing of the exact half is used."""
+    """The linearization behind a form at random states and parameters, by CasADi:
+    nothing of the exact half is used."""
 
     def __init__(self, form: NormalForm):
         self.linearization, self.form = form.decoupling.linearization, form
@@ -91,7 +93,9 @@ class Numbers:
 @pytest.fixture(scope="module")
 def forms(answer) -> dict[str, NormalForm]:
     system = system_of(find_robot("labmate"))
-    return answer.outputs | {law: normal_form(decouple(linearize(system, output_map(system, law)))) for law in OFFSET_LAWS}
+    return answer.outputs | {
+        law: normal_form(decouple(linearize(system, output_map(system, law)))) for law in OFFSET_LAWS
+    }
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +109,7 @@ def outputs(forms, answer) -> dict[str, dict]:
     return as_json(dataclasses.replace(answer, outputs=forms))["outputs"]
 
 
-# -- det Phi ------------------------------------------------------------------------------------------------------------
+# -- det Phi -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("law", LAWS + OFFSET_LAWS)
@@ -133,10 +137,14 @@ def test_det_as_in_the_table_of_the_paper(forms, outputs):
 
 
 def test_det_is_written_in_factors(forms, outputs):
-    """The lever is a factor; a gradient is written out where that is short, and told apart where it is not."""
+    """The lever is a factor; a gradient is written out where that is short,
+    and told apart where it is not."""
     for law in ("type_i", *PATHS):
         det = forms[law].decoupling.det_for_people
-        assert any(str(part) in ("L + d", "-L - d") for part in sp.Mul.make_args(det)) and sp.count_ops(det) <= 30
+        assert (
+            any(str(part) in ("L + d", "-L - d") for part in sp.Mul.make_args(det))
+            and sp.count_ops(det) <= 30
+        )
     names = {law: {s.name for s in forms[law].decoupling.det_for_people.free_symbols} for law in PATHS}
     assert all(("n_x" in used) == (law in PATHS[2:]) for law, used in names.items())
     assert {"n_x", "n_y", "x_l", "y_l", "b_ellipse"} == set(outputs["type_iv_ellipse"]["where"])
@@ -156,7 +164,7 @@ def test_the_short_det_is_the_long_one(forms, outputs, law):
         assert abs(float(short.subs(values)) - numbers.det(at)) < 1e-11
 
 
-# -- where it vanishes --------------------------------------------------------------------------------------------------
+# -- where it vanishes ---------------------------------------------------------------------------------------
 
 WORDS = {
     "type_i": [AXLE],
@@ -175,7 +183,8 @@ def test_words(forms, law):
 
 
 def heading_normal(numbers: Numbers, at: np.ndarray, arm: complex = 1.0) -> np.ndarray:
-    """The same with P_l where it is, and the vehicle turned about it until `arm`, given in its frame, is along the gradient."""
+    """The same with P_l where it is, and the vehicle turned about it until `arm`, given in its frame,
+    is along the gradient."""
     through = numbers.linearization.output.rows[0].through
     x_l, y_l = numbers(through.inner, at)[:, 0]
     gradient = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, ca.DM([x_l, y_l]))
@@ -200,7 +209,9 @@ def test_phi_is_singular_where_it_is_said(forms, law):
                 NORMAL_OR_FLAT: lambda at: heading_normal(numbers, at),
                 WORDS["type_ii"][0]: lambda at: numbers.set(at, phi=-math.pi / 2),
                 WORDS["type_iii"][0]: lambda at: numbers.set(at, phi=math.pi),
-                WORDS["type_iv_circle_offset"][0]: lambda at, arm=L + d + 1j * W: heading_normal(numbers, at, arm),
+                WORDS["type_iv_circle_offset"][0]: lambda at, arm=L + d + 1j * W: heading_normal(
+                    numbers, at, arm
+                ),
             }[words](at)
             assert abs(numbers.det(there)) < 1e-13
 
@@ -213,7 +224,7 @@ def test_where_det_has_no_value(forms):
     assert zero == 0 and not forms["type_iv_line"].decoupling.undefined
 
 
-# -- normal form --------------------------------------------------------------------------------------------------------
+# -- normal form ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -240,26 +251,46 @@ def test_what_moves_uncontrolled(forms, law):
     linearization, q = numbers.linearization, [c.name for c in numbers.system.mechanism.coordinates]
     decoupling = form.decoupling
     assert list(form.equations) == [str(name) for name in form.charts[0].kept]
-    parts = {(name, w): rate.coeff(sp.Symbol(w)) for name, rate in form.equations.items() for w in numbers.driving}
+    parts = {
+        (name, w): rate.coeff(sp.Symbol(w)) for name, rate in form.equations.items() for w in numbers.driving
+    }
     parts = {key: str(decoupling.in_coordinates(decoupling.written_out(part))) for key, part in parts.items()}
     for at in numbers.states(10):
         own, h = numbers(numbers.system.qdot, at)[:, 0], numbers(linearization.h, at)[:, 0]
         speeds = iter(numbers(linearization.rate, at)[:, 0])
-        w = [next(speeds) if degree == 2 else y for y, degree in zip(h, linearization.relative_degree, strict=True)]
+        w = [
+            next(speeds) if degree == 2 else y
+            for y, degree in zip(h, linearization.relative_degree, strict=True)
+        ]
         for name in form.equations:
-            rate = sum(numbers.formula(parts[name, k], at) * value for k, value in zip(numbers.driving, w, strict=True))
+            rate = sum(
+                numbers.formula(parts[name, k], at) * value
+                for k, value in zip(numbers.driving, w, strict=True)
+            )
             assert abs(rate - own[q.index(name)]) < 1e-9
 
 
 def test_zero_dynamics(forms):
     """All relative degrees 2: m dimensions; with a degree 1 one more. All stand still."""
-    assert [forms[law].dimension for law in ("type_i", "type_ii", "type_iii", *PATHS)] == [3, 3, 3, 4, 4, 4, 4]
+    assert [forms[law].dimension for law in ("type_i", "type_ii", "type_iii", *PATHS)] == [
+        3,
+        3,
+        3,
+        4,
+        4,
+        4,
+        4,
+    ]
     for law in LAWS:
-        assert forms[law].zero_dynamics == "z3' = 0" and forms[law].stability == "Lagrange stable, not asymptotically stable"
+        assert (
+            forms[law].zero_dynamics == "z3' = 0"
+            and forms[law].stability == "Lagrange stable, not asymptotically stable"
+        )
 
 
 def along_outputs(numbers: Numbers, expression: ca.SX, at: np.ndarray, rates: list[float]) -> float:
-    """The rate of an expression in q when rates and speeds of the outputs are `rates`: q' = S Phi^-1 rates."""
+    """The rate of an expression in q when rates and speeds of the outputs are `rates`:
+    q' = S Phi^-1 rates."""
     S, Phi = numbers(numbers.system.S, at), numbers(numbers.linearization.Phi, at)
     gradient = numbers(ca.jacobian(expression, numbers.system.mechanism.q), at)
     return float((gradient @ S @ np.linalg.solve(Phi, rates))[0])
@@ -267,7 +298,8 @@ def along_outputs(numbers: Numbers, expression: ca.SX, at: np.ndarray, rates: li
 
 @pytest.mark.parametrize("law", PATHS)
 def test_the_heading_along_a_path(forms, law):
-    """l s' = -V (s - l chi) on the robot's own equations, chi the curvature of the distance's level through P_l."""
+    """l s' = -V (s - l chi) on the robot's own equations, chi the curvature of the distance's level through
+    P_l."""
     numbers, (moving,) = Numbers(forms[law]), forms[law].moving
     assert moving.stable_when == "V*(L + d) > 0" and str(moving.rate) == "-V/(L + d)"
     through = numbers.linearization.output.rows[0].through
@@ -291,13 +323,15 @@ def test_the_heading_along_a_path(forms, law):
 
 
 def test_a_constant_heading_error_stands_for_the_linearization(forms):
-    """With P_l aside, about driving along a line: the derivative of the heading's rate by the heading is -V/(L + d)."""
+    """With P_l aside, about driving along a line: the derivative of the heading's rate by the heading is
+    -V/(L + d)."""
     numbers, (moving,) = Numbers(forms["type_iv_line_offset"]), forms["type_iv_line_offset"].moving
     for at in numbers.states(5):
         A, B, V, step = *numbers.get(at, "A", "B"), 0.8, 1e-5
         along = math.atan2(-A, B)
         rates = [
-            along_outputs(numbers, numbers.system.mechanism.q[2], numbers.set(at, phi=along + e), [0.0, V]) for e in (-step, step)
+            along_outputs(numbers, numbers.system.mechanism.q[2], numbers.set(at, phi=along + e), [0.0, V])
+            for e in (-step, step)
         ]
         assert abs((rates[1] - rates[0]) / (2 * step) + V / sum(numbers.get(at, "L", "d"))) < 1e-6
         assert abs(sum(rates)) < 1e-6
@@ -311,8 +345,12 @@ def test_the_heading_behind_a_point(forms, law):
     assert moving.equation == "(L + d)*phi' = V*sin(psi - phi)" and moving.stable_when == "L + d > 0"
     for k, at in enumerate(numbers.states(10)):
         V, psi = 0.9, 0.7 * k
-        rate = along_outputs(numbers, numbers.system.mechanism.q[2], at, [V * math.cos(psi), V * math.sin(psi)])
-        assert abs(sum(numbers.get(at, "L", "d")) * rate - V * math.sin(psi - numbers.get(at, "phi")[0])) < 1e-10
+        rate = along_outputs(
+            numbers, numbers.system.mechanism.q[2], at, [V * math.cos(psi), V * math.sin(psi)]
+        )
+        assert (
+            abs(sum(numbers.get(at, "L", "d")) * rate - V * math.sin(psi - numbers.get(at, "phi")[0])) < 1e-10
+        )
 
 
 def test_a_held_heading_lets_the_other_coordinate_drift(forms):
@@ -325,7 +363,7 @@ def test_a_held_heading_lets_the_other_coordinate_drift(forms):
         assert abs(rate - 0.6 * math.tan(numbers.get(at, "phi")[0])) < 1e-10
 
 
-# -- other robots and outputs -------------------------------------------------------------------------------------------
+# -- other robots and outputs --------------------------------------------------------------------------------
 
 
 def form_of(system, output: OutputMap) -> NormalForm:
@@ -335,7 +373,9 @@ def form_of(system, output: OutputMap) -> NormalForm:
 def test_a_unicycle_has_its_point_on_the_axle():
     system = reduce(unicycle())
     form = form_of(system, output_map(system, "type_iv_line"))
-    assert [str(c.formula) for c in form.decoupling.conditions][0] == "L" and form.moving[0].stable_when == "L*V > 0"
+    assert [str(c.formula) for c in form.decoupling.conditions][0] == "L" and form.moving[
+        0
+    ].stable_when == "L*V > 0"
     numbers = Numbers(form)
     for at in numbers.states(5):
         det = form.decoupling.det_in_full
@@ -346,8 +386,14 @@ def test_an_implicit_path_with_a_sine():
     """The wave's curvature is not constant: s follows it."""
     system = reduce(unicycle())
     s, w = config("s", 0.7, "m", "height", "positive"), config("w", 1.3, "m", "length", "positive")
-    form = form_of(system, type_iv(system, implicit("wave", "wave", (s, w), lambda x, y: y - s.symbol * ca.sin(x / w.symbol))))
-    assert [c.words for c in form.decoupling.conditions] == [AXLE, NORMAL_OR_FLAT] and "follows L*chi" in form.moving[0].settles
+    form = form_of(
+        system,
+        type_iv(system, implicit("wave", "wave", (s, w), lambda x, y: y - s.symbol * ca.sin(x / w.symbol))),
+    )
+    assert [c.words for c in form.decoupling.conditions] == [
+        AXLE,
+        NORMAL_OR_FLAT,
+    ] and "follows L*chi" in form.moving[0].settles
     numbers = Numbers(form)
     for at in numbers.states(5):
         assert abs(numbers.formula(str(form.decoupling.det_in_full), at) - numbers.det(at)) < 1e-11
@@ -357,8 +403,13 @@ def test_distance_and_yaw_rate():
     """Another pairing: singular along the path; no rule for a moving reference is made up."""
     system = reduce(unicycle())
     path, point = line(), body_point()
-    rows = (at_point(system, point, "distance", "distance", path.distance), OutputRow("turn", "rad/s", "yaw rate", system.nu[1]))
-    form = form_of(system, OutputMap("spin", "distance and yaw rate", rows, (*point, *path.parameters), (), path))
+    rows = (
+        at_point(system, point, "distance", "distance", path.distance),
+        OutputRow("turn", "rad/s", "yaw rate", system.nu[1]),
+    )
+    form = form_of(
+        system, OutputMap("spin", "distance and yaw rate", rows, (*point, *path.parameters), (), path)
+    )
     (condition,) = form.decoupling.conditions
     assert condition.words == "the heading is along the path" and condition.confirmed and form.moving == ()
 
@@ -369,15 +420,25 @@ def test_general_outputs_have_formulas():
     x, y, heading = ca.vertsplit(system.mechanism.q)
     form = form_of(
         system,
-        OutputMap("area", "x y and heading", (OutputRow("xy", "m^2", "x y", x * y), OutputRow("turn", "rad", "h", heading))),
+        OutputMap(
+            "area",
+            "x y and heading",
+            (OutputRow("xy", "m^2", "x y", x * y), OutputRow("turn", "rad", "h", heading)),
+        ),
     )
     numbers, conditions = Numbers(form), form.decoupling.conditions
     assert [c.words for c in conditions] == [""] and all(c.confirmed for c in conditions)
     for at in numbers.states(10):
         assert abs(numbers.formula(str(conditions[0].formula), at)) - abs(numbers.det(at)) < 1e-12
-    drift = (OutputRow("a", "m/s", "speed and x", forward_speed(system) + x), OutputRow("b", "rad/s", "turn", system.nu[1]))
+    drift = (
+        OutputRow("a", "m/s", "speed and x", forward_speed(system) + x),
+        OutputRow("b", "rad/s", "turn", system.nu[1]),
+    )
     form = form_of(system, OutputMap("drift", "speeds", drift))
-    assert form.zero_dynamics == "x' = -x*cos(heading), y' = -x*sin(heading), heading' = 0" and form.stability == "not decided"
+    assert (
+        form.zero_dynamics == "x' = -x*cos(heading), y' = -x*sin(heading), heading' = 0"
+        and form.stability == "not decided"
+    )
 
 
 def test_an_arm_has_three_quasi_velocities_and_no_types():
@@ -392,7 +453,7 @@ def test_names_of_robot_and_path_are_kept_apart(outputs):
     assert "b_ellipse" in ellipse["det"] and "b of the output map" in ellipse["where"]["b_ellipse"]
 
 
-# -- the command --------------------------------------------------------------------------------------------------------
+# -- the command ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -422,7 +483,9 @@ def ask(argv: list[str], capsys, code: int = 0) -> dict:
 def test_json_of_the_labmate(capsys):
     data = ask(["labmate"], capsys)
     counts = [data[key] for key in ("coordinates", "constraints", "holonomic", "nonholonomic")]
-    assert counts == [5, 3, 1, 2] and data["growth"] == [2, 3, 4] and data["input_state_linearizable"] is False
+    assert (
+        counts == [5, 3, 1, 2] and data["growth"] == [2, 3, 4] and data["input_state_linearizable"] is False
+    )
     (integral,) = data["integrals"]
     left, right = integral.split(" = ")
     difference = sp.sympify(f"{left} - ({right.removesuffix(' + const')})")
@@ -432,14 +495,19 @@ def test_json_of_the_labmate(capsys):
     assert tuple(data["outputs"]) == LAWS and data["refused"] == {} and data["starts"] == {}
     for law, output in data["outputs"].items():
         assert output["relative_degree"] == ([2, 1] if law in PATHS else [2, 2])
-        assert all(isinstance(output[key], str) and output[key] for key in ("det", "singular_when", "zero_dynamics"))
+        assert all(
+            isinstance(output[key], str) and output[key] for key in ("det", "singular_when", "zero_dynamics")
+        )
     assert data["outputs"]["type_i"]["moving_reference"][0]["lever_default"] == pytest.approx(0.3)
 
 
 def test_text_of_the_labmate(answer):
     written = as_text(answer)
     assert "3 in 5 coordinates, 1 holonomic, 2 nonholonomic" in written and "(2, 3, 4) of 5" in written
-    assert f"{NORMAL} (A*sin(phi) - B*cos(phi) = 0)" in written and "stable if and only if V*(L + d) > 0" in written
+    assert (
+        f"{NORMAL} (A*sin(phi) - B*cos(phi) = 0)" in written
+        and "stable if and only if V*(L + d) > 0" in written
+    )
     assert max(map(len, written.splitlines())) <= WIDTH and all(law in written for law in LAWS)
 
 
@@ -453,11 +521,16 @@ def test_kinematics_and_contacts_in_a_file(system_file, capsys):
         ("egg", [2, 3, 5], 0),
     ):
         data = ask([f"{system_file}:{name}"], capsys)
-        assert (data["growth"], data["holonomic"], data["outputs"]) == (growth, k, {}) and "no inputs" in data["no_outputs"]
+        assert (data["growth"], data["holonomic"], data["outputs"]) == (
+            growth,
+            k,
+            {},
+        ) and "no inputs" in data["no_outputs"]
 
 
 def test_the_uncontrolled_coordinate_fits_the_line(forms):
-    """On the line y = c (A = 0) it is x_c that moves freely: A, the derivative of the distance by x, vanishes there."""
+    """On the line y = c (A = 0) it is x_c that moves freely: A, the derivative of the distance by x,
+    vanishes there."""
     assert uncontrolled(forms["type_iv_line"]).startswith(
         "y_c, phi, theta_r, theta_l where A != 0, else x_c, phi, theta_r, theta_l:"
     )
@@ -480,14 +553,21 @@ def test_an_underactuated_robot_in_text_page_and_json(system_file, tmp_path, cap
 
 @pytest.mark.nightly
 def test_what_takes_too_much_is_not_decided(monkeypatch):
-    """The bound is a number of terms, the same on every machine: of the constraints a line on stderr, of an output a reason."""
+    """The bound is a number of terms, the same on every machine: of the constraints a line on stderr,
+    of an output a reason."""
     reports: list[tuple[float, float, str]] = []
     robot = find_robot.__wrapped__("car")
     whole = analyse(robot, progress=lambda *report: reports.append(report))
-    done = [count for count, total, of in reports if (total, of) == (functions.WORK, "terms at most for the constraints")]
+    done = [
+        count
+        for count, total, of in reports
+        if (total, of) == (functions.WORK, "terms at most for the constraints")
+    ]
     assert whole.outputs and len(done) > 100 and done == sorted(done)
     monkeypatch.setattr(functions, "WORK", 1000)
-    with pytest.raises(ModelError, match=r"^car: not decided within 1,000 terms of polynomials; write the system in simpler"):
+    with pytest.raises(
+        ModelError, match=r"^car: not decided within 1,000 terms of polynomials; write the system in simpler"
+    ):
         analyse(find_robot.__wrapped__("car"))
     with pytest.raises(ModelError, match=r"not decided within 1,000 terms"):
         _form.__wrapped__(system_of(robot), "type_iv_circle")
@@ -501,22 +581,32 @@ def test_only_some_outputs(capsys):
 @pytest.mark.nightly
 def test_report_is_one_page(tmp_path, capsys, answer, start):
     page, out = tmp_path / "page.html", tmp_path / "answer.txt"
-    assert main(["analyse", "labmate", "--start", start("line.toml"), "--report", str(page), "-o", str(out)]) == 0
+    assert (
+        main(["analyse", "labmate", "--start", start("line.toml"), "--report", str(page), "-o", str(out)])
+        == 0
+    )
     assert capsys.readouterr().out == "" and "safe: " in out.read_text()
     written = page.read_text()
     assert not re.search(r"(src|href)=|@import|url\(", written) and written.count("http") == written.count(
         'xmlns="http://www.w3.org/2000/svg"'
     )
-    formulas, drawings = (re.findall(rf"<{tag}[ >].*?</{tag}>", written, re.DOTALL) for tag in ("math", "svg"))
+    formulas, drawings = (
+        re.findall(rf"<{tag}[ >].*?</{tag}>", written, re.DOTALL) for tag in ("math", "svg")
+    )
     for part in (*formulas, *drawings):
         xml.dom.minidom.parseString(part)
-    assert len(drawings) == 2 and all(f">{name}</text>" in drawings[0] for name in ("s1", "[s1,[s1,s2]]", "holonomic"))
+    assert len(drawings) == 2 and all(
+        f">{name}</text>" in drawings[0] for name in ("s1", "[s1,[s1,s2]]", "holonomic")
+    )
     assert all(f"<code>{law}</code>" in written for law in LAWS)
 
 
 def test_report_of_what_has_no_outputs():
     contact = RollingContact(sphere(ca.SX.sym("R")), plane())
-    for system, phrase in ((kinematic_systems.pendulum(), "1 holonomic, 0 nonholonomic"), (contact, "both Gaussian curvatures")):
+    for system, phrase in (
+        (kinematic_systems.pendulum(), "1 holonomic, 0 nonholonomic"),
+        (contact, "both Gaussian curvatures"),
+    ):
         assert phrase in report(analyse(system))
 
 
@@ -539,7 +629,7 @@ def test_bad_input(bad_input, system_file, arguments, message):
     assert message in bad_input(["analyse", *filled])
 
 
-# -- starts -------------------------------------------------------------------------------------------------------------
+# -- starts --------------------------------------------------------------------------------------------------
 
 START = """robot = "labmate"
 gains = {{ kp = 1.0, kd = 2.5, kv = 2.0 }}
@@ -552,7 +642,13 @@ simulation = {{ duration = 3.0, period = {period} }}
 
 @pytest.fixture
 def start(tmp_path):
-    def start(name: str, offset: float = 1.0, heading: float = math.pi / 4, period: float = 0.0, speed: float = 1.414) -> str:
+    def start(
+        name: str,
+        offset: float = 1.0,
+        heading: float = math.pi / 4,
+        period: float = 0.0,
+        speed: float = 1.414,
+    ) -> str:
         file = tmp_path / name
         file.write_text(START.format(y=offset * math.sqrt(2), heading=heading, period=period, speed=speed))
         return str(file)
@@ -565,11 +661,21 @@ def test_starts_on_the_command_line(start, capsys, bad_input):
     safe, wide, sampled = start("safe.toml"), start("wide.toml", 5.0), start("sampled.toml", period=0.01)
     starts = ask(["labmate", "--output", "type_i", "--start", safe, "--start", sampled], capsys)["starts"]
     for file in (safe, sampled):
-        assert starts[file]["verdict"] == "safe" and starts[file]["t"] is None and 0 < starts[file]["margin"] < 1
+        assert (
+            starts[file]["verdict"] == "safe" and starts[file]["t"] is None and 0 < starts[file]["margin"] < 1
+        )
     data = ask(["labmate", "--output", "type_i", "--start", wide], capsys, code=1)
-    assert data["verdict"] == "singular" and abs(data["t"] - 0.845) < 1e-3 and data["starts"][wide]["t"] == data["t"]
-    assert main(["analyse", "labmate", "--start", wide]) == 1 and "will be singular: " in capsys.readouterr().out
-    assert "singular at the start" in bad_input(["analyse", "labmate", "--start", start("normal.toml", heading=-math.pi / 4)])
+    assert (
+        data["verdict"] == "singular"
+        and abs(data["t"] - 0.845) < 1e-3
+        and data["starts"][wide]["t"] == data["t"]
+    )
+    assert (
+        main(["analyse", "labmate", "--start", wide]) == 1 and "will be singular: " in capsys.readouterr().out
+    )
+    assert "singular at the start" in bad_input(
+        ["analyse", "labmate", "--start", start("normal.toml", heading=-math.pi / 4)]
+    )
 
 
 def same_times(*courses: np.ndarray) -> list[np.ndarray]:
@@ -580,7 +686,8 @@ def same_times(*courses: np.ndarray) -> list[np.ndarray]:
     return [course[1][np.searchsorted(tick, common)] for course, tick in zip(courses, ticks, strict=True)]
 
 
-ARC = {"x_s": 30.0, "y_s": 20.0, "direction": math.pi / 2, "curvature": 0.1}  # on the circle of CIRCLE, leftwards
+# On the circle of CIRCLE, leftwards
+ARC = {"x_s": 30.0, "y_s": 20.0, "direction": math.pi / 2, "curvature": 0.1}
 
 
 @pytest.mark.nightly
@@ -613,18 +720,24 @@ def test_reversing_with_the_point_behind_is_driving_forward_with_it_ahead(offset
 
 
 def test_an_equilibrium_that_is_not_stable_is_called_so(start):
-    """On the path and along it with L + d behind the axle's side: nothing moves, but nothing holds it there either."""
+    """On the path and along it with L + d behind the axle's side: nothing moves,
+    but nothing holds it there either."""
     file = start("reverse.toml", offset=0.0, speed=-1.414)
     verdict = start_verdict("labmate", file)
     assert verdict.kind == "unstable equilibrium" and verdict.t is None
-    turned = start_verdict("labmate", start("turned.toml", offset=0.0, heading=math.pi / 4 + 0.01, speed=-1.414))
+    turned = start_verdict(
+        "labmate", start("turned.toml", offset=0.0, heading=math.pi / 4 + 0.01, speed=-1.414)
+    )
     assert turned.kind == "singular" and turned.t > 0.5
 
 
 @pytest.mark.nightly
 def test_a_course_is_what_the_run_does():
     spec = beside_line(1.0, 1.414)
-    verdict, run = certify(make_loop(spec), spec), simulate(changed(spec, simulation={"backend": "casadi", "duration": 2.0}))
+    verdict, run = (
+        certify(make_loop(spec), spec),
+        simulate(changed(spec, simulation={"backend": "casadi", "duration": 2.0})),
+    )
     normal = np.array([1.0, -1.0]) / math.sqrt(2)
     s = np.cos(run.q[:, 2]) * normal[0] + np.sin(run.q[:, 2]) * normal[1]
     assert np.abs(np.subtract(*same_times(verdict.course, np.array([run.t, s])))).max() < 1e-6
@@ -647,17 +760,21 @@ x, y, phi = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordi
 right, left = robot.coordinate("right", "rad"), robot.coordinate("left", "rad")
 turns = [robot.coordinate(f"turn_{k}", "rad") for k in (1, 2)]
 rolls = [robot.coordinate(f"roll_{k}", "rad") for k in (1, 2)]
-m, I, J = robot.parameter("m", 30.0, "kg"), robot.parameter("I", 5.0, "kg m^2"), robot.parameter("J", 0.01, "kg m^2")
-b, r, e, r_c = (robot.parameter(name, value, "m") for name, value in (("b", 0.3), ("r", 0.1), ("e", 0.04), ("r_c", 0.05)))
+m, I, J = robot.parameter("m", 30.0, "kg"), robot.parameter("I", 5.0, "kg m^2"), robot.parameter("J", 0.01, \
+"kg m^2")
+b, r, e, r_c = (robot.parameter(name, value, "m") for name, value in (("b", 0.3), ("r", 0.1), ("e", 0.04), \
+("r_c", 0.05)))
 ahead, aside = robot.parameter("ahead", 0.5, "m"), robot.parameter("aside", 0.2, "m")
 I_k = robot.parameter("I_k", 0.002, "kg m^2")
 
 def along(velocity, angle):
-    return velocity[0] * cos(angle) + velocity[1] * sin(angle), velocity[1] * cos(angle) - velocity[0] * sin(angle)
+    return velocity[0] * cos(angle) + velocity[1] * sin(angle), velocity[1] * cos(angle) - velocity[0] * \
+sin(angle)
 
 rate = robot.rate
 forward, sideways = along((rate(x), rate(y)), phi)
-robot.kinetic_energy((m * (forward**2 + sideways**2) + I * rate(phi) ** 2 + J * (rate(right) ** 2 + rate(left) ** 2)) / 2)
+robot.kinetic_energy((m * (forward**2 + sideways**2) + I * rate(phi) ** 2 + J * (rate(right) ** 2 + \
+rate(left) ** 2)) / 2)
 robot.rolls("no side slip", sideways)
 robot.rolls("right wheel", forward + b * rate(phi) - r * rate(right))
 robot.rolls("left wheel", forward - b * rate(phi) - r * rate(left))
@@ -681,8 +798,8 @@ robot.moves_in_plane(x, y, phi)
 
 @pytest.mark.nightly
 def test_castors_that_are_modelled_change_what_is_reached_not_the_outputs(tmp_path, capsys):
-    """Nine coordinates, seven constraints: only the heading by the wheels' angles is an integral, as for the platform alone, and
-    Types I to IV are those of a unicycle."""
+    """Nine coordinates, seven constraints: only the heading by the wheels' angles is an integral, as for the
+    platform alone, and Types I to IV are those of a unicycle."""
     (tmp_path / "castors.py").write_text(CASTORS)
     assert main(["analyse", f"{tmp_path / 'castors.py'}:robot", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -1,7 +1,8 @@
-"""Logs that are broken at random: what `calibrate` and `identify` answer lies within four deviations, or they refuse and say why.
+"""Logs that are broken at random: what `calibrate` and `identify` answer lies within four deviations, or they
+refuse and say why.
 
-Motions are made by hand, of a platform with two driven wheels and of a car: other numbers, paths, periods and noise in each log.
-Of some faults nothing is lost, so that the log must be answered.
+Motions are made by hand, of a platform with two driven wheels and of a car: other numbers, paths, periods and
+noise in each log. Of some faults nothing is lost, so that the log must be answered.
 """
 
 import contextlib
@@ -24,10 +25,12 @@ TURN = 2 * math.pi
 NIGHT = 8  # logs of each fault
 
 
-# -- motions ---------------------------------------------------------------------------------------------------------------
+# -- motions -------------------------------------------------------------------------------------------------
 
 
-def path(random: np.random.Generator, t: np.ndarray, fastest: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
+def path(
+    random: np.random.Generator, t: np.ndarray, fastest: float, sharpest: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Speed (m/s) and curvature (1/m) over time: a circle, an eight, a winding path, or with stops."""
     kind, a, b, c = random.integers(4), *random.uniform(0.3, 1.2, 3)
     speed = fastest * (0.6 + 0.3 * np.sin(a * t + 6 * b))
@@ -61,10 +64,13 @@ def driven(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
         length = 2.6 * size
         speed, curvature = path(random, t, 3.0, 0.2)
         delta = np.arctan(length * np.convolve(curvature, np.ones(15) / 15, "same"))
-        fine = np.interp(np.arange(16 * (len(t) - 1) + 1) / 16, np.arange(len(t)), t)  # between rows angles are linear
+        # Between rows angles are linear
+        fine = np.interp(np.arange(16 * (len(t) - 1) + 1) / 16, np.arange(len(t)), t)
         middle = np.interp((fine + fine[1] / 2)[:-1], t, delta)
         v = np.repeat(speed[:-1], 16)
-        pose = moved(fine, np.append(v, 0), np.append(v * np.tan(middle) / length, 0), random.uniform(-3, 3))[::16]
+        pose = moved(fine, np.append(v, 0), np.append(v * np.tan(middle) / length, 0), random.uniform(-3, 3))[
+            ::16
+        ]
         r *= 2
         rates = {"theta": speed / r}
         names, options, true = ("x", "y", "phi"), ["car"], {"r": r, "l": length}
@@ -80,7 +86,10 @@ def driven(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
 def accelerations(of: str, p: dict[str, float]) -> Callable[[np.ndarray, np.ndarray, float], np.ndarray]:
     """The equations of motion by hand: (rates, torques, steering angle) -> derivatives of the rates."""
     if of == "labmate":  # the platform turns about its axle; the masses of the wheels as points
-        m, J = p["m_c"] + 2 * p["m_w"], p["I_c"] + 2 * p["I_m"] + p["m_c"] * p["d"] ** 2 + 2 * p["m_w"] * p["b"] ** 2
+        m, J = (
+            p["m_c"] + 2 * p["m_w"],
+            p["I_c"] + 2 * p["I_m"] + p["m_c"] * p["d"] ** 2 + 2 * p["m_w"] * p["b"] ** 2,
+        )
         r, b = p["r"], p["b"]
 
         def platform(nu: np.ndarray, tau: np.ndarray, _: float) -> np.ndarray:
@@ -96,13 +105,27 @@ def accelerations(of: str, p: dict[str, float]) -> Callable[[np.ndarray, np.ndar
         k = p["r"] * math.tan(delta) / p["l"]  # turning per rate of the wheel
         kdot = p["r"] / p["l"] / math.cos(delta) ** 2 * nu[1]
         turned = p["m"] * p["c"] ** 2 + p["I_c"]
-        A = np.array([[p["m"] * p["r"] ** 2 + p["I_w"] + (turned + p["I_s"]) * k**2, p["I_s"] * k], [p["I_s"] * k, p["I_s"]]])
+        A = np.array(
+            [
+                [p["m"] * p["r"] ** 2 + p["I_w"] + (turned + p["I_s"]) * k**2, p["I_s"] * k],
+                [p["I_s"] * k, p["I_s"]],
+            ]
+        )
         return np.linalg.solve(A, tau - np.array([(turned + p["I_s"]) * k, p["I_s"]]) * kdot * nu[0])
 
     return car
 
 
-LABMATE = {"b": 0.36, "d": 0.3, "r": 0.15, "m_c": 30.0, "m_w": 1.0, "I_c": 15.625, "I_w": 0.005, "I_m": 0.0025}
+LABMATE = {
+    "b": 0.36,
+    "d": 0.3,
+    "r": 0.15,
+    "m_c": 30.0,
+    "m_w": 1.0,
+    "I_c": 15.625,
+    "I_w": 0.005,
+    "I_m": 0.0025,
+}
 CAR = {"m": 1200.0, "l": 2.6, "c": 1.3, "r": 0.3, "I_c": 1800.0, "I_s": 4.0, "I_w": 3.0}
 
 
@@ -114,11 +137,22 @@ def pushed(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
     a, b, c, e, f, g = random.uniform(0.7, 1.5, 6)
     if of == "labmate":
         p = LABMATE | {"m_c": random.uniform(20, 60), "I_c": random.uniform(5, 20)}
-        push, steer = 3 * a * np.sin(1.3 * b * t) + 1.5 * np.sign(np.sin(0.8 * e * t)), 2 * c * np.sin(2.1 * f * t)
-        tau, nu, fitted, noise = np.column_stack([push + steer, push - steer]), np.array([3.0, 2.8]), ("m_c", "I_c"), 0.02
+        push, steer = (
+            3 * a * np.sin(1.3 * b * t) + 1.5 * np.sign(np.sin(0.8 * e * t)),
+            2 * c * np.sin(2.1 * f * t),
+        )
+        tau, nu, fitted, noise = (
+            np.column_stack([push + steer, push - steer]),
+            np.array([3.0, 2.8]),
+            ("m_c", "I_c"),
+            0.02,
+        )
     else:
         p = CAR | {"m": random.uniform(800, 1600), "I_c": random.uniform(1200, 2400)}
-        drive, steer = 500 * a * np.sin(0.9 * b * t) + 200 * np.sign(np.sin(0.7 * e * t)), 6 * np.cos(1.5 * f * t)
+        drive, steer = (
+            500 * a * np.sin(0.9 * b * t) + 200 * np.sign(np.sin(0.7 * e * t)),
+            6 * np.cos(1.5 * f * t),
+        )
         tau, nu, fitted, noise = np.column_stack([drive, steer]), np.array([25.0, 0.0]), ("m", "I_c"), 0.02
     rate, state, log = accelerations(of, p), np.array([*nu, 0.0]), []
 
@@ -137,7 +171,9 @@ def pushed(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
     true = {name: p[name] for name in fitted}
     given = [each for name, value in p.items() if name not in fitted for each in ("--set", f"{name}={value}")]
     names, taus = (
-        (("thetadot_r", "thetadot_l"), ("tau_r", "tau_l")) if of == "labmate" else (("thetadot", "deltadot"), ("tau_d", "tau_s"))
+        (("thetadot_r", "thetadot_l"), ("tau_r", "tau_l"))
+        if of == "labmate"
+        else (("thetadot", "deltadot"), ("tau_d", "tau_s"))
     )
     columns = {"t": t, **dict(zip((*names, *taus), np.hstack([noisy, tau]).T, strict=True))}
     if of == "car":
@@ -145,7 +181,7 @@ def pushed(random: np.random.Generator) -> tuple[list[str], dict[str, float], Co
     return ["identify", "--robot", of, "--fit", *true, *given], true, columns
 
 
-# -- faults ----------------------------------------------------------------------------------------------------------------
+# -- faults --------------------------------------------------------------------------------------------------
 
 
 def of_kind(c: Columns, kind: str) -> list[str]:
@@ -161,7 +197,9 @@ def of_kind(c: Columns, kind: str) -> list[str]:
     return [name for name in c if name in kinds[kind]]
 
 
-def each(kind: str, change: Callable[[np.ndarray, np.random.Generator], np.ndarray], single: bool = False) -> Change:
+def each(
+    kind: str, change: Callable[[np.ndarray, np.random.Generator], np.ndarray], single: bool = False
+) -> Change:
     """Change columns of a kind, all or one of them at random."""
 
     def changed(c: Columns, random: np.random.Generator) -> Columns:
@@ -174,13 +212,19 @@ def each(kind: str, change: Callable[[np.ndarray, np.random.Generator], np.ndarr
 
 def rows(choose: Callable[[int, np.random.Generator], np.ndarray]) -> Change:
     """Keep the rows that are chosen, of a number of rows."""
-    return lambda c, random: (lambda kept: {name: v[kept] for name, v in c.items()})(choose(len(c["t"]), random))
+    return lambda c, random: (lambda kept: {name: v[kept] for name, v in c.items()})(
+        choose(len(c["t"]), random)
+    )
 
 
 def swap(kind: str) -> Change:
     def swapped(c: Columns, _: np.random.Generator) -> Columns | None:
         names = of_kind(c, kind)[:2]
-        return {**c, **dict(zip(names, (c[name] for name in reversed(names)), strict=True))} if len(names) == 2 else None
+        return (
+            {**c, **dict(zip(names, (c[name] for name in reversed(names)), strict=True))}
+            if len(names) == 2
+            else None
+        )
 
     return swapped
 
@@ -203,7 +247,11 @@ def spiked(most: int, size: float) -> Callable[[np.ndarray, np.random.Generator]
 
 def stepped(size: float) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
     return lambda v, random: (
-        v + size * random.choice([-1, 1]) * random.uniform(0.3, 1) * (np.arange(len(v)) > random.uniform(0.1, 0.9) * len(v))
+        v
+        + size
+        * random.choice([-1, 1])
+        * random.uniform(0.3, 1)
+        * (np.arange(len(v)) > random.uniform(0.1, 0.9) * len(v))
     )
 
 
@@ -249,14 +297,19 @@ def late(kind: str, longest: float) -> Change:
 def drifted(c: Columns, random: np.random.Generator) -> Columns:
     """The clock of the pose or of the torques runs otherwise."""
     t = c["t"] * (1 + 2e-3 * random.uniform(-1, 1))
-    return {**c, **{name: np.interp(t, c["t"], c[name]) for name in (*of_kind(c, "pose"), *of_kind(c, "torques"))}}
+    return {
+        **c,
+        **{name: np.interp(t, c["t"], c[name]) for name in (*of_kind(c, "pose"), *of_kind(c, "torques"))},
+    }
 
 
 def jittered(c: Columns, random: np.random.Generator) -> Columns:
     step = np.diff(c["t"]) * random.choice([0.8, 0.8, 0.8, 1.7], len(c["t"]) - 1)
     t = np.concatenate([[0.0], np.cumsum(step)])
     return (
-        {**c, "t": t} if of_kind(c, "angles") else {name: np.interp(t, c["t"], v) if name != "t" else t for name, v in c.items()}
+        {**c, "t": t}
+        if of_kind(c, "angles")
+        else {name: np.interp(t, c["t"], v) if name != "t" else t for name, v in c.items()}
     )
 
 
@@ -265,7 +318,8 @@ def unevenly_stamped(c: Columns, random: np.random.Generator) -> Columns:
 
 
 def turns_both_ways(c: Columns) -> bool:
-    """Whether a log can tell a wheel or sensor that differs from another radius or track, as on a circle it cannot."""
+    """Whether a log can tell a wheel or sensor that differs from another radius or track,
+    as on a circle it cannot."""
     turned = np.diff(c["phi"][::25])
     return "theta_r" in c and min(turned.max(), -turned.min()) > 0.1
 
@@ -328,7 +382,12 @@ def slipped(c: Columns, random: np.random.Generator) -> Columns:
     """A wheel spins on the spot for a while."""
     return each(
         "angles",
-        lambda v, r: v + np.interp(np.arange(len(v)), [(k := r.uniform(0.1, 0.8) * len(v)), k + 15], [0, r.uniform(0.5, 6)]),
+        lambda v, r: (
+            v
+            + np.interp(
+                np.arange(len(v)), [(k := r.uniform(0.1, 0.8) * len(v)), k + 15], [0, r.uniform(0.5, 6)]
+            )
+        ),
         True,
     )(c, random)
 
@@ -347,7 +406,13 @@ def backwards(v, r):
 def pose_stuck(c, r):
     """A pose that stands for a while."""
     at = part(r, len(c["t"]), 10, 60)
-    return {**c, **{n: np.where(np.isin(np.arange(len(c[n])), np.r_[at]), c[n][at.start], c[n]) for n in of_kind(c, "pose")}}
+    return {
+        **c,
+        **{
+            n: np.where(np.isin(np.arange(len(c[n])), np.r_[at]), c[n][at.start], c[n])
+            for n in of_kind(c, "pose")
+        },
+    }
 
 
 def held_together(kind, most):
@@ -362,7 +427,11 @@ def held_together(kind, most):
 
 def one_wheel_larger(c, r):
     """Only where the vehicle turns both ways."""
-    return each("angles", lambda v, r: v * (1 + r.uniform(-0.03, 0.03)), True)(c, r) if turns_both_ways(c) else None
+    return (
+        each("angles", lambda v, r: v * (1 + r.uniform(-0.03, 0.03)), True)(c, r)
+        if turns_both_ways(c)
+        else None
+    )
 
 
 def friction(c, r):
@@ -425,8 +494,10 @@ CALIBRATE: dict[str, Change] = {
     "angles missing": each("angles", fraction_empty),
     "few poses": fewer_poses,
     "noisy": each("pose", lambda v, r: v + 0.03 * r.normal(size=len(v))),
-    "drifting heading": each("heading", lambda v, r: v + 0.02 * np.cumsum(r.normal(size=len(v))) / math.sqrt(len(v))),
-}  # fmt: skip
+    "drifting heading": each(
+        "heading", lambda v, r: v + 0.02 * np.cumsum(r.normal(size=len(v))) / math.sqrt(len(v))
+    ),
+}
 
 IDENTIFY: dict[str, Change] = {
     "nothing": lambda c, _: c,
@@ -460,33 +531,80 @@ IDENTIFY: dict[str, Change] = {
     "friction": friction,
     "torque offset": each("torques", lambda v, r: v + 0.1 * np.std(v) * r.uniform(-1, 1), True),
     "rate offset": each("rates", lambda v, r: v + 0.1 * np.std(v) * r.uniform(-1, 1), True),
-    "filtered rates": each("rates", lambda v, _: np.convolve(np.pad(v, (4, 0), "edge"), np.ones(5) / 5, "valid")),
+    "filtered rates": each(
+        "rates", lambda v, _: np.convolve(np.pad(v, (4, 0), "edge"), np.ones(5) / 5, "valid")
+    ),
     "noisy torques": each("torques", lambda v, r: v + 0.1 * np.std(v) * r.normal(size=len(v))),
     "noisy rates": each("rates", lambda v, r: v + 0.1 * np.std(v) * r.normal(size=len(v))),
     "entries missing": each("rates", fraction_empty),
     "rates zero": each(
-        "rates", lambda v, r: np.where(np.isin(np.arange(len(v)), np.arange(len(v))[part(r, len(v), 5, 40)]), 0.0, v)
+        "rates",
+        lambda v, r: np.where(np.isin(np.arange(len(v)), np.arange(len(v))[part(r, len(v), 5, 40)]), 0.0, v),
     ),
-    "drifting rate": each("rates", lambda v, r: v + 0.1 * np.std(v) * np.cumsum(r.normal(size=len(v))) / math.sqrt(len(v))),
+    "drifting rate": each(
+        "rates", lambda v, r: v + 0.1 * np.std(v) * np.cumsum(r.normal(size=len(v))) / math.sqrt(len(v))
+    ),
     "in degrees": each("rates", lambda v, _: np.degrees(v)),
     "in rpm": each("rates", lambda v, _: v * 60 / TURN),
     "in ms": lambda c, _: {**c, "t": 1000 * c["t"]},
-}  # fmt: skip
+}
 
 ANSWERED = {  # faults that do not take anything away: most logs must be answered
     "calibrate": {
-        "nothing", "wrapped", "wrapped from 0", "wrapped, rounded", "wrapped at rest", "heading wrapped",
-        "heading from 0", "int16", "uint16", "uint32", "restart", "one restarts", "spike", "spikes", "bit",
-        "poses far off", "place jumps", "place jumps a little", "gap", "wrapped with a gap", "rows lost",
-        "rows twice", "few counts", "rounded poses", "wheel stuck", "pose stuck", "poses held", "angles held",
-        "times jitter", "entries missing", "angles missing", "few poses", "noisy", "wheel slips",
+        "nothing",
+        "wrapped",
+        "wrapped from 0",
+        "wrapped, rounded",
+        "wrapped at rest",
+        "heading wrapped",
+        "heading from 0",
+        "int16",
+        "uint16",
+        "uint32",
+        "restart",
+        "one restarts",
+        "spike",
+        "spikes",
+        "bit",
+        "poses far off",
+        "place jumps",
+        "place jumps a little",
+        "gap",
+        "wrapped with a gap",
+        "rows lost",
+        "rows twice",
+        "few counts",
+        "rounded poses",
+        "wheel stuck",
+        "pose stuck",
+        "poses held",
+        "angles held",
+        "times jitter",
+        "entries missing",
+        "angles missing",
+        "few poses",
+        "noisy",
+        "wheel slips",
     },
     "identify": {
-        "nothing", "spike", "spikes", "torque spike", "rates held", "one rate held", "gap", "rows lost",
-        "rows twice", "rounded rates", "rate stuck", "rate saturates", "rates zero",
+        "nothing",
+        "spike",
+        "spikes",
+        "torque spike",
+        "rates held",
+        "one rate held",
+        "gap",
+        "rows lost",
+        "rows twice",
+        "rounded rates",
+        "rate stuck",
+        "rate saturates",
+        "rates zero",
     },
-}  # fmt: skip
-CAUSE = re.compile(r"row|theta|phi|delta|tau|x_c|y_c|\bx\b|\by\b|\bt\b|\b[rblm]\b|m_c|I_c|heading|errors|column")
+}
+CAUSE = re.compile(
+    r"row|theta|phi|delta|tau|x_c|y_c|\bx\b|\by\b|\bt\b|\b[rblm]\b|m_c|I_c|heading|errors|column"
+)
 
 
 def answer(tmp_path, command: str, fault: str, seed: int) -> str:
@@ -520,7 +638,11 @@ def answer(tmp_path, command: str, fault: str, seed: int) -> str:
 
 def check(tmp_path, command: str, fault: str, seeds: range) -> None:
     answers = [answer(tmp_path, command, fault, seed) for seed in seeds]
-    wrong = {seed: each for seed, each in zip(seeds, answers, strict=True) if each not in ("right", "refused", "skipped")}
+    wrong = {
+        seed: each
+        for seed, each in zip(seeds, answers, strict=True)
+        if each not in ("right", "refused", "skipped")
+    }
     assert not wrong
     if fault in ANSWERED[command]:
         assert answers.count("right") >= 0.8 * (len(answers) - answers.count("skipped")) - 1, answers

@@ -1,4 +1,5 @@
-"""Geometry from logs of angles and poses: against logs made by the exact arcs of two wheels, and by our own simulation."""
+"""Geometry from logs of angles and poses: against logs made by the exact arcs of two wheels,
+and by our own simulation."""
 
 import csv
 import json
@@ -24,7 +25,8 @@ NOISE = np.array([0.005, 0.005, 0.004])  # m, m, rad
 
 
 def reckoned(right: np.ndarray, left: np.ndarray, start=(1.0, -2.0, 0.4)) -> np.ndarray:
-    """Poses (N, 3) of the axle's middle from distances of the wheels between rows: chords of arcs, by hand."""
+    """Poses (N, 3) of the axle's middle from distances of the wheels between rows: chords of arcs,
+    by hand."""
     x, y, heading = start
     poses = [start]
     for a, b in zip(right, left, strict=True):
@@ -49,10 +51,19 @@ def winding(rows: int = 400) -> tuple[np.ndarray, np.ndarray]:
 
 
 def log_of(
-    right, left, noise=0.0, seed=0, every=1, scale_left=1.0, late=0.0, offset=(0.0, 0.0, 0.0), start=(1.0, -2.0, 0.4), counts=0
+    right,
+    left,
+    noise=0.0,
+    seed=0,
+    every=1,
+    scale_left=1.0,
+    late=0.0,
+    offset=(0.0, 0.0, 0.0),
+    start=(1.0, -2.0, 0.4),
+    counts=0,
 ) -> PoseLog:
-    """A log with a pose in every so many rows; the left wheel's radius is r / scale_left times what it should be. `counts` of
-    each encoder per turn, which begin anywhere; 0: exact angles.
+    """A log with a pose in every so many rows; the left wheel's radius is r / scale_left times what it should
+    be. `counts` of each encoder per turn, which begin anywhere; 0: exact angles.
     """
     random = np.random.default_rng(seed)
     axle = reckoned(right, left, start)
@@ -72,7 +83,9 @@ def log_of(
     if counts:
         count = 2 * math.pi / counts
         angles = count * np.floor(angles / count + random.uniform(size=2))
-    return PoseLog(np.arange(len(pose)) * PERIOD, ("theta_r", "theta_l"), angles, pose, (range(len(pose)),), ())
+    return PoseLog(
+        np.arange(len(pose)) * PERIOD, ("theta_r", "theta_l"), angles, pose, (range(len(pose)),), ()
+    )
 
 
 def values(result) -> dict[str, float]:
@@ -88,7 +101,11 @@ def test_exact_poses_give_exact_numbers():
 def test_wheels_of_different_size_and_a_sensor_beside():
     place = (0.07, -0.04, 0.02)
     log = log_of(*winding(), scale_left=1.013, offset=place)
-    fitted = values(calibrate([log], SYSTEM, ["r", "b", "scale_theta_l", "offset_x", "offset_y", "offset_heading"], DEFAULT))
+    fitted = values(
+        calibrate(
+            [log], SYSTEM, ["r", "b", "scale_theta_l", "offset_x", "offset_y", "offset_heading"], DEFAULT
+        )
+    )
     expected = {"r": TRUE["r"], "b": TRUE["b"], "scale_theta_l": 1.013}
     expected |= dict(zip(("offset_x", "offset_y", "offset_heading"), place, strict=True))
     assert fitted == {name: pytest.approx(value, abs=1e-7) for name, value in expected.items()}
@@ -96,12 +113,15 @@ def test_wheels_of_different_size_and_a_sensor_beside():
 
 def test_late_poses():
     """To second order."""
-    fitted = values(calibrate([log_of(*winding(), late=0.04)], SYSTEM, ["r", "delay"], DEFAULT | {"b": TRUE["b"]}))
+    fitted = values(
+        calibrate([log_of(*winding(), late=0.04)], SYSTEM, ["r", "delay"], DEFAULT | {"b": TRUE["b"]})
+    )
     assert fitted == {"r": pytest.approx(TRUE["r"], rel=1e-5), "delay": pytest.approx(0.04, rel=1e-3)}
 
 
 def test_end_poses_of_squares_driven_both_ways():
-    """UMBmark: three squares each way, only the first and the last pose of each measured; dead reckoning is ten times better."""
+    """UMBmark: three squares each way, only the first and the last pose of each measured;
+    dead reckoning is ten times better."""
     side, corner = [PERIOD] * 40, [PERIOD * TRUE["b"]] * round(math.pi / 2 / PERIOD)
     logs = []
     for run in range(6):
@@ -136,9 +156,14 @@ def test_end_poses_of_squares_driven_both_ways():
 def test_sparse_poses_are_not_compared_with_the_motion_between_them():
     """A circle and a half between two poses: the line between these says nothing about signs."""
     right, left = np.full(120, 0.03), np.full(120, 0.01)
-    logs = [log_of(*pair, every=120, scale_left=1.004) for pair in ((right, left), (left, right), (right, right))]
+    logs = [
+        log_of(*pair, every=120, scale_left=1.004) for pair in ((right, left), (left, right), (right, right))
+    ]
     result = calibrate(logs, SYSTEM, ["b", "scale_theta_l"], DEFAULT | {"r": TRUE["r"], "b": 0.355})
-    assert values(result) == {"b": pytest.approx(TRUE["b"], rel=1e-6), "scale_theta_l": pytest.approx(1.004, rel=1e-6)}
+    assert values(result) == {
+        "b": pytest.approx(TRUE["b"], rel=1e-6),
+        "scale_theta_l": pytest.approx(1.004, rel=1e-6),
+    }
 
 
 def test_poses_that_are_wrong_have_little_weight():
@@ -154,8 +179,8 @@ FITTED = {"r": TRUE["r"], "b": TRUE["b"], "scale_theta_l": 1.006, "delay": 0.04}
 
 
 def deviations(count: int, drift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the fitted numbers, and the halves of their intervals, of logs with encoder counts and late, noisy poses in every
-    second row; `drift`: by how much each wheel slips in each row, m, at random.
+    """Errors of the fitted numbers, and the halves of their intervals, of logs with encoder counts and late,
+    noisy poses in every second row; `drift`: by how much each wheel slips in each row, m, at random.
     """
     errors, within = [], []
     for seed in range(count):
@@ -178,7 +203,8 @@ def test_values_lie_in_their_intervals(drift):
 
 @pytest.mark.nightly
 def test_a_pose_that_two_windows_share_has_one_error():
-    """Poses so far apart that each window has two: with errors independent in both, deviations would be twice as large."""
+    """Poses so far apart that each window has two: with errors independent in both,
+    deviations would be twice as large."""
     off = []
     for seed in range(16):
         estimates = calibrate([log_of(*winding(200), 1.0, seed, 20)], SYSTEM, ["r", "b"], DEFAULT).estimates
@@ -194,7 +220,10 @@ def bound() -> np.ndarray:
     values = np.array([(DEFAULT | FITTED).get(q.name, q.default) for q in quantities])
     log = log_of(*winding(), 0.0, 0, 2, scale_left=SENSED["scale_left"], late=SENSED["late"])
     fit = OutputError(
-        geometry.prediction(quantities, list(FITTED)), _windows([log], SYSTEM, pose_names(SYSTEM)), quantities, values
+        geometry.prediction(quantities, list(FITTED)),
+        _windows([log], SYSTEM, pose_names(SYSTEM)),
+        quantities,
+        values,
     )
     expected = fit.expected_deviations(NOISE)
     return np.array([expected[name] for name in FITTED])
@@ -202,8 +231,9 @@ def bound() -> np.ndarray:
 
 @pytest.mark.nightly
 def test_values_lie_in_their_intervals_in_most_logs():
-    """In 93 to 97 % of 1000 logs, with errors within 1.2 times those of least squares, about windows of which each has a pose of
-    its own at first. Were the whole log one window, which drift does not allow, they could be 2 to 12 times smaller.
+    """In 93 to 97 % of 1000 logs, with errors within 1.2 times those of least squares, about windows of which
+    each has a pose of its own at first. Were the whole log one window, which drift does not allow, they could
+    be 2 to 12 times smaller.
     """
     errors, within = deviations(1000)
     inside, size = np.mean(np.abs(errors) < within, axis=0), np.sqrt(np.mean(errors**2, axis=0))
@@ -232,7 +262,9 @@ def test_poses_that_leave_nothing_are_refused():
     with pytest.raises(BadInput, match="6 measured numbers for 6 unknown ones"):
         calibrate([few_poses(2)], SYSTEM, ["r", "b", "scale_theta_l"], DEFAULT)
     result = calibrate([few_poses(2)], SYSTEM, ["r", "b"], DEFAULT)
-    assert result.remarks == ("only 1 number measured beyond the unknowns: standard deviations are rough; measure more poses",)
+    assert result.remarks == (
+        "only 1 number measured beyond the unknowns: standard deviations are rough; measure more poses",
+    )
     assert all(abs(each.value - TRUE[name]) < each.within for name, each in result.estimates.items())
 
 
@@ -251,7 +283,9 @@ def test_parameters_of_sensors_explain_a_log():
 
 def test_a_direction_of_the_sensor_explains_a_log():
     """On a short arc to the north-east a quarter of a turn looks like the opposite sign of x."""
-    log = log_of(np.full(60, 0.05), np.full(60, 0.045), offset=(0.0, 0.0, math.pi / 2), start=(0.0, 0.0, math.pi / 4))
+    log = log_of(
+        np.full(60, 0.05), np.full(60, 0.045), offset=(0.0, 0.0, math.pi / 2), start=(0.0, 0.0, math.pi / 4)
+    )
     with pytest.raises(BadInput, match="opposite sign of x_c"):
         _check_motions(log, SYSTEM, ["r"], DEFAULT)
     _check_motions(log, SYSTEM, ["r"], DEFAULT | {"offset_heading": math.pi / 2})
@@ -263,12 +297,19 @@ def test_what_no_log_and_what_this_log_does_not_tell():
     with pytest.raises(BadInput, match="contradicts the robot's motion|explain this log"):
         calibrate([log_of(*winding())], SYSTEM, fitted, DEFAULT)  # with the track of another robot
     result = calibrate([log_of(*winding())], SYSTEM, fitted, DEFAULT | {"b": TRUE["b"]})
-    assert not {"r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"} & set(result.estimates) - {"scale_theta_l"}
+    assert not {"r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"} & set(result.estimates) - {
+        "scale_theta_l"
+    }
     reasons = " | ".join(result.unidentifiable)
-    assert "m_c: no motion depends on it" in reasons and "offset_x, d: any motion shows only offset_x + 1 d" in reasons
+    assert (
+        "m_c: no motion depends on it" in reasons
+        and "offset_x, d: any motion shows only offset_x + 1 d" in reasons
+    )
     straight = np.full(200, 0.03)
     result = calibrate([log_of(straight, straight)], SYSTEM, ["r", "b"], DEFAULT)
-    assert list(result.estimates) == ["r"] and result.unidentifiable[0].startswith("b: this log does not show it")
+    assert list(result.estimates) == ["r"] and result.unidentifiable[0].startswith(
+        "b: this log does not show it"
+    )
 
 
 @pytest.mark.parametrize(
@@ -294,7 +335,10 @@ def test_other_robots(spec, robot, fitted, tmp_path, capsys):
 def write(tmp_path):
     def write(log: PoseLog, **changed) -> str:
         head = ["t", *log.names, "x_c", "y_c", "phi"]
-        rows = [[repr(float(e)) if e == e else "" for e in row] for row in np.column_stack([log.t, log.angles, log.pose])]
+        rows = [
+            [repr(float(e)) if e == e else "" for e in row]
+            for row in np.column_stack([log.t, log.angles, log.pose])
+        ]
         table = {name: [row[k] for row in rows] for k, name in enumerate(head)} | changed
         with (tmp_path / "log.csv").open("w", newline="") as stream:
             csv.writer(stream).writerows([list(table), *zip(*table.values(), strict=True)])

@@ -1,4 +1,5 @@
-"""model/ distributions against the literature, against numerical brackets, and against input that must be refused."""
+"""model/ distributions against the literature, against numerical brackets,
+and against input that must be refused."""
 
 import itertools
 import math
@@ -39,19 +40,23 @@ SYSTEMS: dict[str, Callable[[], Kinematics]] = {
 
 # Growth vector and k, as known:
 KNOWN = {
-    # N. Sarkar, X. Yun, V. Kumar, MS-CIS-92-44, 1992; G. Campion, G. Bastin, B. d'Andrea-Novel, IEEE Trans. Robotics Autom.
-    # 12(1), 1996: robots of type (2, 0).
+    # N. Sarkar, X. Yun, V. Kumar, MS-CIS-92-44, 1992; G. Campion, G. Bastin, B. d'Andrea-Novel, IEEE Trans.
+    # Robotics Autom. 12(1), 1996: robots of type (2, 0).
     "labmate": ((2, 3, 4), 1),
-    # Ju. I. Neimark, N. A. Fufaev, Dynamics of Nonholonomic Systems, 1972 (Chaplygin's sleigh: contact structure).
+    # Ju. I. Neimark, N. A. Fufaev, Dynamics of Nonholonomic Systems, 1972 (Chaplygin's sleigh: contact
+    # structure).
     "knife_edge": ((2, 3), 0),
-    # R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to Robotic Manipulation, 1994, ch. 7: disk and car.
+    # R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to Robotic Manipulation, 1994, ch. 7:
+    # disk and car.
     "vertical_disk": ((2, 3, 4), 0),
     "car": ((2, 3, 4), 0),
-    # J.-P. Laumond, Controllability of a multibody mobile robot, IEEE Trans. Robotics Autom. 9(6), 1993; F. Jean, The car with
-    # N trailers: characterisation of the singular configurations, ESAIM COCV 1, 1996: N + 2 steps at regular points.
+    # J.-P. Laumond, Controllability of a multibody mobile robot, IEEE Trans. Robotics Autom. 9(6), 1993; F.
+    # Jean, The car with N trailers: characterisation of the singular configurations, ESAIM COCV 1, 1996: N +
+    # 2 steps at regular points.
     **{f"unicycle_{n}": (tuple(range(2, n + 4)), 0) for n in range(5)},
-    # The unicycle with trailers and the path length (theta_r + theta_l) r/2, a function of it that only s_2 moves: one more
-    # dimension in the third step, since [s_1, [s_1, s_2]] is -s_2 without it. k = 1 as for the LABMATE alone.
+    # The unicycle with trailers and the path length (theta_r + theta_l) r/2, a function of it that only s_2
+    # moves: one more dimension in the third step, since [s_1, [s_1, s_2]] is -s_2 without it. k = 1 as for
+    # the LABMATE alone.
     "labmate_1": ((2, 3, 5), 1),
     "labmate_2": ((2, 3, 5, 6), 1),
     "labmate_3": ((2, 3, 5, 6, 7), 1),
@@ -73,7 +78,7 @@ def test_growth_is_the_known_one(name):
     assert Delta.functions.n - Delta.holonomic == Delta.growth[-1]
 
 
-# -- an independent derivation of the growth: numerical brackets ------------------------------------------------------
+# -- an independent derivation of the growth: numerical brackets ---------------------------------------------
 
 
 DIGITS, STEP, SMALL = 100, mpmath.mpf(10) ** -20, mpmath.mpf(10) ** -12
@@ -115,15 +120,23 @@ def numerical_growth(fields: list[Callable], point: list, steps: int) -> tuple[i
 def random_point(Delta, seed: int) -> tuple[list, dict[str, float]]:
     rng = np.random.default_rng(seed)
     values = [mpmath.mpf(v) for v in rng.uniform(0.3, 1.2, Delta.functions.n)]
-    return values, {str(p): float(v) for p, v in zip(Delta.functions.parameters, rng.uniform(0.5, 2, 9), strict=False)}
+    return values, {
+        str(p): float(v) for p, v in zip(Delta.functions.parameters, rng.uniform(0.5, 2, 9), strict=False)
+    }
 
 
-def satisfies_constraints(model: Kinematics, fields: list[Callable], point: list, parameters: dict[str, float]) -> bool:
+def satisfies_constraints(
+    model: Kinematics, fields: list[Callable], point: list, parameters: dict[str, float]
+) -> bool:
     """A S = 0 to rounding, A by CasADi; S alone is taken as it is."""
     if model.A is None:
         return True
     symbols = [ca.vertcat(*[q.symbol for q in group]) for group in (model.coordinates, model.parameters)]
-    A = np.array(ca.Function("A", symbols, [model.A])(list(map(float, point)), [parameters[p.name] for p in model.parameters]))
+    A = np.array(
+        ca.Function("A", symbols, [model.A])(
+            list(map(float, point)), [parameters[p.name] for p in model.parameters]
+        )
+    )
     S = np.array([list(map(float, f(point))) for f in fields]).T
     return bool(np.abs(A @ S).max() < 1e-12 * max(1.0, np.abs(S).max()))
 
@@ -142,14 +155,15 @@ def test_growth_agrees_with_numerical_brackets(name):
 
 @pytest.mark.parametrize("joint, growth", [(0, (2, 3, 4, 4, 5)), (1, (2, 3, 4, 5, 5))])
 def test_growth_at_a_right_angle_agrees_with_numerical_brackets(joint, growth):
-    """Jean 1996 (as above): it is slower where a trailer is at a right angle to the one before, except the last."""
+    """Jean 1996 (as above): it is slower where a trailer is at a right angle to the one before,
+    except the last."""
     with mpmath.workdps(DIGITS):
         point, parameters = random_point(distribution(systems.trailers(2)), 3)
         point[3 + joint] = point[2 + joint] + mpmath.pi / 2
         assert numerical_growth(numerical_fields("unicycle_2", parameters), point, 5) == growth
 
 
-# -- the certificate, checked by differentiation with SymPy ------------------------------------------------------------
+# -- the certificate, checked by differentiation with SymPy --------------------------------------------------
 
 
 def lie(x: sp.Matrix, y: sp.Matrix, q: list[sp.Symbol]) -> sp.Matrix:
@@ -167,11 +181,14 @@ def named(name: str, S: sp.Matrix, q: list[sp.Symbol]) -> sp.Matrix:
 
 @pytest.mark.parametrize("name", ["labmate", "vertical_disk", "car", "unicycle_2", "labmate_1", "pendulum"])
 def test_certificate(name):
-    """The minor of the named brackets is the one said, and each identity holds, at random numbers to 1e-25."""
+    """The minor of the named brackets is the one said, and each identity holds,
+    at random numbers to 1e-25."""
     Delta, analysis = distribution(SYSTEMS[name]()), analysed(name)
     q, certificate = list(Delta.functions.coordinates), analysis.certificate
     brackets = sp.Matrix.hstack(*[named(b, Delta.S, q) for b in certificate.basis])
-    minor = brackets.extract([[str(x) for x in q].index(row) for row in certificate.rows], list(range(brackets.cols)))
+    minor = brackets.extract(
+        [[str(x) for x in q].index(row) for row in certificate.rows], list(range(brackets.cols))
+    )
     texts = {f"e_{k + 1}": field for k, field in enumerate(certificate.fields)}
     texts |= {f"g_{k + 1}": field for k, field in enumerate(certificate.generators)}
     symbols = {str(s): s for s in (*q, *Delta.functions.parameters)}
@@ -190,7 +207,8 @@ def test_certificate(name):
 
 
 def test_every_bracket_is_in_the_certificate():
-    """Of a closure that is not everything: each [generator, basis field] is in the basis or has its identity."""
+    """Of a closure that is not everything: each [generator,
+    basis field] is in the basis or has its identity."""
     for name in ("labmate", "labmate_2"):
         Delta = distribution(SYSTEMS[name]())
         columns = len(Delta.fields)
@@ -198,7 +216,7 @@ def test_every_bracket_is_in_the_certificate():
         assert len(Delta.filtration.dependences) + len(Delta.filtration.basis) - columns == pairs
 
 
-# -- the holonomic part ------------------------------------------------------------------------------------------------
+# -- the holonomic part --------------------------------------------------------------------------------------
 
 
 def test_integral_of_the_labmate():
@@ -255,12 +273,13 @@ def test_integration_of_one_form(row, text):
         assert lines[0] == text
 
 
-# -- places -----------------------------------------------------------------------------------------------------------
+# -- places --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_places_of_the_trailers(count):
-    """Jean 1996: singular where trailers 1 .. N-1 are at right angles to what pulls them; the last one does not matter."""
+    """Jean 1996: singular where trailers 1 .. N-1 are at right angles to what pulls them;
+    the last one does not matter."""
     singular = analysed(f"unicycle_{count}").places
     assert {place.words for place in singular.places} == {
         f"theta_{k} - theta_{k + 1} is an odd multiple of 90 degrees" for k in range(count - 1)
@@ -280,7 +299,8 @@ def test_no_place_where_the_growth_differs(name):
 
 
 def test_places_of_known_examples():
-    """Grushin's plane and Martinet's distribution: R. Montgomery, A Tour of Subriemannian Geometries, 2002."""
+    """Grushin's plane and Martinet's distribution: R. Montgomery,
+    A Tour of Subriemannian Geometries, 2002."""
     x, y, z = q = coordinates("x", "y", "z")
     grushin = analyse(Kinematics("grushin", (x, y), S=ca.horzcat(ca.vertcat(1, 0), ca.vertcat(0, x.symbol))))
     assert [(p.words, p.growth) for p in grushin.places.places] == [("x = 0", (1, 2))]
@@ -303,8 +323,9 @@ def test_places_where_constraints_depend_or_quasi_velocities_fail():
 
 @pytest.mark.parametrize("by_constraints", [True, False])
 def test_places_of_a_trailer_hitched_behind_the_axle(by_constraints):
-    """C. Altafini, Int. J. Control 74(2), 2001 (general 1-trailer): with a hitch offset of the trailer's length the joint rate is
-    (1 + cos) omega - sin v / L. It vanishes with the trailer folded onto the tractor, which no motion leaves; not when straight.
+    """C. Altafini, Int. J. Control 74(2), 2001 (general 1-trailer): with a hitch offset of the trailer's
+    length the joint rate is (1 + cos) omega - sin v / L. It vanishes with the trailer folded onto the
+    tractor, which no motion leaves; not when straight.
     """
     robot = systems.hitched(by_constraints)
     singular = analyse(robot).places
@@ -329,16 +350,25 @@ def test_places_of_a_trailer_hitched_behind_the_axle(by_constraints):
         (lambda x: x**3 - 2, systems.length, ["x**3 - 2 = 0"]),
         (lambda x: 1 + cos(x), systems.angle, ["x is an odd multiple of 180 degrees"]),
         (lambda x: sin(x), systems.angle, ["x is a multiple of 180 degrees"]),
-        (lambda x: 2 * sin(x) + cos(x) + 1, systems.angle, ["2*sin(x/2) + cos(x/2) = 0", "x is an odd multiple of 180 degrees"]),
+        (
+            lambda x: 2 * sin(x) + cos(x) + 1,
+            systems.angle,
+            ["2*sin(x/2) + cos(x/2) = 0", "x is an odd multiple of 180 degrees"],
+        ),
         (lambda x: x - 1000, systems.length, ["x - 1000 = 0"]),
     ],
 )
 def test_places_are_real(function, kind, words):
-    """Only real zeros are places: f has them or not by its closed form; each is verified, and nothing else is left open."""
+    """Only real zeros are places: f has them or not by its closed form; each is verified,
+    and nothing else is left open."""
     singular = analyse(systems.grushin(function, kind)).places
     assert sorted(place.words for place in singular.places) == words and singular.complete
     for place in singular.places:
-        double = place.words.endswith("180 degrees") and function(math.pi) < 1e-9 and abs(function(math.pi + 1e-4)) < 1e-7
+        double = (
+            place.words.endswith("180 degrees")
+            and function(math.pi) < 1e-9
+            and abs(function(math.pi + 1e-4)) < 1e-7
+        )
         assert place.growth == ((1, 1, 2) if double else (1, 2)) and place.verified and place.at_defaults
 
 
@@ -349,7 +379,7 @@ def test_a_place_for_other_parameters_only():
     assert place.verified and not place.at_defaults and "not for the default parameters" in place.text()
 
 
-# -- theorems ---------------------------------------------------------------------------------------------------------
+# -- theorems ------------------------------------------------------------------------------------------------
 
 
 def verdicts(name: str) -> dict[tuple[str, str], bool | None]:
@@ -372,8 +402,15 @@ def test_theorems_for_the_labmate():
 def test_theorems_without_integrals():
     for name in ("knife_edge", "car", "unicycle_2"):
         verdict = verdicts(name)
-        assert verdict["accessible", SPACE] and verdict["controllable", SPACE] and verdict["dynamic_feedback_linearizable", SPACE]
-        assert not verdict["asymptotically_stabilizable", SPACE] and not verdict["input_state_linearizable", SPACE]
+        assert (
+            verdict["accessible", SPACE]
+            and verdict["controllable", SPACE]
+            and verdict["dynamic_feedback_linearizable", SPACE]
+        )
+        assert (
+            not verdict["asymptotically_stabilizable", SPACE]
+            and not verdict["input_state_linearizable", SPACE]
+        )
         assert all(where == SPACE for _, where in verdict)
 
 
@@ -386,13 +423,18 @@ def test_theorems_without_integrals():
     ],
 )
 def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, dof, reached, controllable):
-    """Chaplygin's sleigh: v' = d omega^2, so that with d = 0 no torque changes v (Neimark, Fufaev 1972). The snakeboard: locally
-    accessible (J. Ostrowski, J. Burdick, Int. J. Robotics Research 17(7), 1998), and from rest small-time locally controllable
-    (F. Bullo, A. D. Lewis, IEEE Trans. Robotics Autom. 19(3), 2003), which the sleigh is not. What feedback (12) would allow is
-    not said, but that dynamic feedback does not linearize the sleigh, since static feedback does not and it has one input.
+    """Chaplygin's sleigh: v' = d omega^2, so that with d = 0 no torque changes v (Neimark, Fufaev 1972). The
+    snakeboard: locally accessible (J. Ostrowski, J. Burdick, Int. J. Robotics Research 17(7), 1998), and from
+    rest small-time locally controllable (F. Bullo, A. D. Lewis, IEEE Trans. Robotics Autom. 19(3), 2003),
+    which the sleigh is not. What feedback (12) would allow is not said, but that dynamic feedback does not
+    linearize the sleigh, since static feedback does not and it has one input.
     """
     analysis = analyse(robot())
-    assert (analysis.actuation.driven, analysis.actuation.dof, analysis.actuation.reached) == (driven, dof, reached)
+    assert (analysis.actuation.driven, analysis.actuation.dof, analysis.actuation.reached) == (
+        driven,
+        dof,
+        reached,
+    )
     assert analysis.check("accessible").verdict is (reached == 2 * analysis.n - analysis.m)
     assert analysis.check("controllable").verdict is controllable
     assert analysis.check("dynamic_feedback_linearizable").verdict is (False if driven == 1 else None)
@@ -404,7 +446,11 @@ def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, dof, 
 def test_a_robot_with_all_its_inputs_is_the_system_of_the_theorems():
     """Pushed too, the sleigh is (13) after feedback (12): accessible by numbers as by Theorem 1."""
     analysis = analyse(systems.sleigh(0.3, pushed=True))
-    assert analysis.actuation.full and analysis.actuation.reached == 5 and analysis.controlled == "q' = S nu, nu' = u"
+    assert (
+        analysis.actuation.full
+        and analysis.actuation.reached == 5
+        and analysis.controlled == "q' = S nu, nu' = u"
+    )
     assert analysis.check("accessible").verdict and analysis.check("controllable").verdict
 
 
@@ -412,7 +458,12 @@ def test_theorems_with_only_holonomic_constraints():
     """On the leaf they are double integrators; on R^(2n-m) nothing moves the integrals."""
     for name in ("pendulum", "slider_crank"):
         verdict = verdicts(name)
-        for question in ("accessible", "controllable", "asymptotically_stabilizable", "input_state_linearizable"):
+        for question in (
+            "accessible",
+            "controllable",
+            "asymptotically_stabilizable",
+            "input_state_linearizable",
+        ):
             assert not verdict[question, SPACE] and verdict[question, LEAF]
         assert all(step.involutive for step in analysed(name).steps)
 
@@ -427,14 +478,17 @@ def test_second_step_is_involutive_as_said(name):
     if S is None:
         symbols = (*Delta.functions.coordinates, *Delta.functions.parameters)
         entries = sp.lambdify(symbols, list(Delta.S.T), [{"sin": sin, "cos": cos}, "math"])
-        S = ca.reshape(ca.vertcat(*entries(*[q.symbol for q in (*model.coordinates, *model.parameters)])), *Delta.S.T.shape[::-1])
+        S = ca.reshape(
+            ca.vertcat(*entries(*[q.symbol for q in (*model.coordinates, *model.parameters)])),
+            *Delta.S.T.shape[::-1],
+        )
     extended = (*model.coordinates, *[quantity(f"nu_{k + 1}", "1/s") for k in range(inputs)])
     D2 = distribution(Kinematics("D2", extended, model.parameters, S=ca.diagcat(S, ca.SX.eye(inputs))))
     steps = linearization_steps(Delta)
     assert D2.growth[0] == steps[1].dimension and (len(D2.growth) == 1) == steps[1].involutive
 
 
-# -- rolling contact: the same machinery on Montana's kinematics --------------------------------------------------------
+# -- rolling contact: the same machinery on Montana's kinematics ---------------------------------------------
 
 
 def rolling(contact: RollingContact | PlanarContact) -> Kinematics:
@@ -445,7 +499,8 @@ def rolling(contact: RollingContact | PlanarContact) -> Kinematics:
 
 @pytest.mark.nightly
 def test_rolling_contacts():
-    """Z. Li, J. Canny, IEEE Trans. Robotics Autom. 6(1), 1990 (spheres); A. Marigo, A. Bicchi, IEEE TAC 45(9), 2000."""
+    """Z. Li, J. Canny, IEEE Trans. Robotics Autom. 6(1), 1990 (spheres); A. Marigo, A. Bicchi,
+    IEEE TAC 45(9), 2000."""
     R, r, a = (ca.SX.sym(name) for name in ("R", "r", "a"))
     contacts = {
         RollingContact(sphere(R), plane()): ((2, 3, 5), 0),
@@ -463,11 +518,15 @@ def test_rolling_contacts():
     # Not flat: P. Martin, P. Rouchon 1994, the derived flag of two inputs would have to grow one by one.
     analysis = analyse(rolling(RollingContact(sphere(R), plane())))
     assert analysis.check("dynamic_feedback_linearizable").verdict is False
-    (place,) = [p for p in places(distribution(rolling(RollingContact(torus(R, r), plane())))).places if not p.velocities_fail]
+    (place,) = [
+        p
+        for p in places(distribution(rolling(RollingContact(torus(R, r), plane())))).places
+        if not p.velocities_fail
+    ]
     assert place.words == "u1 is an odd multiple of 90 degrees" and place.growth == (2, 2, 3, 5)
 
 
-# -- what stands for what, and what is refused --------------------------------------------------------------------------
+# -- what stands for what, and what is refused ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -488,7 +547,8 @@ def test_numbers(value, exact):
 
 
 def test_functions_of_angles_are_one():
-    """Multiples, halves and shifts of an angle, constant roots, hyperbolic functions: what is zero is seen to be zero."""
+    """Multiples, halves and shifts of an angle, constant roots, hyperbolic functions:
+    what is zero is seen to be zero."""
     x, y, z = q = coordinates("x", "y", "z")
     zero = (
         (sin(2 * x.symbol) - 2 * sin(x.symbol) * cos(x.symbol))
@@ -506,12 +566,16 @@ def test_sine_and_exponential_of_the_same_multiple():
     x, y, z = q = coordinates("x", "y", "z")
     a = x.symbol
     zero = ca.exp(2 * a) * sin(2 * a) - 2 * ca.exp(a) ** 2 * sin(a) * cos(a)
-    assert analyse(Kinematics("zero", q, A=ca.horzcat(zero, 1, 0))).holonomic.integrals[0].text() == "y = const"
+    assert (
+        analyse(Kinematics("zero", q, A=ca.horzcat(zero, 1, 0))).holonomic.integrals[0].text() == "y = const"
+    )
 
 
 def test_root_of_a_square_is_taken_to_be_positive_and_said():
     x, y, z = q = coordinates("x", "y", "z")
-    assert analyse(Kinematics("root", q, A=ca.horzcat(sqrt(1 - sin(z.symbol) ** 2), sin(z.symbol), 0))).assumed == ("cos(z)",)
+    assert analyse(
+        Kinematics("root", q, A=ca.horzcat(sqrt(1 - sin(z.symbol) ** 2), sin(z.symbol), 0))
+    ).assumed == ("cos(z)",)
 
 
 @pytest.mark.parametrize(
@@ -543,7 +607,10 @@ def test_refused_systems():
             {"A": ca.vertcat(ca.horzcat(a, 1, b, 0), ca.horzcat(a, 1, b, 0) * sin(b) ** 2)},
             "'constraint 2' follows from the others",
         ),
-        ({"A": ca.horzcat(1, 0, 0, 0), "S": unit[:, 1:] + ca.horzcat(unit[:, 0], ca.SX(4, 2))}, "A S is not zero"),
+        (
+            {"A": ca.horzcat(1, 0, 0, 0), "S": unit[:, 1:] + ca.horzcat(unit[:, 0], ca.SX(4, 2))},
+            "A S is not zero",
+        ),
         ({"S": ca.horzcat(ca.vertcat(1, b, 0, 0), ca.vertcat(a, a * b, 0, 0))}, "columns of S depend"),
         ({"A": ca.horzcat(1, 0, 0)}, "must be m x n"),
         ({"A": ca.horzcat(1, 0, 0, 0), "S": unit[:, :2]}, "must be n x"),
@@ -560,7 +627,7 @@ def test_refused_systems():
         analyse(Mechanism("empty"))
 
 
-# -- mechanisms, output -------------------------------------------------------------------------------------------------
+# -- mechanisms, output --------------------------------------------------------------------------------------
 
 
 def test_a_mechanism_and_its_reduction_are_the_same_system():
@@ -578,7 +645,12 @@ def test_a_mechanism_needs_no_energy_or_inputs():
 def test_json_and_text():
     analysis = analysed("labmate")
     data = analysis.as_json()
-    assert (data["constraints"], data["holonomic"], data["nonholonomic"], data["growth"]) == (3, 1, 2, [2, 3, 4])
+    assert (data["constraints"], data["holonomic"], data["nonholonomic"], data["growth"]) == (
+        3,
+        1,
+        2,
+        [2, 3, 4],
+    )
     assert data["integrals"] == ["phi = r*(theta_r - theta_l)/(2*b) + const"]
     assert data["input_state_linearizable"] is False
     text = analysis.text()
@@ -588,7 +660,8 @@ def test_json_and_text():
 
 
 def test_factors_by_half_angles_are_the_function():
-    """Each factor vanishes where its expression in coordinates does, and their product is the function, to 1e-12."""
+    """Each factor vanishes where its expression in coordinates does, and their product is the function,
+    to 1e-12."""
     Delta = distribution(systems.grushin(lambda x: sin(x) * (2 * sin(x) + cos(x) + 1), systems.angle))
     (polynomial,) = [part for part in Delta.fields[1].below if not Delta.functions.is_constant(part)]
     forms = factors(Delta.functions, polynomial)

@@ -25,7 +25,21 @@ def eight(tmp_path_factory) -> Run:
     file = tmp_path_factory.mktemp("excite") / "eight.toml"
     assert (
         main(
-            ["excite", "line", "--fit", "m_c", "I_c", "--room", f"{ROOM}", "--speed", "2", "--noise", f"{NOISE}", "-o", str(file)]
+            [
+                "excite",
+                "line",
+                "--fit",
+                "m_c",
+                "I_c",
+                "--room",
+                f"{ROOM}",
+                "--speed",
+                "2",
+                "--noise",
+                f"{NOISE}",
+                "-o",
+                str(file),
+            ]
         )
         == 0
     )
@@ -39,7 +53,9 @@ def log_of(run: Run, noise: float = 0.0, seed: int = 0) -> Log:
 
 def expected(run: Run) -> dict[str, float]:
     dynamics = Dynamics.of(run.law.system)
-    values = dynamics.values({p.name: v for p, v in zip(run.law.parameters, run.plant.parameters, strict=True)})
+    values = dynamics.values(
+        {p.name: v for p, v in zip(run.law.parameters, run.plant.parameters, strict=True)}
+    )
     fit = predicted(log_of(run), dynamics, ["m_c", "I_c"], values, True)
     return fit.expected_deviations(np.full(2, NOISE))
 
@@ -55,16 +71,20 @@ def test_the_log_tells_as_much_as_was_said(eight):
     values = {p.name: v for p, v in zip(eight.law.parameters, eight.plant.parameters, strict=True)}
     stated, off = expected(eight), []
     for seed in range(8):
-        estimates = identify(log_of(eight, NOISE, seed), Dynamics.of(eight.law.system), list(stated), values, True).estimates
+        estimates = identify(
+            log_of(eight, NOISE, seed), Dynamics.of(eight.law.system), list(stated), values, True
+        ).estimates
         off.append([(estimates[name].value - values[name]) / sd for name, sd in stated.items()])
-    # four fifths of the windows are fitted, the rest validates: sqrt(1.25) times the deviation with all of them
+    # four fifths of the windows are fitted, the rest validates: sqrt(1.25) times the deviation with all of
+    # them
     assert 0.6 < np.std(off) / math.sqrt(1.25) < 1.5
     line = expected(simulate(read_spec("line")))
     assert stated["I_c"] < line["I_c"] / 3
 
 
 def test_the_parameters_that_the_dynamics_determine():
-    """By hand: m_c, I_c and m_w, which stands for m_w + I_w/r^2; I_m is seen with I_c only. Lengths are for calibration."""
+    """By hand: m_c, I_c and m_w, which stands for m_w + I_w/r^2;
+    I_m is seen with I_c only. Lengths are for calibration."""
     dynamics = Dynamics.of(system_of(find_robot("labmate")))
     assert set(parameters_of_motion(dynamics, dynamics.values({"r": 0.15}).tolist())) == {"m_c", "I_c", "m_w"}
 

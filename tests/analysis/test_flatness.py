@@ -1,4 +1,5 @@
-"""Flatness: verdicts as in the literature, flat outputs and chained forms against motions that are integrated."""
+"""Flatness: verdicts as in the literature, flat outputs and chained forms against motions that are
+integrated."""
 
 import random
 from collections.abc import Callable
@@ -22,7 +23,15 @@ from noslip.model import Mechanism
 from noslip.model.robots import ROBOTS
 from noslip.model.rolling.kinematics import Kinematics
 from noslip.readers.robots import find_robot
-from noslip.tests.analysis.test_verdicts import bicycle, car_and_trailer, falling_disk, hitched, kingpins, snake, two_steered
+from noslip.tests.analysis.test_verdicts import (
+    bicycle,
+    car_and_trailer,
+    falling_disk,
+    hitched,
+    kingpins,
+    snake,
+    two_steered,
+)
 from noslip.tests.reference.kinematic_systems import (
     angle,
     car,
@@ -40,7 +49,8 @@ TRAILERS = "Rouchon, Fliess, Levine, Martin 1993; O. J. Sordalen 1993: the middl
 ENGEL = "Sekhavat, Rouchon, Hermosillo 2001: flat; the outputs are no elementary functions of low degree"
 CODIMENSION = "Martin, Rouchon, CDC 1995"
 
-# robot: (verdict, outputs are found) with all coordinates, and without the angles of wheels, None if there are none; source
+# robot: (verdict, outputs are found) with all coordinates, and without the angles of wheels, None if there
+# are none; source
 Expected = tuple[tuple[bool, bool], tuple[bool, bool] | None, str]
 SHIPPED: dict[str, Expected] = {
     "knife_edge": ((YES, YES), None, FLAG),
@@ -68,13 +78,21 @@ UNSEEN: dict[str, tuple[Callable[[], Kinematics], Expected]] = {
     "unicycle with two trailers": (lambda: trailers(2), ((YES, YES), None, TRAILERS)),
     "platform with a trailer": (lambda: labmate_with_trailers(1), ((NO, NO), (YES, YES), TRAILERS)),
     "car with a trailer": (lambda: car_and_trailer(0.0), ((YES, YES), None, TRAILERS)),
-    "trailer with a kingpin": (hitched, ((YES, NO), None, "Rouchon et al. 1993: flat by elliptic functions of the hitch angle")),
+    "trailer with a kingpin": (
+        hitched,
+        ((YES, NO), None, "Rouchon et al. 1993: flat by elliptic functions of the hitch angle"),
+    ),
     "trailers with kingpins": (kingpins, ((NO, NO), None, f"{FLAG}; Rouchon et al. 1993")),
     "three links with wheels": (snake, ((NO, NO), None, FLAG)),
     "bicycle with two steered wheels": (two_steered, ((YES, NO), None, CODIMENSION)),
     "disk that may fall": (falling_disk, ((YES, YES), (YES, YES), CODIMENSION)),
 }
-LONG = ("car with a trailer", "unicycle with two trailers", "trailer with a kingpin", "trailers with kingpins")
+LONG = (
+    "car with a trailer",
+    "unicycle with two trailers",
+    "trailer with a kingpin",
+    "trailers with kingpins",
+)
 
 
 def judged(system: Mechanism | Kinematics) -> tuple[Flatness, ...]:
@@ -92,20 +110,27 @@ def test_shipped_robots_are_flat_as_in_the_literature(name):
     assert summed_up(judged(find_robot(name))) == ((whole, without) if without else (whole,))
 
 
-@pytest.mark.parametrize("name", [pytest.param(each, marks=pytest.mark.nightly) if each in LONG else each for each in UNSEEN])
+@pytest.mark.parametrize(
+    "name", [pytest.param(each, marks=pytest.mark.nightly) if each in LONG else each for each in UNSEEN]
+)
 def test_unseen_robots_are_flat_as_in_the_literature(name):
     make, (whole, without, _) = UNSEEN[name]
     assert summed_up(judged(make())) == ((whole, without) if without else (whole,))
 
 
-# -- outputs ------------------------------------------------------------------------------------------------------------
+# -- outputs -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "name, whole, outputs, singular",
     [
         ("labmate", False, ["x_c - d*cos(phi)", "y_c - d*sin(phi)"], ["thetadot_l + thetadot_r = 0"]),
-        ("labmate", True, ["phi", "x_c*cos(phi) + y_c*sin(phi) - r*theta_r"], ["thetadot_l - thetadot_r = 0"]),
+        (
+            "labmate",
+            True,
+            ["phi", "x_c*cos(phi) + y_c*sin(phi) - r*theta_r"],
+            ["thetadot_l - thetadot_r = 0"],
+        ),
         ("car", False, ["x", "y"], ["thetadot = 0", "delta is an odd multiple of 90 degrees"]),
         (
             "tractor_trailer",
@@ -126,7 +151,10 @@ def test_the_last_trailer_has_the_output(count):
     found = judged(trailers(count))[0].found
     names = {str(s) for output in found.outputs for s in output.expression.free_symbols}
     assert f"theta_{count}" in names and "theta_0" not in names
-    assert any(f"theta_{count - 1} - theta_{count} is an odd multiple of 90 degrees" == each for each in found.singular)
+    assert any(
+        f"theta_{count - 1} - theta_{count} is an odd multiple of 90 degrees" == each
+        for each in found.singular
+    )
 
 
 def with_flat_law(name: str, which: int) -> Mechanism:
@@ -139,11 +167,15 @@ def with_flat_law(name: str, which: int) -> Mechanism:
 
 @pytest.mark.parametrize(
     "name, which, rest",
-    [("labmate", 0, [0, 0, 0.3, 2.0, 0, 1.5, 1.5]), ("labmate", 1, [0, 0, 0.3, 0, 0, 1.5, -1.5]), ("car", 1, None)],
+    [
+        ("labmate", 0, [0, 0, 0.3, 2.0, 0, 1.5, 1.5]),
+        ("labmate", 1, [0, 0, 0.3, 0, 0, 1.5, -1.5]),
+        ("car", 1, None),
+    ],
 )
 def test_the_line_is_a_law_without_zero_dynamics(name, which, rest):
-    """Dynamic extension leaves nothing: the degrees are all states that are judged, and those that were added. Where the outputs
-    are said to rest its Phi is singular, at random states it is regular."""
+    """Dynamic extension leaves nothing: the degrees are all states that are judged, and those that were
+    added. Where the outputs are said to rest its Phi is singular, at random states it is regular."""
     robot = with_flat_law(name, which)
     system = reduce(robot)
     law = linearize(system, output_map(system, "flat_extended"))
@@ -151,7 +183,11 @@ def test_the_line_is_a_law_without_zero_dynamics(name, which, rest):
     holonomic = 1 if name == "labmate" and which == 0 else 0
     states = len(robot.coordinates) - dropped - holonomic + system.dof
     assert sum(law.relative_degree) == states + len(law.extension)
-    inputs = [ca.vertcat(*[q.symbol for q in system.state]), ca.vertcat(*[q.symbol for q in law.extension]), robot.p]
+    inputs = [
+        ca.vertcat(*[q.symbol for q in system.state]),
+        ca.vertcat(*[q.symbol for q in law.extension]),
+        robot.p,
+    ]
     determinant = ca.Function("det", inputs, [ca.det(law.Phi)])
     draw, p = np.random.default_rng(3), [q.default for q in robot.parameters]
     xi = draw.uniform(0.5, 1.0, len(law.extension))
@@ -163,7 +199,7 @@ def test_the_line_is_a_law_without_zero_dynamics(name, which, rest):
     assert abs(float(determinant(resting, xi, p))) < 1e-9 * min(sizes)
 
 
-# -- motions ------------------------------------------------------------------------------------------------------------
+# -- motions -------------------------------------------------------------------------------------------------
 
 
 NODES = 16  # of the polynomials through the outputs
@@ -181,18 +217,23 @@ MOTIONS: list[tuple[str, Callable[[], Mechanism | Kinematics], int]] = [
 
 
 def differentiation_matrix(nodes: list[mpmath.mpf]) -> np.ndarray:
-    """Return the matrix that gives the derivatives of the polynomial through values at the nodes, by barycentric weights."""
+    """Return the matrix that gives the derivatives of the polynomial through values at the nodes,
+    by barycentric weights."""
     count = range(len(nodes))
     weights = [1 / mpmath.fprod(nodes[j] - nodes[k] for k in count if k != j) for j in count]
-    D = np.array([[weights[k] / weights[j] / (nodes[j] - nodes[k]) if j != k else 0 for k in count] for j in count], object)
+    D = np.array(
+        [[weights[k] / weights[j] / (nodes[j] - nodes[k]) if j != k else 0 for k in count] for j in count],
+        object,
+    )
     D[np.diag_indices_from(D)] = -D.sum(axis=1)
     return D
 
 
 @pytest.mark.parametrize("make, which", [pytest.param(*each, id=name) for name, *each in MOTIONS])
 def test_the_outputs_along_a_motion_give_the_state(make, which):
-    """q' = S nu with random nu(t) is integrated. From z_1(t) and z_N(t) alone, by derivatives of polynomials through them, the
-    ratios of rates are the formulas z_k(q); where there are no integrals, the equations z(q) = z have the solution q."""
+    """q' = S nu with random nu(t) is integrated. From z_1(t) and z_N(t) alone, by derivatives of polynomials
+    through them, the ratios of rates are the formulas z_k(q); where there are no integrals, the equations
+    z(q) = z have the solution q."""
     system = make()
     Delta = distribution(system)
     verdict = judged(system)[which]
@@ -211,7 +252,9 @@ def test_the_outputs_along_a_motion_give_the_state(make, which):
             nu = [a + mpmath.sin(b * t + k) / 5 for k, (a, b) in enumerate(speeds.T.tolist())]
             return list(S(*q, *numbers) * mpmath.matrix(nu))
 
-        nodes = [end / 2 * (1 - mpmath.cos(mpmath.pi * (k + mpmath.mpf("0.5")) / NODES)) for k in range(NODES)]
+        nodes = [
+            end / 2 * (1 - mpmath.cos(mpmath.pi * (k + mpmath.mpf("0.5")) / NODES)) for k in range(NODES)
+        ]
         motion = mpmath.odefun(rates, 0, start.tolist(), tol=mpmath.mpf(10) ** -30)
         q = np.array([motion(t) for t in nodes], object).T
         z = [sp.lambdify(variables, each, "mpmath") for each in verdict.found.chained]
@@ -240,7 +283,7 @@ def test_the_outputs_along_a_motion_give_the_state(make, which):
     assert solved == pytest.approx(q[kept, t], abs=1e-5)
 
 
-# -- what is not proved -------------------------------------------------------------------------------------------------
+# -- what is not proved --------------------------------------------------------------------------------------
 
 
 AHEAD = "(cos(theta_0)*cos(theta_0 - theta_1) + sin(theta_0)*sin(theta_0 - theta_1))"  # cosine of theta_1
@@ -256,7 +299,8 @@ def pair_of(Delta, first: str, last: str):
     "make, first, last",
     [
         (knife_edge, "x", "phi"),
-        (knife_edge, "x + cos(phi)", "y + sin(phi)"),  # ahead of the axle: all of the motion but the heading's start
+        # Ahead of the axle: all of the motion but the heading's start
+        (knife_edge, "x + cos(phi)", "y + sin(phi)"),
         (knife_edge, "x", "x**2"),
         (car, "x + L*cos(phi)", "y + L*sin(phi)"),  # above the front wheel
         (car, "phi", "delta"),
@@ -284,8 +328,8 @@ def test_flat_outputs_are_proved(make, first, last):
 
 
 def disguised(seed: int, generic: bool = False) -> Kinematics:
-    """The chained form of dimension 5 in other coordinates: q = polynomials of z with a triangular Jacobian matrix, in an order
-    that is not that of z. `generic`: a term is added with which the flag is (2, 3, 5)."""
+    """The chained form of dimension 5 in other coordinates: q = polynomials of z with a triangular Jacobian
+    matrix, in an order that is not that of z. `generic`: a term is added with which the flag is (2, 3, 5)."""
     draw = random.Random(seed)
     q = [length(f"q_{k}") for k in range(5)]
     shifts = [0] + [sum(draw.choice([-1, 0, 1]) * q[j].symbol ** 2 for j in range(k)) for k in range(1, 5)]
@@ -314,7 +358,7 @@ def test_what_is_not_found_within_the_bound_is_said(monkeypatch):
     assert verdict.missing == "not found within 3,000 terms of polynomials"
 
 
-# -- what users see -----------------------------------------------------------------------------------------------------
+# -- what users see ------------------------------------------------------------------------------------------
 
 
 def test_text_and_json_of_an_analysis():
@@ -322,29 +366,37 @@ def test_text_and_json_of_an_analysis():
     said, values = as_text(answer), as_json(answer)
     assert "Flat outputs of q' = S nu" in said and "Martin, P. Rouchon" in " ".join(said.split())
     assert (
-        'robot.output("flat", "flat outputs", [("flat_1", "m", x_c - d*cos(phi)), ("flat_2", "m", y_c - d*sin(phi))])'
-        in " ".join(said.split())
+        'robot.output("flat", "flat outputs", [("flat_1", "m", x_c - d*cos(phi)), ("flat_2", "m", y_c - '
+        "d*sin(phi))])" in " ".join(said.split())
     )
-    assert [(each["without"], each["verdict"]) for each in values["flatness"]] == [([], True), (["theta_r", "theta_l"], True)]
+    assert [(each["without"], each["verdict"]) for each in values["flatness"]] == [
+        ([], True),
+        (["theta_r", "theta_l"], True),
+    ]
     assert values["flat_outputs"][1]["outputs"] == ["x_c - d*cos(phi)", "y_c - d*sin(phi)"]
     assert values["flat_outputs"][1]["chained_form"][1] == "sin(phi)/cos(phi)"
 
 
 def test_a_robot_with_fewer_inputs_has_no_verdict():
     answer = analyse(find_robot("sleigh"), [])
-    assert "no verdict: the theorems are about q' = S nu with all of nu driven, the inputs drive 1 of 2" in " ".join(
-        as_text(answer).split()
+    assert (
+        "no verdict: the theorems are about q' = S nu with all of nu driven, the inputs drive 1 of 2"
+        in " ".join(as_text(answer).split())
     )
     assert as_json(answer)["flatness"] == []
 
 
-# -- arithmetic ---------------------------------------------------------------------------------------------------------
+# -- arithmetic ----------------------------------------------------------------------------------------------
 
 
 def test_ratios_of_half_angles_are_the_functions():
     """Values and rates at random points, against SymPy's derivatives."""
     x, a, b, L = sp.symbols("x a b L", real=True)
-    expressions = [sp.sin(a) * sp.cos(b) - L * x, (1 - sp.cos(a)) * (1 + sp.sin(b) ** 2), sp.sin(a) * (2 + sp.cos(a - b))]
+    expressions = [
+        sp.sin(a) * sp.cos(b) - L * x,
+        (1 - sp.cos(a)) * (1 + sp.sin(b) ** 2),
+        sp.sin(a) * (2 + sp.cos(a - b)),
+    ]
     functions = Functions("ratios", [x, a, b], [L], expressions)
     half, draw = HalfRatios(functions), random.Random(2)
     field = [sp.cos(a), L * sp.sin(b), 1 + x * sp.cos(b)]
@@ -361,7 +413,8 @@ def test_ratios_of_half_angles_are_the_functions():
         rate = sum(sp.diff(one / other, q) * entry for q, entry in zip((x, a, b), field, strict=True))
         assert value(half.rate(rates, ratio)) == pytest.approx(float(rate.subs(at)), rel=1e-10)
     plain = half.over(half.ratio(functions.ratio(sp.sin(a) ** 2)), half.ratio(functions.ratio(1 - sp.cos(a))))
-    assert value(plain) == pytest.approx(1 + np.cos(1.1)) and len(plain.below) == 1  # (C^2 + S^2) only: no pole at a = 0
+    # (C^2 + S^2) only: no pole at a = 0
+    assert value(plain) == pytest.approx(1 + np.cos(1.1)) and len(plain.below) == 1
 
 
 def test_exact_quotients_are_those_of_sympy():
@@ -369,7 +422,10 @@ def test_exact_quotients_are_those_of_sympy():
     draw = random.Random(1)
 
     def polynomial(terms: int):
-        return sum((draw.randint(-4, 4) or 1) * sp.prod([g ** draw.randint(0, 3) for g in gens]) for _ in range(terms)) + R(1)
+        return sum(
+            (draw.randint(-4, 4) or 1) * sp.prod([g ** draw.randint(0, 3) for g in gens])
+            for _ in range(terms)
+        ) + R(1)
 
     for _ in range(30):
         a, b = polynomial(6), polynomial(3)

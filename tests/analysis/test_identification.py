@@ -1,4 +1,5 @@
-"""Parameters from logs: against the numbers with which the logs were made, over random noise, and by what cannot be told."""
+"""Parameters from logs: against the numbers with which the logs were made, over random noise,
+and by what cannot be told."""
 
 import csv
 import json
@@ -78,9 +79,18 @@ def write(tmp_path):
 
 def test_the_numbers_of_a_run(write, capsys, tmp_path):
     file, picture = write(table().tolist()), tmp_path / "errors.svg"
-    assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json", "--plot", str(picture)]) == 0
+    assert (
+        main(
+            ["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json", "--plot", str(picture)]
+        )
+        == 0
+    )
     drawn = picture.read_text()
-    assert "error of thetadot_r" in drawn and "left out of the fit" in drawn and "predicted minus measured (rad/s)" in drawn
+    assert (
+        "error of thetadot_r" in drawn
+        and "left out of the fit" in drawn
+        and "predicted minus measured (rad/s)" in drawn
+    )
     printed = json.loads(capsys.readouterr().out)
     for name, value in PLANT.items():
         assert printed["parameters"][name]["value"] == pytest.approx(value, rel=1e-8)
@@ -92,7 +102,9 @@ NOISE = 0.02  # rad/s
 
 def deviations(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Errors of m_c and I_c, and their standard deviations, of logs with noisy rates."""
-    results = [identify(log_of(NOISE, seed), DYNAMICS, list(PLANT), VALUES, True).estimates for seed in range(count)]
+    results = [
+        identify(log_of(NOISE, seed), DYNAMICS, list(PLANT), VALUES, True).estimates for seed in range(count)
+    ]
     errors = np.array([[e[name].value - PLANT[name] for name in PLANT] for e in results])
     return errors, np.array([[e[name].sd for name in PLANT] for e in results])
 
@@ -111,8 +123,8 @@ def test_values_lie_within_their_deviations():
 
 @pytest.mark.nightly
 def test_errors_that_outputs_share_have_the_right_deviations():
-    """The same error of both rates in a row: m_c is seen mainly in their sum, I_c in their difference. As for independent
-    errors, they would be off by 1.5 and 0.1 standard deviations.
+    """The same error of both rates in a row: m_c is seen mainly in their sum, I_c in their difference. As for
+    independent errors, they would be off by 1.5 and 0.1 standard deviations.
     """
     off = []
     for seed in range(12):
@@ -148,7 +160,9 @@ def test_names_of_the_robot_go_before_those_of_motors(write, tmp_path, capsys, b
     file, robot = write(table().tolist()), f"{tmp_path / 'own.py'}:named"
     given = ["identify", file, "--robot", robot, "--fit", "m_c", "I_c"]
     assert main([*given, "--set", "efficiency_a=3", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["parameters"]["m_c"]["value"] == pytest.approx(PLANT["m_c"], rel=1e-8)
+    assert json.loads(capsys.readouterr().out)["parameters"]["m_c"]["value"] == pytest.approx(
+        PLANT["m_c"], rel=1e-8
+    )
     assert "rename the robot's" in bad_input([*given, "--drive", "current", "--map", "current_tau_r=tau_r"])
     assert "rename the robot's" in bad_input([*given, "--outputs", "thetadot_r", "thetadot_l", "gyro"])
     assert "does not depend" in bad_input([*given[:5], "moving_part"])
@@ -161,14 +175,17 @@ def test_too_few_inputs(write, bad_input):
 
 @pytest.mark.nightly
 def test_correlated_errors_have_larger_deviations():
-    """Errors with a correlation of 0.7 from row to row: as for independent ones, deviations would be half of what they are."""
+    """Errors with a correlation of 0.7 from row to row: as for independent ones,
+    deviations would be half of what they are."""
     results = []
     for seed in range(40):
         white = np.random.default_rng(seed).normal(size=(len(run().t) + 100, 2))
         errors = NOISE * math.sqrt(1 - 0.7**2) * lfilter([1.0], [1.0, -0.7], white, axis=0)[100:]
         log = Log(run().t, np.hstack([run().q, run().nu + errors]), run().tau, (range(len(errors)),), ())
         estimates = identify(log, DYNAMICS, list(PLANT), VALUES, True).estimates
-        results.append([(estimates[name].value - value) / estimates[name].sd for name, value in PLANT.items()])
+        results.append(
+            [(estimates[name].value - value) / estimates[name].sd for name, value in PLANT.items()]
+        )
     inside = np.mean(np.abs(results) < 1.96, axis=0)
     print(inside)
     assert (inside > 0.8).all()
@@ -176,8 +193,8 @@ def test_correlated_errors_have_larger_deviations():
 
 @pytest.mark.nightly
 def test_values_lie_in_their_intervals_in_most_logs():
-    """In 93 to 97 % of 1000 logs, with errors, and stated deviations, within 1.2 times the bound of Cramer and Rao for the whole
-    log.
+    """In 93 to 97 % of 1000 logs, with errors, and stated deviations, within 1.2 times the bound of Cramer
+    and Rao for the whole log.
     """
     errors, sd = deviations(1000)
     every = DYNAMICS.values(VALUES | PLANT)
@@ -189,10 +206,13 @@ def test_values_lie_in_their_intervals_in_most_logs():
 
 
 def test_what_a_motion_cannot_tell():
-    """By hand: speed sees m_c + 2 m_w + 2 I_w/r^2, turning I_c + 2 I_m + 2 (m_w + I_w/r^2) b^2, both m_c d."""
+    """By hand: speed sees m_c + 2 m_w + 2 I_w/r^2, turning I_c + 2 I_m + 2 (m_w + I_w/r^2) b^2,
+    both m_c d."""
     every = DYNAMICS.values(VALUES).tolist()
     r = VALUES["r"]
-    others_of = {c.pivot: dict(c.others) for c in combinations(DYNAMICS, ["m_c", "I_c", "m_w", "I_w", "I_m"], every)}
+    others_of = {
+        c.pivot: dict(c.others) for c in combinations(DYNAMICS, ["m_c", "I_c", "m_w", "I_w", "I_m"], every)
+    }
     assert set(others_of) == {"m_c", "I_c", "m_w"} and others_of["m_c"] == {}
     assert others_of["m_w"] == {"I_w": pytest.approx(1 / r**2, rel=1e-12)}
     assert others_of["I_c"] == {"I_m": pytest.approx(2.0, rel=1e-12)}
@@ -200,8 +220,12 @@ def test_what_a_motion_cannot_tell():
 
 def test_a_mass_that_is_seen_only_with_others_is_not_answered():
     result = identify(log_of(), DYNAMICS, ["I_c", "I_m", "m_c"], VALUES, True)
-    assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(47.0, rel=1e-6)
-    assert result.unidentifiable == ("I_c, I_m: any motion shows only I_c + 2 I_m (factors at the given values)",)
+    assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(
+        47.0, rel=1e-6
+    )
+    assert result.unidentifiable == (
+        "I_c, I_m: any motion shows only I_c + 2 I_m (factors at the given values)",
+    )
 
 
 def test_a_log_without_turning_does_not_show_the_inertia():
@@ -213,14 +237,19 @@ def test_a_log_without_turning_does_not_show_the_inertia():
     nu = (per_torque * (1 - np.cos(t))).T  # of equal torques sin t
     log = Log(t, np.hstack([np.zeros((500, 5)), nu]), np.sin(t)[:, None] * [1.0, 1.0], (range(500),), ())
     result = identify(log, DYNAMICS, ["m_c", "I_c"], VALUES, False)
-    assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(VALUES["m_c"], rel=1e-5)
+    assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(
+        VALUES["m_c"], rel=1e-5
+    )
     assert result.unidentifiable[0].startswith("I_c: this log does not show it")
 
 
 def thin_disk(tied: bool) -> Mechanism:
     """A disk that rolls and turns, I about the axle and J about a diameter, or with I = 2 J in its place."""
     robot = Mechanism("thin_disk", "")
-    x, y, phi, theta = (robot.coordinate(name, unit) for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad"), ("theta", "rad")))
+    x, y, phi, theta = (
+        robot.coordinate(name, unit)
+        for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad"), ("theta", "rad"))
+    )
     J = robot.parameter("J", 0.08, "kg m^2")
     I = 2 * J if tied else robot.parameter("I", 0.15, "kg m^2")  # noqa: E741
     if not tied:
@@ -237,34 +266,45 @@ def thin_disk(tied: bool) -> Mechanism:
 
 
 def log_of_disk(I: float, J: float, seed: int = 4) -> Log:  # noqa: E741
-    """Torques of two frequencies at the inertia I + 2 R^2 of rolling and J of turning, by hand; noisy rates."""
+    """Torques of two frequencies at the inertia I + 2 R^2 of rolling and J of turning, by hand;
+    noisy rates."""
     t, random = np.arange(600) * 0.01, np.random.default_rng(seed)
     tau, inertia = np.column_stack([np.cos(3 * t), 0.5 * np.cos(2 * t)]), np.array([I + 2 * 0.3**2, J])
-    nu = np.column_stack([np.sin(3 * t) / 3, 0.5 * np.sin(2 * t) / 2]) / inertia + 0.01 * random.normal(size=tau.shape)
+    nu = np.column_stack([np.sin(3 * t) / 3, 0.5 * np.sin(2 * t) / 2]) / inertia + 0.01 * random.normal(
+        size=tau.shape
+    )
     return Log(t, np.hstack([np.zeros((600, 4)), nu]), tau, (range(600),), ())
 
 
 def test_inertias_stay_those_of_a_body():
-    """A log that a disk cannot make: the answer is that of the robot in which I is 2 J; and one of a disk, as it is."""
+    """A log that a disk cannot make: the answer is that of the robot in which I is 2 J; and one of a disk,
+    as it is."""
     free, tied = (Dynamics.of(reduce(thin_disk(each))) for each in (False, True))
     beyond, within = log_of_disk(0.3, 0.08), log_of_disk(0.12, 0.08)
     result = identify(beyond, free, ["I", "J"], {}, False)
     on_bound = identify(beyond, tied, ["J"], {}, False).estimates["J"].value
     assert result.estimates["J"].value == pytest.approx(on_bound, rel=1e-5) and on_bound > 0.09
     assert result.estimates["I"].value == pytest.approx(2 * on_bound, rel=1e-5)
-    assert result.remarks == ("the inertias are at their bound I <= 2 J; beyond it the log would be predicted better",)
+    assert result.remarks == (
+        "the inertias are at their bound I <= 2 J; beyond it the log would be predicted better",
+    )
     alone = identify(beyond, free, ["I"], {"J": 0.08}, False)
     assert alone.estimates["I"].value == pytest.approx(0.16, rel=1e-9) and alone.remarks == result.remarks
     result = identify(within, free, ["I", "J"], {}, False)
-    assert not result.remarks and all(abs(result.estimates[k].value - v) < 0.002 for k, v in (("I", 0.12), ("J", 0.08)))
+    assert not result.remarks and all(
+        abs(result.estimates[k].value - v) < 0.002 for k, v in (("I", 0.12), ("J", 0.08))
+    )
 
 
 def rollers() -> Mechanism:
-    """A thin disk that carries a second body: I about the first's axle, J about diameters and of the second, which has K too."""
+    """A thin disk that carries a second body: I about the first's axle,
+    J about diameters and of the second, which has K too."""
     robot = Mechanism("rollers", "")
     pairs = (("x", "m"), ("y", "m"), ("phi", "rad"), ("theta", "rad"), ("psi", "rad"))
     x, y, phi, theta, psi = (robot.coordinate(name, unit) for name, unit in pairs)
-    I, J, K = (robot.parameter(name, value, "kg m^2") for name, value in (("I", 0.12), ("J", 0.08), ("K", 0.06)))  # noqa: E741
+    I, J, K = (  # noqa: E741
+        robot.parameter(name, value, "kg m^2") for name, value in (("I", 0.12), ("J", 0.08), ("K", 0.06))
+    )
     robot.principal_inertias(I, J, J)
     robot.principal_inertias(J, K, K)
     x_dot, y_dot, turning, rolling, spinning = (robot.rate(each) for each in (x, y, phi, theta, psi))
@@ -280,10 +320,12 @@ def rollers() -> Mechanism:
 
 
 @pytest.mark.parametrize(
-    ("inertias", "bounds"), [((0.4, 0.1, 0.02), 2), ((0.1, 0.3, 0.02), 1), ((0.3, 0.1, 0.09), 1), ((0.12, 0.08, 0.06), 0)]
+    ("inertias", "bounds"),
+    [((0.4, 0.1, 0.02), 2), ((0.1, 0.3, 0.02), 1), ((0.3, 0.1, 0.09), 1), ((0.12, 0.08, 0.06), 0)],
 )
 def test_two_bodies_that_share_an_inertia(inertias, bounds):
-    """Torques of three frequencies at inertias of no bodies: the answer is feasible, and the least squares that SLSQP finds."""
+    """Torques of three frequencies at inertias of no bodies: the answer is feasible,
+    and the least squares that SLSQP finds."""
     t, random = np.arange(400) * 0.01, np.random.default_rng(7)
     added, frequency = np.array([2 * 0.3**2, 0.0, 0.0]), np.array([3.0, 2.0, 4.0])
     tau = 0.5 * np.cos(np.outer(t, frequency))
@@ -304,7 +346,12 @@ def test_two_bodies_that_share_an_inertia(inertias, bounds):
 
     feasible = {"type": "ineq", "fun": lambda v: np.array([2 * v[1] - v[0], 2 * v[2] - v[1]])}
     other = minimize(
-        cost, [0.12, 0.08, 0.06], method="SLSQP", bounds=[(0.01, 1)] * 3, constraints=feasible, options={"ftol": 1e-9}
+        cost,
+        [0.12, 0.08, 0.06],
+        method="SLSQP",
+        bounds=[(0.01, 1)] * 3,
+        constraints=feasible,
+        options={"ftol": 1e-9},
     )
     assert cost(found) <= other.fun + 1e-6 and np.allclose(found, other.x, rtol=0.01, atol=0)
 
@@ -319,9 +366,13 @@ def test_bounded_least_squares():
         h = G @ random.normal(size=n) - random.uniform(0, 1, m)
         s, held = bounded_least_squares(A, b, G, h)
         other = minimize(
-            lambda s, A=A, b=b: float(np.sum((A @ s - b) ** 2)), s, jac=lambda s, A=A, b=b: 2 * A.T @ (A @ s - b), method="SLSQP",
-            constraints={"type": "ineq", "fun": lambda s, G=G, h=h: G @ s - h, "jac": lambda s, G=G: G}, options={"ftol": 1e-14},
-        )  # fmt: skip
+            lambda s, A=A, b=b: float(np.sum((A @ s - b) ** 2)),
+            s,
+            jac=lambda s, A=A, b=b: 2 * A.T @ (A @ s - b),
+            method="SLSQP",
+            constraints={"type": "ineq", "fun": lambda s, G=G, h=h: G @ s - h, "jac": lambda s, G=G: G},
+            options={"ftol": 1e-14},
+        )
         assert (G @ s >= h - 1e-9).all() and np.allclose(s, other.x, rtol=0, atol=1e-6)
         assert np.abs((G @ s - h)[held]).max(initial=0.0) < 1e-9
         bounded += held.sum() > 1
@@ -341,7 +392,9 @@ def test_inertias_of_no_body_are_refused(write, bad_input):
         with pytest.raises(ModelError, match=message):
             robot.principal_inertias(*inertias)
     rows, head = np.zeros((200, 5)).tolist(), ["t", "thetadot", "phidot", "tau_theta", "tau_phi"]
-    said = bad_input(["identify", write(rows, head), "--robot", "rolling_disk", "--fit", "m", "--set", "I=0.5"])
+    said = bad_input(
+        ["identify", write(rows, head), "--robot", "rolling_disk", "--fit", "m", "--set", "I=0.5"]
+    )
     assert "no body has the inertias I = 0.5, J = 0.08: I <= 2 J must hold" in said
 
 
@@ -385,7 +438,11 @@ BAD = {
     "few": (lambda rows: rows[: FEWEST - 1], [], "usable rows are too few"),
     "short": (lambda rows: rows[:100], [], "stretches of 25 rows"),
     "order": (swapped, [], "times must increase"),
-    "text": (lambda rows: [*rows[:5], ["x", *rows[5][1:]], *rows[6:]], [], "column 't' row 7: 'x' is not a number"),
+    "text": (
+        lambda rows: [*rows[:5], ["x", *rows[5][1:]], *rows[6:]],
+        [],
+        "column 't' row 7: 'x' is not a number",
+    ),
     "ragged": (lambda rows: [*rows[:5], rows[5][:-1]], [], "row 7: 9 entries"),
     "still": (still, [], "do not change"),
     "parameter": (None, ["--fit", "m_d"], "not a parameter of this robot; did you mean"),
@@ -395,7 +452,11 @@ BAD = {
     "set": (None, ["--fit", "m_c", "--set", "r=wide"], "'wide' is not a number"),
     "sign": (None, ["--fit", "m_c", "--set", "r=-1"], "must be positive"),
     "nan": (None, ["--fit", "m_c", "--set", "m_w=nan"], "--set m_w = nan is not finite"),
-    "ratio": (None, ["--fit", "m_c", "--set", "gear=0", "--set", "efficiency=-1"], "--set: efficiency = -1 must be positive"),
+    "ratio": (
+        None,
+        ["--fit", "m_c", "--set", "gear=0", "--set", "efficiency=-1"],
+        "--set: efficiency = -1 must be positive",
+    ),
     "unlike": (None, ["--fit", "zzz"], "moving, bias_gyro"),
     "no pair": (None, ["--fit", "m_c", "--set", "r"], "give NAME=VALUE"),
 }
@@ -418,7 +479,9 @@ def test_bad_files(tmp_path, bad_input):
     ):
         (tmp_path / name).write_bytes(content)
         assert message in bad_input(["identify", str(tmp_path / name), "--robot", "labmate", "--fit", "m_c"])
-    assert "No such file" in bad_input(["identify", str(tmp_path / "none.csv"), "--robot", "labmate", "--fit", "m_c"])
+    assert "No such file" in bad_input(
+        ["identify", str(tmp_path / "none.csv"), "--robot", "labmate", "--fit", "m_c"]
+    )
 
 
 @pytest.mark.parametrize(("name", "mark"), [("a.csv", ";"), ("b.csv", "\t"), ("c.csv", ",")])
@@ -427,7 +490,11 @@ def test_what_separates_names_separates_entries(name, mark, tmp_path, bad_input)
     lines = ["# a log", "t;tau_r;x", "0.0;1.5;-2e-3", "0.1;1.6;"]
     (tmp_path / name).write_text("\n".join(lines).replace(";", mark))
     columns = read_table(tmp_path / name)
-    assert {key: column.numbers().tolist()[:1] for key, column in columns.items()} == {"t": [0.0], "tau_r": [1.5], "x": [-0.002]}
+    assert {key: column.numbers().tolist()[:1] for key, column in columns.items()} == {
+        "t": [0.0],
+        "tau_r": [1.5],
+        "x": [-0.002],
+    }
     assert np.isnan(columns["x"].numbers()[1])
     if mark == ",":
         return
@@ -448,7 +515,7 @@ def test_times_in_another_unit_are_noticed(factor, unit):
         assert len(remarks) == bool(unit) and (not unit or f"--map 't=t [{unit}]'" in remarks[0])
 
 
-# -- logs of the physics engine --------------------------------------------------------------------------------------------
+# -- logs of the physics engine ------------------------------------------------------------------------------
 
 
 HEAVY = {"m_c": 60.0, "m_w": 2.0}  # twice what the controller believes, as in figure 9
@@ -463,32 +530,50 @@ def eight(speed: float) -> Run:
     start = {"initial": {"point": [0.0, 0.0], "heading": 0.0, "speed": 0.0}}
     floor = {"plant": HEAVY, "reference": {"speed": speed}, "contact": {"mu": 0.7}, "floor": {"mu": 0.7}}
     time = {"duration": round(13.0 / speed, 2), "period": 0.01, "output_step": 0.01}
-    return simulate(spec_of_table({**SPEC, **path, **start, **floor, "simulation": time}, Path("none.toml")), engine="mujoco")
+    return simulate(
+        spec_of_table({**SPEC, **path, **start, **floor, "simulation": time}, Path("none.toml")),
+        engine="mujoco",
+    )
 
 
 @pytest.mark.nightly
 def test_figure_9_with_numbers_from_the_engine():
-    """Torques of another run, by inverse dynamics, within 5 %; the offset of 8.7 cm on the circle falls below 5 mm."""
+    """Torques of another run, by inverse dynamics, within 5 %;
+    the offset of 8.7 cm on the circle falls below 5 mm."""
     pytest.importorskip("mujoco")
     run, other = eight(1.2), eight(0.9)
     rows = len(run.t) - 1
     nu = run.nu[:rows] + NOISE * np.random.default_rng(9).normal(size=(rows, 2))
     log = Log(run.t[:rows], np.hstack([run.q[:rows], nu]), run.tau[:rows], (range(rows),), ())
-    fitted = {name: e.value for name, e in identify(log, DYNAMICS, ["m_c", "I_c", "m_w"], VALUES, True).estimates.items()}
+    fitted = {
+        name: e.value
+        for name, e in identify(log, DYNAMICS, ["m_c", "I_c", "m_w"], VALUES, True).estimates.items()
+    }
     nudot, p = ca.SX.sym("nudot", 2), SYSTEM.mechanism.p
     inverse = ca.solve(SYSTEM.input_map, SYSTEM.Mbar @ nudot + SYSTEM.bias)
     torque = ca.Function("torque", [ca.vertcat(*[q.symbol for q in SYSTEM.state]), nudot, p], [inverse])
 
     def off(numbers: dict[str, float]) -> float:
         """RMS error of the torques of the other run, relative to their RMS."""
-        middle, rates = (other.x[1:] + other.x[:-1]) / 2, np.diff(other.nu, axis=0) / np.diff(other.t)[:, None]
+        middle, rates = (
+            (other.x[1:] + other.x[:-1]) / 2,
+            np.diff(other.nu, axis=0) / np.diff(other.t)[:, None],
+        )
         values = [(VALUES | numbers)[q.name] for q in SYSTEM.mechanism.parameters]
-        predicted = np.array([torque(x, rate, values).full().ravel() for x, rate in zip(middle, rates, strict=True)])[:-1]
+        predicted = np.array(
+            [torque(x, rate, values).full().ravel() for x, rate in zip(middle, rates, strict=True)]
+        )[:-1]
         return float(np.sqrt(np.mean((predicted - other.tau[:-2]) ** 2) / np.mean(other.tau[:-2] ** 2)))
 
     def offset(numbers: dict[str, float]) -> float:
-        return abs(simulate(read_varied(FIGURE_9, {"parameters": {"r": 0.15, **numbers}, "plant": HEAVY})).error[-1, 0])
+        return abs(
+            simulate(read_varied(FIGURE_9, {"parameters": {"r": 0.15, **numbers}, "plant": HEAVY})).error[
+                -1, 0
+            ]
+        )
 
     found = off(fitted), off({}), offset(fitted), offset({})
     print(fitted, found)
-    assert found[0] < 0.05 < 0.3 < found[1] and found[2] < 0.005 and found[3] == pytest.approx(0.087, abs=0.001)
+    assert (
+        found[0] < 0.05 < 0.3 < found[1] and found[2] < 0.005 and found[3] == pytest.approx(0.087, abs=0.001)
+    )

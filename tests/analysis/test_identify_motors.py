@@ -1,5 +1,5 @@
-"""Parameters of motors and friction from logs of currents, voltages and angles: the LABMATE in closed form, with DC
-motors by hand.
+"""Parameters of motors and friction from logs of currents, voltages and angles: the LABMATE in closed form,
+with DC motors by hand.
 """
 
 import csv
@@ -42,7 +42,8 @@ def acceleration():
 
 
 def torque_of(kind: str, given: float, rate: float, friction=FRICTION) -> float:
-    """The torque at a wheel, from the equations in words: the gear loses power in the direction in which it flows."""
+    """The torque at a wheel, from the equations in words: the gear loses power in the direction in which it
+    flows."""
     forward = max(-1.0, min(1.0, rate / MOVING))
     lost = friction["friction"] * rate + friction["dry_friction"] * forward
     if kind == "torque":
@@ -96,7 +97,9 @@ def log_of(kind, outputs=None, noise=None, seed=0, friction=None) -> Log:
     """A log of the run; `outputs`: measured quantities as columns; `noise`: standard deviation of each."""
     t, x, u = run(kind, friction=friction and tuple(friction.items()))
     measured = x[:, 5:] if outputs is None else outputs(x)
-    measured = measured + (0.0 if noise is None else noise * np.random.default_rng(seed).normal(size=measured.shape))
+    measured = measured + (
+        0.0 if noise is None else noise * np.random.default_rng(seed).normal(size=measured.shape)
+    )
     return Log(t, x, u, (range(len(t)),), (), measured)
 
 
@@ -144,11 +147,14 @@ def test_pose_and_gyro_as_outputs():
     fitted = ["m_c", "I_c", "b", "bias_gyro"]
     result = identify(log_of("torque", outputs), dynamics, fitted, known(*fitted), True)
     expected = {**{name: TRUE[name] for name in fitted[:3]}, "bias_gyro": gyro_bias}
-    assert {name: e.value for name, e in result.estimates.items()} == {n: pytest.approx(v, rel=1e-6) for n, v in expected.items()}
+    assert {name: e.value for name, e in result.estimates.items()} == {
+        n: pytest.approx(v, rel=1e-6) for n, v in expected.items()
+    }
 
 
 def test_of_currents_only_ratios_are_seen():
-    """By hand: with all masses and the torque constant k, (m_c, m_w + I_w/r^2, I_c + 2 I_m) / k; known friction tells k."""
+    """By hand: with all masses and the torque constant k, (m_c, m_w + I_w/r^2, I_c + 2 I_m) / k;
+    known friction tells k."""
     names = ["m_c", "I_c", "m_w", "I_w", "I_m", "torque_constant"]
     dynamics = Dynamics.of(SYSTEM, "current")
     with_friction = combinations(dynamics, names, dynamics.values(TRUE).tolist())
@@ -177,19 +183,24 @@ def test_friction_is_not_negative():
     dynamics, fitted = Dynamics.of(SYSTEM), ["m_c", "friction", "dry_friction"]
     at_bound = 0
     for seed in range(2):
-        result = identify(log_of("torque", noise=0.02, seed=seed, friction=none), dynamics, fitted, known(*fitted), True)
+        result = identify(
+            log_of("torque", noise=0.02, seed=seed, friction=none), dynamics, fitted, known(*fitted), True
+        )
         mass = result.estimates["m_c"]
         assert abs(mass.value - BODY["m_c"]) < 4 * mass.sd < 2.0
         held = [remark.split()[0] for remark in result.remarks if "at its bound, 0" in remark]
         at_bound += len(held)
-        assert all(abs(result.estimates[name].value) < 1e-8 for name in held) and set(result.estimates) == set(fitted)
+        assert all(abs(result.estimates[name].value) < 1e-8 for name in held) and set(
+            result.estimates
+        ) == set(fitted)
     assert at_bound
 
 
 @pytest.mark.parametrize("resistance", [0.3, 1.0])
 def test_parameters_that_are_seen_only_together_are_not_answered(resistance):
-    """The motors never brake here: of efficiency and resistance only the quotient is seen. One of them is held; that of the other
-    may then be impossible, an efficiency above 1, which is refused. No wrong number is given.
+    """The motors never brake here: of efficiency and resistance only the quotient is seen. One of them is
+    held; that of the other may then be impossible, an efficiency above 1, which is refused. No wrong number
+    is given.
     """
     fitted = ["m_c", "I_c", "friction", "resistance", "efficiency"]
     try:
@@ -212,7 +223,9 @@ def deviations(seeds: range) -> np.ndarray:
     for seed in seeds:
         log = log_of("current", angles)
         counts = 2 * math.pi / 4096
-        measured = counts * np.floor(log.outputs / counts + np.random.default_rng(seed).uniform(size=log.outputs.shape[1]))
+        measured = counts * np.floor(
+            log.outputs / counts + np.random.default_rng(seed).uniform(size=log.outputs.shape[1])
+        )
         noisy = Log(log.t, log.x, log.inputs, log.stretches, (), measured)
         estimates = identify(noisy, dynamics, NAMES, known(*NAMES), True).estimates
         off.append([(estimates[name].value - TRUE[name]) / estimates[name].sd for name in NAMES])
@@ -227,20 +240,28 @@ def test_values_lie_within_their_deviations():
 @pytest.mark.nightly
 @pytest.mark.parametrize("first", [0, 250, 500, 750])
 def test_values_lie_in_their_intervals_in_most_logs(first):
-    """In 95 % of logs: of 1 000 in 96.9, 94.0, 96.5 and 94.4 %. Of 250, 90.5 to 98.5 % is within three standard deviations."""
+    """In 95 % of logs: of 1 000 in 96.9, 94.0, 96.5 and 94.4 %. Of 250,
+    90.5 to 98.5 % is within three standard deviations."""
     inside = np.mean(np.abs(deviations(range(first, first + 250))) < 1.96, axis=0)
     print(dict(zip(NAMES, inside, strict=True)))
     assert ((inside > 0.905) & (inside < 0.985)).all()
 
 
-# -- the command -----------------------------------------------------------------------------------------------------------
+# -- the command ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def write(tmp_path):
     def write(kind="current", **changed) -> str:
         t, x, u = run(kind)
-        table = {"t": t, "theta_r": x[:, 3], "theta_l": x[:, 4], f"{kind}_tau_r": u[:, 0], f"{kind}_tau_l": u[:, 1], **changed}
+        table = {
+            "t": t,
+            "theta_r": x[:, 3],
+            "theta_l": x[:, 4],
+            f"{kind}_tau_r": u[:, 0],
+            f"{kind}_tau_l": u[:, 1],
+            **changed,
+        }
         with (tmp_path / "log.csv").open("w", newline="") as stream:
             rows = zip(*table.values(), strict=True)
             csv.writer(stream).writerows([list(table), *([repr(float(e)) for e in row] for row in rows)])
@@ -258,7 +279,9 @@ def test_the_command(write, capsys):
     """From angles alone and currents, one of them with the opposite sign and named by its maker."""
     file = write(**{"motor left [mA]": -1000 * run("current")[2][:, 1]})
     arguments = ["--robot", "labmate", "--fit", "m_c", "I_c", "friction", "dry_friction", "--inputs", "held"]
-    assert main(["identify", file, *arguments, *options(), "--map", "current_tau_l=-motor left", "--json"]) == 0
+    assert (
+        main(["identify", file, *arguments, *options(), "--map", "current_tau_l=-motor left", "--json"]) == 0
+    )
     printed = json.loads(capsys.readouterr().out)["parameters"]
     for name in ("m_c", "I_c", "friction", "dry_friction"):
         assert printed[name]["value"] == pytest.approx(TRUE[name], rel=1e-4)
@@ -266,10 +289,16 @@ def test_the_command(write, capsys):
 
 REFUSED = {
     "constant": (["--fit", "m_c", *options("torque_constant")], "give --set torque_constant=VALUE"),
-    "efficiency": (["--fit", "m_c", *options("efficiency"), "--set", "efficiency=1.2"], "efficiency = 1.2 must be at most 1"),
+    "efficiency": (
+        ["--fit", "m_c", *options("efficiency"), "--set", "efficiency=1.2"],
+        "efficiency = 1.2 must be at most 1",
+    ),
     "moving": (["--fit", "moving", *options()], "a log does not show it"),
     "kind": (["--fit", "m_c", *options(), "--drive", "voltage"], "column 'voltage_tau_r' is missing"),
-    "outputs": (["--fit", "m_c", *options(), "--outputs", "theta_r"], "do not determine the quasi-velocities"),
+    "outputs": (
+        ["--fit", "m_c", *options(), "--outputs", "theta_r"],
+        "do not determine the quasi-velocities",
+    ),
     "output": (["--fit", "m_c", *options(), "--outputs", "speed"], "--outputs speed: not"),
     "name": (["--fit", "frictoin"], "did you mean 'friction'"),
 }
@@ -284,4 +313,6 @@ def test_refused(case, write, bad_input):
 def test_two_kinds_of_inputs_are_not_guessed(write, bad_input):
     u = run("current")[2]
     file = write(tau_r=u[:, 0], tau_l=u[:, 1])
-    assert "choose one with --drive torque|current" in bad_input(["identify", file, "--robot", "labmate", "--fit", "m_c"])
+    assert "choose one with --drive torque|current" in bad_input(
+        ["identify", file, "--robot", "labmate", "--fit", "m_c"]
+    )

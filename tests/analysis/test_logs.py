@@ -1,4 +1,5 @@
-"""Logs with wrong signs, exchanged columns and wrong units: each is refused in one line that names the column and the remedy."""
+"""Logs with wrong signs, exchanged columns and wrong units:
+each is refused in one line that names the column and the remedy."""
 
 import csv
 import json
@@ -33,7 +34,12 @@ def driven() -> dict[str, np.ndarray]:
 def measured() -> dict[str, np.ndarray]:
     """Angles and noisy poses of a winding path, with geometry that is not quite that of the robot."""
     log = geometry.log_of(*geometry.winding(200), 1.0, 3)
-    return {"t": log.t, **dict(zip((*log.names, "x_c", "y_c", "phi"), np.column_stack([log.angles, log.pose]).T, strict=True))}
+    return {
+        "t": log.t,
+        **dict(
+            zip((*log.names, "x_c", "y_c", "phi"), np.column_stack([log.angles, log.pose]).T, strict=True)
+        ),
+    }
 
 
 def times(factor, *names):
@@ -59,22 +65,42 @@ BAD = {  # command, what happened to the log, what is said
     "x and y exchanged": (measured, swapped(("x_c", "y_c")), "--map x_c=y_c --map y_c=x_c"),
     "x backwards": (measured, times(-1, "x_c"), "--map x_c=-x_c"),
     "heading in degrees": (measured, times(DEG, "phi"), "phi=phi [deg]"),
-    "angles in degrees": (measured, times(DEG, *ANGLES), "--map 'theta_r=theta_r [deg]' --map 'theta_l=theta_l [deg]'"),
+    "angles in degrees": (
+        measured,
+        times(DEG, *ANGLES),
+        "--map 'theta_r=theta_r [deg]' --map 'theta_l=theta_l [deg]'",
+    ),
     "one angle in turns": (measured, times(1 / (2 * np.pi), "theta_l"), "theta_l=theta_l [turn]"),
     "place in mm": (measured, times(1000, "x_c", "y_c"), "--map 'x_c=x_c [mm]' --map 'y_c=y_c [mm]'"),
     "x in mm": (measured, times(1000, "x_c"), "x_c=x_c [mm]"),
-    "a wheel backwards": (driven, times(-1, "theta_r", "thetadot_r"), "--map theta_r=-theta_r --map thetadot_r=-thetadot_r"),
-    "wheels exchanged": (driven, swapped(ANGLES, RATES), "theta_r and theta_l exchanged and thetadot_r and thetadot_l exchanged"),
+    "a wheel backwards": (
+        driven,
+        times(-1, "theta_r", "thetadot_r"),
+        "--map theta_r=-theta_r --map thetadot_r=-thetadot_r",
+    ),
+    "wheels exchanged": (
+        driven,
+        swapped(ANGLES, RATES),
+        "theta_r and theta_l exchanged and thetadot_r and thetadot_l exchanged",
+    ),
     "a rate backwards": (driven, times(-1, "thetadot_r"), "--map thetadot_r=-thetadot_r"),
     "rates exchanged": (driven, swapped(RATES), "--map thetadot_r=thetadot_l"),
-    "rates in rpm": (driven, times(RPM, *RATES), "--map 'thetadot_r=thetadot_r [rpm]' --map 'thetadot_l=thetadot_l [rpm]'"),
+    "rates in rpm": (
+        driven,
+        times(RPM, *RATES),
+        "--map 'thetadot_r=thetadot_r [rpm]' --map 'thetadot_l=thetadot_l [rpm]'",
+    ),
     "rates in degrees": (driven, times(DEG, *RATES), "[deg/s]"),
     "time in ms": (driven, times(1000, "t"), "say --map 't=t [ms]'"),
     "right torque": (driven, only(times(-1, "tau_r"), *POSE, *ANGLES), "--map tau_r=-tau_r"),
     "left torque": (driven, times(-1, "tau_l"), "--map tau_l=-tau_l"),
     "both torques": (driven, times(-1, "tau_r", "tau_l"), "--map tau_r=-tau_r --map tau_l=-tau_l"),
     "torques exchanged": (driven, swapped(("tau_r", "tau_l")), "--map tau_r=tau_l --map tau_l=tau_r"),
-    "a rate backwards, alone": (driven, only(times(-1, "thetadot_l"), *POSE, *ANGLES), "--map thetadot_l=-thetadot_l"),
+    "a rate backwards, alone": (
+        driven,
+        only(times(-1, "thetadot_l"), *POSE, *ANGLES),
+        "--map thetadot_l=-thetadot_l",
+    ),
 }
 
 
@@ -91,7 +117,9 @@ def write(tmp_path):
 
 
 def arguments(log) -> list[str]:
-    return ["calibrate", "--robot", "labmate"] if log is measured else ["identify", "--robot", "labmate", *DRIVE]
+    return (
+        ["calibrate", "--robot", "labmate"] if log is measured else ["identify", "--robot", "labmate", *DRIVE]
+    )
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -116,7 +144,8 @@ def test_the_remedy_is_one(write, capsys):
 
 @pytest.mark.parametrize("spec", ["turntable_ball", "tractor_trailer"])
 def test_right_logs_of_other_robots_are_not_refused(spec, write):
-    """Robots on a moving surface and with joints: what `noslip simulate` writes agrees with itself within 1 %."""
+    """Robots on a moving surface and with joints: what `noslip simulate` writes agrees with itself within 1
+    %."""
     run = simulate(read_spec(str(Path(noslip.__file__).parent / f"examples/specs/robots/{spec}.toml")), "c")
     system = run.law.system
     columns = dict(zip((q.name for q in system.state), run.x.T, strict=True))
@@ -133,7 +162,7 @@ def test_right_logs_of_other_numbers_are_not_refused(write, capsys):
     assert Path(write(driven())).exists() and capsys.readouterr().out
 
 
-# -- what a log tells --------------------------------------------------------------------------------------------------------
+# -- what a log tells ----------------------------------------------------------------------------------------
 
 
 def fitted(capsys, *argv) -> dict:
@@ -147,17 +176,29 @@ def calibrate(file, *options) -> list[str]:
 
 
 def test_more_than_half_a_turn_from_row_to_row_is_refused(write, bad_input):
-    """Angles within a turn in so few rows that a wheel may have turned either way, even by about whole turns in each."""
-    columns = measured() | {name: np.remainder(each, 2 * np.pi) for name, each in measured().items() if name in ANGLES}
+    """Angles within a turn in so few rows that a wheel may have turned either way,
+    even by about whole turns in each."""
+    columns = measured() | {
+        name: np.remainder(each, 2 * np.pi) for name, each in measured().items() if name in ANGLES
+    }
     for every in (20, 30, 32):
-        said = bad_input(calibrate(write({name: each[::every] for name, each in columns.items()}), "--fit", "r", "b"))
-        assert "either way" in said and said.startswith("noslip: row ") and "this log can tell rates up to" in said
+        said = bad_input(
+            calibrate(write({name: each[::every] for name, each in columns.items()}), "--fit", "r", "b")
+        )
+        assert (
+            "either way" in said
+            and said.startswith("noslip: row ")
+            and "this log can tell rates up to" in said
+        )
 
 
 def test_straight_driving_with_noise_does_not_tell_the_track(write, capsys):
     """Of a heading that is noise no sign can be wrong."""
     log = geometry.log_of(np.full(300, 0.03), np.full(300, 0.03), 1.0, 5)
-    columns = {"t": log.t, **dict(zip((*log.names, *POSE), np.column_stack([log.angles, log.pose]).T, strict=True))}
+    columns = {
+        "t": log.t,
+        **dict(zip((*log.names, *POSE), np.column_stack([log.angles, log.pose]).T, strict=True)),
+    }
     for name in ANGLES:
         columns[name] = columns[name] + 1e-3 * np.random.default_rng(len(name)).normal(size=len(log.t))
     status = main(calibrate(write(columns), "--fit", "r", "b"))
@@ -177,24 +218,41 @@ def test_a_heading_alone_tells_the_track(write, capsys, bad_input):
     """By hand: the heading turns by r (theta_r - theta_l) / (2 b)."""
     file = write(only(lambda c: c, "x_c", "y_c")(measured()))
     printed = fitted(capsys, *calibrate(file, "--fit", "b", "--set", f"r={geometry.TRUE['r']}"))
-    assert abs(printed["parameters"]["b"]["value"] - geometry.TRUE["b"]) < 4 * printed["parameters"]["b"]["sd"] < 0.02
+    assert (
+        abs(printed["parameters"]["b"]["value"] - geometry.TRUE["b"])
+        < 4 * printed["parameters"]["b"]["sd"]
+        < 0.02
+    )
     assert "shows only b - 5 r" in bad_input(calibrate(file))
 
 
 @pytest.mark.parametrize("direction", [-3.0, 1.8, 3.1])
 def test_a_sensor_that_looks_anywhere(direction):
     log = geometry.log_of(*geometry.winding(), 1.0, 2, offset=(0.1, 0.0, direction))
-    estimates = fit_geometry([log], geometry.SYSTEM, ["r", "b", "offset_heading", "offset_x"], geometry.DEFAULT).estimates
+    estimates = fit_geometry(
+        [log], geometry.SYSTEM, ["r", "b", "offset_heading", "offset_x"], geometry.DEFAULT
+    ).estimates
     each = estimates["offset_heading"]
-    assert abs(each.value) <= np.pi and abs(np.remainder(each.value - direction + 1, 2 * np.pi) - 1) < 4 * each.sd < 0.02
+    assert (
+        abs(each.value) <= np.pi
+        and abs(np.remainder(each.value - direction + 1, 2 * np.pi) - 1) < 4 * each.sd < 0.02
+    )
 
 
 def test_angles_between_rows_are_linear_only_where_poses_say_so(write):
-    """In few rows: rates that the rows beside show are used, as they explain the poses better; linear angles are found."""
+    """In few rows: rates that the rows beside show are used, as they explain the poses better;
+    linear angles are found."""
     log, kept = geometry.log_of(*geometry.winding(800), 0.1), slice(None, None, 8)
-    log = replace(log, t=log.t[kept], angles=log.angles[kept], pose=log.pose[kept], stretches=(range(len(log.t[kept])),))
-    bent, linear = (fit_geometry([log], geometry.SYSTEM, ["r", "b"], geometry.DEFAULT | given) for given in ({}, {"bend": 0.0}))
-    assert all(abs(e.value - geometry.TRUE[name]) < 1e-3 * geometry.TRUE[name] for name, e in bent.estimates.items())
+    log = replace(
+        log, t=log.t[kept], angles=log.angles[kept], pose=log.pose[kept], stretches=(range(len(log.t[kept])),)
+    )
+    bent, linear = (
+        fit_geometry([log], geometry.SYSTEM, ["r", "b"], geometry.DEFAULT | given)
+        for given in ({}, {"bend": 0.0})
+    )
+    assert all(
+        abs(e.value - geometry.TRUE[name]) < 1e-3 * geometry.TRUE[name] for name, e in bent.estimates.items()
+    )
     assert any("the errors look like bend = " in remark for remark in linear.remarks)
 
 
@@ -229,7 +287,9 @@ def test_a_jump_of_the_pose_is_named(write, capsys):
 
 def test_a_value_out_of_proportion_is_refused(write, bad_input):
     """Angles in gradians, which is no unit that is tried, of wheels that are then a sixtieth as large."""
-    said = bad_input(calibrate(write(times(200 / np.pi, *ANGLES)(measured())), "--fit", "r", "--set", "b=0.361"))
+    said = bad_input(
+        calibrate(write(times(200 / np.pi, *ANGLES)(measured())), "--fit", "r", "--set", "b=0.361")
+    )
     assert "where 0.15 was expected" in said or "explain this log" in said or "contradict" in said
 
 
@@ -243,7 +303,14 @@ def test_a_sensor_at_the_end_of_its_range_is_told_from_a_profile_of_speeds():
     t, random = np.linspace(0, 10, 500), np.random.default_rng(4)
     noisy = 3 * np.sin(t) + 0.02 * random.normal(size=len(t))
     assert saturated(np.clip(noisy, -9, 2.0)) == np.flatnonzero(noisy >= 2.0).tolist()
-    for sound in (noisy, np.clip(t, 0, 3), np.clip(6 - np.abs(t - 6), 0, 3), np.round(noisy, 1), np.tanh(20 * t), np.zeros(4)):
+    for sound in (
+        noisy,
+        np.clip(t, 0, 3),
+        np.clip(6 - np.abs(t - 6), 0, 3),
+        np.round(noisy, 1),
+        np.tanh(20 * t),
+        np.zeros(4),
+    ):
         assert saturated(sound) == []
 
 
@@ -254,12 +321,22 @@ def test_a_sensor_that_stands_still_is_told_from_one_that_rests():
     (rows,) = standstills(stuck)
     assert set(rows) == set(np.flatnonzero(stuck == turning[200])[1:])
     rests = np.where(t < 4, 0, np.clip(t - 4, 0, 0.3))  # a steering angle that is turned
-    for sound in (turning, rests, np.maximum(turning, 15), np.round(turning, 1), turning + 0.1 * random.normal(size=len(t))):
+    for sound in (
+        turning,
+        rests,
+        np.maximum(turning, 15),
+        np.round(turning, 1),
+        turning + 0.1 * random.normal(size=len(t)),
+    ):
         assert standstills(sound) == []
 
 
 def test_numbers_without_a_header_and_without_an_angle_are_refused(bad_input, tmp_path):
     file = tmp_path / "poses.csv"
     file.write_text("".join(f"{k / 10},{k / 20},{k * k / 5000},{k / 100}\n" for k in range(60)))
-    named = [word for k, name in enumerate(("t", "x_c", "y_c", "phi"), 1) for word in ("--map", f"{name}={k}")]
-    assert "alone cannot tell how labmate moves" in bad_input(["calibrate", str(file), "--robot", "labmate", *named])
+    named = [
+        word for k, name in enumerate(("t", "x_c", "y_c", "phi"), 1) for word in ("--map", f"{name}={k}")
+    ]
+    assert "alone cannot tell how labmate moves" in bad_input(
+        ["calibrate", str(file), "--robot", "labmate", *named]
+    )

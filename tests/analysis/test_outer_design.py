@@ -1,4 +1,5 @@
-"""Design and linear analysis of the outer loop's channels: against closed forms, python-control, and brute force."""
+"""Design and linear analysis of the outer loop's channels: against closed forms, python-control,
+and brute force."""
 
 import math
 
@@ -7,7 +8,15 @@ import mpmath
 import numpy as np
 import pytest
 from noslip.analysis.outer.channel import Channel, Required, longest_period, longest_period_with
-from noslip.analysis.outer.design import Gains, from_discrete_poles, from_hinf, from_lqr, from_poles, from_settling, settling_time
+from noslip.analysis.outer.design import (
+    Gains,
+    from_discrete_poles,
+    from_hinf,
+    from_lqr,
+    from_poles,
+    from_settling,
+    settling_time,
+)
 from noslip.analysis.outer.exponential import exponential
 from noslip.analysis.outer.margins import margins, structured
 from noslip.readers.errors import BadInput
@@ -25,7 +34,8 @@ with_delay = pytest.mark.parametrize("delay", [False, True], ids=["prompt", "lat
 
 
 def held(gains: Gains, period: float, delay: bool) -> np.ndarray:
-    """The channel's map over a period, from the matrix exponential; the integral sums the errors at the calls."""
+    """The channel's map over a period, from the matrix exponential;
+    the integral sums the errors at the calls."""
     degree = gains.degree
     chain = np.zeros((degree + 1, degree + 1))
     chain[:-1, 1:] = np.eye(degree)
@@ -53,7 +63,7 @@ def random_gains(seed: int) -> Gains:
     return from_poles(degree, -random.uniform(0.3, 5, degree + integral), integral)
 
 
-# -- design ----------------------------------------------------------------------------------------------------------
+# -- design --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -79,10 +89,13 @@ def test_paper_gains():
 
 
 def test_settling_in_closed_form():
-    """Critically damped (1 + w t) exp(-w t) = 0.02; one pole exp(-k t) = 0.02; overdamped by the two exponentials."""
+    """Critically damped (1 + w t) exp(-w t) = 0.02; one pole exp(-k t) = 0.02;
+    overdamped by the two exponentials."""
     reached = float(mpmath.findroot(lambda x: (1 + x) * mpmath.exp(-x) - 0.02, 5.8))
     gains = from_settling(2, 4.0)
-    assert gains.error == pytest.approx((reached / 4) ** 2, rel=1e-11) and gains.rate == pytest.approx(2 * reached / 4, rel=1e-11)
+    assert gains.error == pytest.approx((reached / 4) ** 2, rel=1e-11) and gains.rate == pytest.approx(
+        2 * reached / 4, rel=1e-11
+    )
     assert from_settling(1, 4.0).error == pytest.approx(math.log(50) / 4, rel=1e-12)
     slow, fast = 0.5, 2.0
 
@@ -105,7 +118,9 @@ def test_settles_when_it_shall(degree, integral, damping):
         v = -gains.integral * z - gains.error * e
         return [e, v, 0.0] if degree == 1 else [e, e_rate, v - gains.rate * e_rate]
 
-    solution = solve_ivp(rate, (0, 9), [0, 1, 0], "DOP853", rtol=1e-11, atol=1e-13, t_eval=np.linspace(0, 9, 3001))
+    solution = solve_ivp(
+        rate, (0, 9), [0, 1, 0], "DOP853", rtol=1e-11, atol=1e-13, t_eval=np.linspace(0, 9, 3001)
+    )
     error, after = np.abs(solution.y[1]), solution.t >= 3.0
     assert error[1000] == pytest.approx(0.02, abs=1e-8) and error[after].max() <= 0.02 + 1e-8
     if degree == 2 and damping >= 1 and not integral:
@@ -135,8 +150,9 @@ def test_lqr_is_python_controls(degree):
 
 
 def hamiltonian_norm(A: np.ndarray, B: np.ndarray, C: np.ndarray) -> float:
-    """The H-infinity norm of a stable system without feedthrough: the least gamma for which the Hamiltonian matrix has no
-    eigenvalue on the imaginary axis (Boyd, Balakrishnan, Kabamba 1989), by bisection: no frequencies are tried."""
+    """The H-infinity norm of a stable system without feedthrough: the least gamma for which the Hamiltonian
+    matrix has no eigenvalue on the imaginary axis (Boyd, Balakrishnan, Kabamba 1989), by bisection: no
+    frequencies are tried."""
     low, high = 0.0, 1e3
     while high - low > 1e-9 * high:
         gamma = (low + high) / 2
@@ -147,8 +163,11 @@ def hamiltonian_norm(A: np.ndarray, B: np.ndarray, C: np.ndarray) -> float:
     return high
 
 
-def weighed(gains: Gains, largest: list[float], period: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C from a disturbance to everything relative to its largest value, written out; z sums the errors at the calls."""
+def weighed(
+    gains: Gains, largest: list[float], period: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C from a disturbance to everything relative to its largest value, written out;
+    z sums the errors at the calls."""
     degree, integral = gains.degree, bool(gains.integral)
     size, K = degree + integral, gains.vector[None, :]
     A, B = np.eye(size, k=1), np.eye(size)[:, -1:]
@@ -175,7 +194,9 @@ def test_hinf_keeps_all_within_their_values(degree, integral, period):
         assert found == pytest.approx(hamiltonian_norm(A, B, C), rel=1e-7)
     omega = np.append(0.0, np.geomspace(1e-4, math.pi / (period or 0.01), 40_000))
     at = np.exp(1j * omega * period) if period else 1j * omega
-    tried = np.linalg.norm(C @ np.linalg.solve(at[:, None, None] * np.eye(len(A)) - A, B), 2, axis=(1, 2)).max()
+    tried = np.linalg.norm(
+        C @ np.linalg.solve(at[:, None, None] * np.eye(len(A)) - A, B), 2, axis=(1, 2)
+    ).max()
     assert found == pytest.approx(tried, rel=1e-6)
 
 
@@ -189,7 +210,8 @@ def test_hinf_of_one_integrator_in_closed_form():
 
 
 def test_hinf_does_what_lqr_does_not():
-    """Near the largest disturbance that v can compensate, a regulator by the same values leaves one of them."""
+    """Near the largest disturbance that v can compensate, a regulator by the same values leaves one of
+    them."""
     largest = [0.1, 0.2, 0.5]
     lqr, hinf = from_lqr(2, largest), from_hinf(2, [*largest, 0.48])
     assert Channel("y", "m", lqr).norm([*largest, 0.48]) > 1.3
@@ -205,7 +227,8 @@ def test_hinf_without_disturbance_is_lqr():
 
 @pytest.mark.nightly
 def test_hinf_ends_where_no_gain_can_do_it():
-    """One integrator called every 0.2 s: over all gains kv the least norm is 1 at the disturbance that the message names."""
+    """One integrator called every 0.2 s: over all gains kv the least norm is 1 at the disturbance that the
+    message names."""
     e, v, period = 0.1, 0.5, 0.2
     with pytest.raises(BadInput, match=r"only below 0\.\d+") as refused:
         from_hinf(1, [e, v, 0.499], period=period)
@@ -224,7 +247,9 @@ def test_hinf_against_slicot():
     for period in (None, 0.02):
         gains = from_hinf(2, largest, period=period)
         system = control.ss(*weighed(gains, largest, period), 0, period or 0)
-        assert Channel("y", "m", gains, period).norm(largest) == pytest.approx(control.linfnorm(system)[0], rel=1e-7)
+        assert Channel("y", "m", gains, period).norm(largest) == pytest.approx(
+            control.linfnorm(system)[0], rel=1e-7
+        )
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -238,25 +263,35 @@ def test_discrete_poles(degree, integral):
 
 @pytest.mark.parametrize("degree", [3, 4, 6])
 def test_longer_chains(degree):
-    """Poles against the polynomial written out; the sampled chain and both regulators against python-control's."""
+    """Poles against the polynomial written out; the sampled chain and both regulators against
+    python-control's."""
     poles = [-1 - 0.3 * k for k in range(degree)]
     gains = from_poles(degree, poles)
     assert [*gains.of_errors, 1.0] == pytest.approx(np.poly(poles)[::-1], rel=1e-12)
     assert list(gains.named("y")) == [f"{name}_y" for name in ("kp", "kd", "ka", "kj", "ks", "kc")[:degree]]
     assert np.sort(gains.faster(2.0).poles.real) == pytest.approx(sorted(2 * np.array(poles)), rel=1e-6)
-    A, B, largest = np.eye(degree, k=1), np.eye(degree)[:, -1:], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6][:degree] + [0.7]
+    A, B, largest = (
+        np.eye(degree, k=1),
+        np.eye(degree)[:, -1:],
+        [0.1, 0.2, 0.3, 0.4, 0.5, 0.6][:degree] + [0.7],
+    )
     Q, R = np.diag(1 / np.square(largest[:-1])), [[1 / 0.7**2]]
     sampled = control.c2d(control.ss(A, B, np.eye(degree), 0), 0.1)
     for answer, expected in (
         (from_lqr(degree, largest), control.lqr(A, B, Q, R, method="scipy")[0][0]),
-        (from_lqr(degree, largest, period=0.1), control.dlqr(sampled.A, sampled.B, Q, R, method="scipy")[0][0]),
+        (
+            from_lqr(degree, largest, period=0.1),
+            control.dlqr(sampled.A, sampled.B, Q, R, method="scipy")[0][0],
+        ),
     ):
         assert answer.vector == pytest.approx(expected, rel=1e-8)
     discrete = [0.8 + 0.02 * k for k in range(degree)]
     closed = Channel("y", "m", from_discrete_poles(degree, discrete, 0.1), 0.1)
     assert np.sort(closed.poles.real) == pytest.approx(discrete, abs=1e-3 if degree == 6 else 1e-5)
     limit = closed.longest_period(True)
-    late = [np.abs(Channel("y", "m", closed.gains, T, True).poles).max() for T in (0.999 * limit, 1.001 * limit)]
+    late = [
+        np.abs(Channel("y", "m", closed.gains, T, True).poles).max() for T in (0.999 * limit, 1.001 * limit)
+    ]
     assert late[0] < 1 < late[1]
 
 
@@ -292,7 +327,10 @@ def test_deadbeat():
         (lambda: Channel("y", "m", PAPER, 0.0), "period = 0"),
         (lambda: Channel("y", "m", PAPER, delay=True), "requires a period"),
         (lambda: Channel("y", "m", PAPER, 0.81).margins(), "stable below 0.8 s"),
-        (lambda: Channel("y", "m", PAPER, 0.37, True).margins(), "with a delay of one sample, is beyond stability"),
+        (
+            lambda: Channel("y", "m", PAPER, 0.37, True).margins(),
+            "with a delay of one sample, is beyond stability",
+        ),
     ],
 )
 def test_refused(make, reason):
@@ -306,10 +344,13 @@ def test_refused(make, reason):
 def test_exponential(size, norm):
     matrix = np.random.default_rng(size).normal(size=(size, size))
     matrix *= norm / np.linalg.norm(matrix)
-    assert np.abs(exponential(matrix) - expm(matrix)).max() <= 1e-13 * max(1.0, norm) * np.abs(expm(matrix)).max()
+    assert (
+        np.abs(exponential(matrix) - expm(matrix)).max()
+        <= 1e-13 * max(1.0, norm) * np.abs(expm(matrix)).max()
+    )
 
 
-# -- sampled channels ------------------------------------------------------------------------------------------------
+# -- sampled channels ----------------------------------------------------------------------------------------
 
 
 @each_channel
@@ -320,8 +361,13 @@ def test_discrete_model(gains, delay):
     expected = np.linalg.eigvals(held(gains, 0.13, delay))
     assert np.abs(np.sort_complex(channel.poles) - np.sort_complex(expected)).max() < 1e-7
     sampled = control.c2d(Channel("y", "m", gains).plant(), 0.13)
-    assert np.abs(channel.plant().A - sampled.A).max() < 1e-12 and np.abs(channel.plant().B - sampled.B).max() < 1e-12
-    assert channel.plant().output_labels == ["y", "y_rate"][: gains.degree] and channel.plant().input_labels == ["v_y"]
+    assert (
+        np.abs(channel.plant().A - sampled.A).max() < 1e-12
+        and np.abs(channel.plant().B - sampled.B).max() < 1e-12
+    )
+    assert channel.plant().output_labels == ["y", "y_rate"][
+        : gains.degree
+    ] and channel.plant().input_labels == ["v_y"]
 
 
 def test_longest_period_in_closed_form():
@@ -335,10 +381,14 @@ def test_longest_period_in_closed_form():
 @pytest.mark.parametrize("seed", range(12))
 @with_delay
 def test_longest_period(seed, delay):
-    """On the unit circle at that period, inside at every shorter one: eigenvalues of the matrix exponential's map."""
+    """On the unit circle at that period, inside at every shorter one:
+    eigenvalues of the matrix exponential's map."""
     gains = random_gains(seed)
     limit = longest_period(gains, delay)
-    radius = [np.abs(np.linalg.eigvals(held(gains, part * limit, delay))).max() for part in np.linspace(0.01, 0.99, 99)]
+    radius = [
+        np.abs(np.linalg.eigvals(held(gains, part * limit, delay))).max()
+        for part in np.linspace(0.01, 0.99, 99)
+    ]
     assert max(radius) < 1
     at, beyond = (np.abs(np.linalg.eigvals(held(gains, part * limit, delay))).max() for part in (1, 1.01))
     assert at == pytest.approx(1, abs=1e-7) and beyond > 1
@@ -353,10 +403,11 @@ def test_longest_period_with_margins():
     assert Channel("y", "m", PAPER, phase).margins().phase == pytest.approx(math.radians(60), abs=1e-9)
     peak = longest_period_with(channel, Required(gain=1.001, phase=1e-3, Ms=1.5))
     assert Channel("y", "m", PAPER, peak).margins().Ms == pytest.approx(1.5, abs=1e-8)
-    assert longest_period_with(channel, Required(gain=2.0, phase=math.radians(89))) == 0  # not even in continuous time
+    # Not even in continuous time
+    assert longest_period_with(channel, Required(gain=2.0, phase=math.radians(89))) == 0
 
 
-# -- margins ---------------------------------------------------------------------------------------------------------
+# -- margins -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -370,7 +421,9 @@ def test_margins_are_python_controls(seed, sampled):
     response = loop(np.exp(1j * omega * period) if sampled else 1j * omega)
     data = control.frd(response, omega)
     gain, phase, _, _, crossover, _ = control.stability_margins(data)
-    assert ours.phase == pytest.approx(math.radians(phase), abs=1e-4) and ours.crossover == pytest.approx(crossover, rel=1e-4)
+    assert ours.phase == pytest.approx(math.radians(phase), abs=1e-4) and ours.crossover == pytest.approx(
+        crossover, rel=1e-4
+    )
     if gain < 1:  # the margin that python-control finds nearest; ours are both
         assert ours.gain_down == pytest.approx(gain, rel=1e-4)
     S = 1 / (1 + response)
@@ -386,14 +439,17 @@ def test_margins_are_python_controls(seed, sampled):
 @each_channel
 @with_delay
 def test_gain_margins_are_the_limits_of_stability(gains, delay):
-    """At the factors found the closed loop has a pole on the unit circle; a delay of the margin's size uses the phase up."""
+    """At the factors found the closed loop has a pole on the unit circle;
+    a delay of the margin's size uses the phase up."""
     channel = Channel("y", "m", gains, 0.05, delay)
     ours, loop = channel.margins(), channel.loop()
 
     def radius(factor: float) -> float:
         return float(np.abs(np.linalg.eigvals(loop.A - factor * loop.B @ loop.C)).max())
 
-    assert radius(ours.gain) == pytest.approx(1, abs=1e-7) and radius(0.999 * ours.gain) < 1 < radius(1.001 * ours.gain)
+    assert radius(ours.gain) == pytest.approx(1, abs=1e-7) and radius(0.999 * ours.gain) < 1 < radius(
+        1.001 * ours.gain
+    )
     if ours.gain_down:
         assert radius(ours.gain_down) == pytest.approx(1, abs=1e-7) and radius(0.999 * ours.gain_down) > 1
     L = complex(loop(np.exp(1j * ours.crossover * 0.05)))
@@ -411,7 +467,8 @@ def test_structured_singular_value(seed):
 
 @pytest.mark.parametrize("size", [3, 4, 6])
 def test_structured_singular_value_of_products_in_closed_form(size):
-    """M = a b* has the structured singular value sum |a_i b_i|, a diagonal matrix its largest entry. Bounds, and close ones."""
+    """M = a b* has the structured singular value sum |a_i b_i|,
+    a diagonal matrix its largest entry. Bounds, and close ones."""
     random = np.random.default_rng(size)
     a, b = (random.normal(size=(40, size)) + 1j * random.normal(size=(40, size)) for _ in range(2))
     a *= 10 ** random.uniform(-1, 1, (40, size))
@@ -422,11 +479,14 @@ def test_structured_singular_value_of_products_in_closed_form(size):
 
 
 def test_structured_singular_value_is_reached_for_three():
-    """Some unitary diagonal U makes rho(U M) as large, with three places: found by a search over two angles."""
+    """Some unitary diagonal U makes rho(U M) as large, with three places:
+    found by a search over two angles."""
     random = np.random.default_rng(8)
     angles = np.exp(1j * np.linspace(0, 2 * np.pi, 121))
     for _ in range(5):
-        matrix = (random.normal(size=(3, 3)) + 1j * random.normal(size=(3, 3))) * np.exp(random.normal(size=(3, 1)))
+        matrix = (random.normal(size=(3, 3)) + 1j * random.normal(size=(3, 3))) * np.exp(
+            random.normal(size=(3, 1))
+        )
         turned = np.array([matrix * np.array([[1], [s], [t]]) for s in angles for t in angles])
         reached = np.abs(np.linalg.eigvals(turned)).max()
         found = structured(matrix[None])[0]
@@ -438,7 +498,9 @@ def test_disk_margin_of_two_loops_side_by_side():
     first, second = (Channel("y", "m", gains, 0.1).loop() for gains in (PAPER, SPEED))
     both = margins(control.append(first, second))
     assert both.disk == pytest.approx(min(margins(first).disk, margins(second).disk), rel=1e-6)
-    assert both.Ms == pytest.approx(max(margins(first).Ms, margins(second).Ms), rel=1e-6) and math.isnan(both.gain)
+    assert both.Ms == pytest.approx(max(margins(first).Ms, margins(second).Ms), rel=1e-6) and math.isnan(
+        both.gain
+    )
 
 
 @each_channel

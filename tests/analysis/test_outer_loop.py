@@ -1,4 +1,5 @@
-"""The outer loop on the robot: linear prediction against full runs of the generated C, python-control systems, the command."""
+"""The outer loop on the robot: linear prediction against full runs of the generated C,
+python-control systems, the command."""
 
 import json
 import math
@@ -26,7 +27,16 @@ from noslip.analysis.outer.margins import margins
 from noslip.analysis.outer.motion import SteadyMotion, steady_motion
 from noslip.analysis.outer.pictures import draw_period
 from noslip.analysis.outer.report import OuterLoopReport
-from noslip.analysis.outer.robustness import Loops, corners, errors_of, one_by_one, ranking, search, with_errors, wrong
+from noslip.analysis.outer.robustness import (
+    Loops,
+    corners,
+    errors_of,
+    one_by_one,
+    ranking,
+    search,
+    with_errors,
+    wrong,
+)
 from noslip.analysis.outer.setting import default_spec, setting_of
 from noslip.cli.main import main
 from noslip.readers.errors import BadInput
@@ -36,7 +46,14 @@ from noslip.simulation.controllers.angles import compiled_nearest_angle, nearest
 from noslip.simulation.controllers.runtime import runtime
 from noslip.simulation.guidance import ShortWay
 from noslip.simulation.loop import Loop, make_loop
-from noslip.simulation.specification.spec import Initial, OutputSection, Reference, Simulation, Spec, read_spec
+from noslip.simulation.specification.spec import (
+    Initial,
+    OutputSection,
+    Reference,
+    Simulation,
+    Spec,
+    read_spec,
+)
 from noslip.simulation.specification.spec import PathSection as Curve
 from noslip.simulation.specification.vary import read_varied
 from noslip.tests.runtime_c.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
@@ -50,7 +67,15 @@ LINE, CIRCLE = read_varied(SPECS / "line.toml", BESIDE_THE_LINE), read_spec(SPEC
 DOUBLED = {"m_c": 60.0, "m_w": 2.0}
 EXACT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12}
 NAN, INF = math.nan, math.inf
-LAWS = ("type_i", "type_ii", "type_iii", "type_iv_line", "type_iv_circle", "type_iv_segment", "type_iv_line_offset")
+LAWS = (
+    "type_i",
+    "type_ii",
+    "type_iii",
+    "type_iv_line",
+    "type_iv_circle",
+    "type_iv_segment",
+    "type_iv_line_offset",
+)
 
 
 def with_run(spec: Spec, **entries) -> Spec:
@@ -65,7 +90,9 @@ def default_motion(name: str) -> SteadyMotion:
     return steady_motion(setting_of(default_spec("labmate", law_of(find_robot("labmate"), name))))
 
 
-def near(motion: SteadyMotion, spec: Spec, deviation: np.ndarray, backend: str = "c") -> tuple[Moving, Loop, np.ndarray]:
+def near(
+    motion: SteadyMotion, spec: Spec, deviation: np.ndarray, backend: str = "c"
+) -> tuple[Moving, Loop, np.ndarray]:
     """The motion's systems and loop, and a state that lies `deviation` off it."""
     loop = make_loop(with_run(spec, backend=backend))
     moving = Moving(motion, loop.guidance.leg.controller)
@@ -73,7 +100,8 @@ def near(motion: SteadyMotion, spec: Spec, deviation: np.ndarray, backend: str =
 
 
 def grows(motion: SteadyMotion, spec: Spec, period: float, delay: bool) -> bool:
-    """Does a deviation from the motion grow, the generated C called at a period, the torque held (and a call late)?"""
+    """Does a deviation from the motion grow, the generated C called at a period,
+    the torque held (and a call late)?"""
     loop = make_loop(spec)
     moving = Moving(motion, loop.guidance.leg.controller)
     x, before, sizes = moving.state(motion.rho + 1e-6 * np.arange(1, len(motion.rho) + 1)), motion.torque, []
@@ -87,11 +115,12 @@ def grows(motion: SteadyMotion, spec: Spec, period: float, delay: bool) -> bool:
     return max(sizes[-10:]) > max(sizes[40:50])
 
 
-# -- linear channels against full runs on the generated C ------------------------------------------------------------
+# -- linear channels against full runs on the generated C ----------------------------------------------------
 
 
 def test_step_of_the_position():
-    """Type I from rest to a point 0.3 m ahead and 0.2 m aside: both outputs step as the channel does, to 1e-6."""
+    """Type I from rest to a point 0.3 m ahead and 0.2 m aside: both outputs step as the channel does,
+    to 1e-6."""
     spec = Spec(
         robot="labmate",
         output=OutputSection(type="I", L=0.5),
@@ -100,7 +129,9 @@ def test_step_of_the_position():
         simulation=Simulation(duration=8.0, output_step=0.05),
     )
     simulated = simulate(spec)
-    response = control.step_response(Channel("x_l", "m", Gains(2, 1.0, 2.5)).closed(), simulated.t, squeeze=False).outputs[0, 0]
+    response = control.step_response(
+        Channel("x_l", "m", Gains(2, 1.0, 2.5)).closed(), simulated.t, squeeze=False
+    ).outputs[0, 0]
     assert np.abs(simulated.y - np.outer(response, [0.3, 0.2])).max() < 1e-6
 
 
@@ -112,7 +143,10 @@ def test_step_of_distance_and_speed(spec):
     spec = replace(spec, initial=Initial(point=start[0], heading=start[1], speed=speed))
     simulated = simulate(with_run(spec, duration=6.0, output_step=0.05))
     gains = {gain.name[:2]: spec.gains[gain.name[:2]] for gain in simulated.law.gains}
-    channels = (Channel("distance", "m", Gains(2, gains["kp"], gains["kd"])), Channel("speed", "m/s", Gains(1, gains["kv"])))
+    channels = (
+        Channel("distance", "m", Gains(2, gains["kp"], gains["kd"])),
+        Channel("speed", "m/s", Gains(1, gains["kv"])),
+    )
     for k, channel in enumerate(channels):
         response = control.step_response(channel.closed(), simulated.t, squeeze=False).outputs[0, 0]
         assert np.abs(simulated.error[:, k] - simulated.error[0, k] * (1 - response)).max() < 1e-6
@@ -129,7 +163,7 @@ def test_sampled_path_shift():
         assert np.abs(shift @ across).max() == pytest.approx(aside, rel=0.02)
 
 
-# -- the whole loop, linearized --------------------------------------------------------------------------------------
+# -- the whole loop, linearized ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -201,7 +235,9 @@ def test_map_over_a_period(spec, plant):
         return moving.coordinates(hold(loop.plant, x, tau, period, 1e-13))
 
     h = 1e-5
-    differences = np.array([(after(motion.rho + h * e) - after(motion.rho - h * e)) / (2 * h) for e in np.eye(4)]).T
+    differences = np.array(
+        [(after(motion.rho + h * e) - after(motion.rho - h * e)) / (2 * h) for e in np.eye(4)]
+    ).T
     expected = motion.closed(period)
     assert np.abs(differences - expected).max() < 1e-6 * np.abs(expected).max()
     assert np.abs(after(motion.rho) - motion.rho).max() < 1e-10  # steady with the torque held
@@ -214,7 +250,8 @@ def test_map_over_a_period(spec, plant):
     ids=["line", "circle", "heavy", "wheel", "both"],
 )
 def test_limit_of_the_period(spec, plant, delay):
-    """The period at which full runs on the generated C turn from dying out to growing is the one predicted, within 5 %."""
+    """The period at which full runs on the generated C turn from dying out to growing is the one predicted,
+    within 5 %."""
     spec = replace(spec, plant=plant)
     motion = steady_motion(setting_of(spec))
     predicted = motion.longest_period(delay)
@@ -227,24 +264,35 @@ def test_limit_of_the_period_by_simulate():
     predicted = motion_of(LINE).longest_period()
     start = replace(LINE, initial=Initial(point=(0.0, 1e-4), heading=math.pi / 4, speed=1.414))
     for part, settles in ((0.95, True), (1.05, False)):
-        simulated = simulate(with_run(start, period=part * predicted, duration=60.0, output_step=part * predicted))
+        simulated = simulate(
+            with_run(start, period=part * predicted, duration=60.0, output_step=part * predicted)
+        )
         rates = np.abs(simulated.nu[:, 0] - simulated.nu[:, 1])
         assert (rates[-5:].max() < 0.5 * rates[20:25].max()) == settles
 
 
 @pytest.mark.parametrize("spec", [LINE, CIRCLE], ids=["line", "circle"])
-@pytest.mark.parametrize("plant", [DOUBLED, {"m_c": 15.0}, {"r": 0.17}, {"b": 0.6}, {"d": 0.36}, {"I_c": 25.0, "m_w": 3.0}])
+@pytest.mark.parametrize(
+    "plant", [DOUBLED, {"m_c": 15.0}, {"r": 0.17}, {"b": 0.6}, {"d": 0.36}, {"I_c": 25.0, "m_w": 3.0}]
+)
 def test_wrong_model_against_nonlinear_runs(spec, plant):
-    """Where it ends up, and how a small deviation dies out: rho - rho* is exp(A t) times it, to second order."""
+    """Where it ends up, and how a small deviation dies out: rho - rho* is exp(A t) times it,
+    to second order."""
     spec = replace(spec, plant=plant)
     motion = steady_motion(setting_of(spec))
     deviation = np.array([1e-3, -1e-3, 2e-3, 1e-3])
     moving, loop, start = near(motion, spec, deviation)
     n = len(loop.law.system.mechanism.coordinates)
     run = simulate(
-        with_run(replace(spec, initial=Initial(q=tuple(start[:n]), nu=tuple(start[n:]))), duration=12.0, output_step=0.5)
+        with_run(
+            replace(spec, initial=Initial(q=tuple(start[:n]), nu=tuple(start[n:]))),
+            duration=12.0,
+            output_step=0.5,
+        )
     )
-    assert run.y[-1, 0] == pytest.approx(motion.rho[0], abs=1e-4 * math.exp(-12 * motion.decay()) / 1e-3 + 1e-5)
+    assert run.y[-1, 0] == pytest.approx(
+        motion.rho[0], abs=1e-4 * math.exp(-12 * motion.decay()) / 1e-3 + 1e-5
+    )
     for t, x in zip(run.t, run.x, strict=True):
         predicted = expm(motion.closed() * t) @ deviation
         assert np.abs(moving.coordinates(x) - motion.rho - predicted).max() < 1e-4
@@ -269,7 +317,10 @@ def test_wrong_heading_in_closed_form():
 
 def test_wrong_speed_is_another_speed():
     motion = with_errors(motion_of(CIRCLE), {"speed": 0.3}).motion
-    assert np.abs(motion.eigenvalues() - motion_of(CIRCLE, reference=Reference(speed=6.5)).eigenvalues()).max() < 1e-8
+    assert (
+        np.abs(motion.eigenvalues() - motion_of(CIRCLE, reference=Reference(speed=6.5)).eigenvalues()).max()
+        < 1e-8
+    )
 
 
 def test_wrong_L_moves_the_zero_dynamics():
@@ -281,8 +332,8 @@ def test_wrong_L_moves_the_zero_dynamics():
 
 
 def test_ranking():
-    """A compass hurts most, which leaves decimetres of offset; the wheel radius takes most of the longest period. Each row is
-    the worse of its two errors.
+    """A compass hurts most, which leaves decimetres of offset; the wheel radius takes most of the longest
+    period. Each row is the worse of its two errors.
     """
     motion = motion_of(CIRCLE)
     compass, *rows = ranking(motion, 0.2)
@@ -299,15 +350,20 @@ def test_ranking():
 
 
 def test_search_for_the_worst_errors(monkeypatch):
-    """With a wrong heading the slowest loop is not at an end of the range: a scan finds it, and the search does."""
+    """With a wrong heading the slowest loop is not at an end of the range: a scan finds it,
+    and the search does."""
     monkeypatch.setattr(robustness, "POPULATION", 12)
     monkeypatch.setattr(robustness, "GENERATIONS", 8)
     motion = default_motion("type_iv_circle")
     names = ("heading", "speed")
     ends = list(corners(motion, 0.3, names=names))
-    scan = [with_errors(motion, {"heading": amount, "speed": 0.3}).decay for amount in np.linspace(-0.3, 0.3, 61)]
+    scan = [
+        with_errors(motion, {"heading": amount, "speed": 0.3}).decay for amount in np.linspace(-0.3, 0.3, 61)
+    ]
     found = search(motion, 0.3, begun=ends, names=names)
-    assert found.worst.decay <= found.slowest_drawn and found.tried == 12 * 9 and found.drawn == robustness.DRAWN
+    assert (
+        found.worst.decay <= found.slowest_drawn and found.tried == 12 * 9 and found.drawn == robustness.DRAWN
+    )
     assert min(scan) - 1e-5 < found.worst.decay < min(case.decay for case in ends) - 1e-3
     assert found.worst.decay == with_errors(motion, found.worst.amounts).decay
     assert all(abs(amount) <= 0.3 for amount in found.worst.amounts.values())
@@ -321,11 +377,15 @@ def test_errors_that_are_too_large_are_seen():
     alone = min(case.decay for case in one_by_one(motion, (-0.1, 0.1)))
     together = list(corners(motion, 0.1))
     assert len(together) == 256 and min(case.decay for case in together) < alone
-    assert not with_errors(motion, {"r": 0.2}, loops).stable or not with_errors(motion, {"r": -0.2}, loops).stable
+    assert (
+        not with_errors(motion, {"r": 0.2}, loops).stable
+        or not with_errors(motion, {"r": -0.2}, loops).stable
+    )
 
 
 def test_disk_margin_of_the_whole_loop():
-    """Factors inside the disk on both torques keep it stable; some just outside do not (found by a search over phases)."""
+    """Factors inside the disk on both torques keep it stable;
+    some just outside do not (found by a search over phases)."""
     motion, period = motion_of(CIRCLE, plant={"r": 0.17}), 0.03
     loop = motion.loop(period)
     alpha = margins(loop).disk
@@ -352,7 +412,7 @@ def test_no_steady_motion():
         wrong(motion_of(LINE).setting, "mass", 0.1)
 
 
-# -- python-control --------------------------------------------------------------------------------------------------
+# -- python-control ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("backend", ["c", "casadi"])
@@ -366,7 +426,10 @@ def test_same_trajectory_as_simulate(spec, backend):
     response = control.input_output_response(system, ours.t, reference, loop.start, solve_ivp_kwargs=EXACT)
     assert system.state_labels == [f"labmate_{q.name}" for q in loop.law.state]
     assert system.input_labels == [q.name for q in loop.law.reference]
-    assert np.abs(response.outputs[:7].T - ours.x).max() < 1e-8 and np.abs(response.outputs[7:].T - ours.tau).max() < 1e-8
+    assert (
+        np.abs(response.outputs[:7].T - ours.x).max() < 1e-8
+        and np.abs(response.outputs[7:].T - ours.tau).max() < 1e-8
+    )
 
 
 def test_same_sampled_trajectory_as_simulate():
@@ -385,12 +448,15 @@ def test_joined_by_hand():
     assert parts[0].input_labels == parts[1].output_labels == ["tau_r", "tau_l"]
     joined = control.interconnect(parts, inputs=[q.name for q in loop.law.reference], outputs=["x_c", "y_c"])
     reference = list(map(float, loop.guidance.reference(0.0, loop.start)))
-    response = control.input_output_response(joined, [0, 5, 15], reference, loop.start, solve_ivp_kwargs={"rtol": 1e-8})
+    response = control.input_output_response(
+        joined, [0, 5, 15], reference, loop.start, solve_ivp_kwargs={"rtol": 1e-8}
+    )
     assert abs(response.outputs[0, -1] - response.outputs[1, -1]) < 0.002
 
 
 def test_operating_point_and_linearization():
-    """python-control finds the steady motion on the wrong robot by itself, with the generated C, and our eigenvalues there."""
+    """python-control finds the steady motion on the wrong robot by itself, with the generated C,
+    and our eigenvalues there."""
     spec = replace(CIRCLE, plant=DOUBLED)
     motion = steady_motion(setting_of(spec))
     system = near(motion, spec, 0.0)[0].closed_loop_system()
@@ -423,7 +489,9 @@ def test_integral_action_removes_the_offset(period):
 @pytest.mark.parametrize("period", [0.0, 0.02])
 def test_integral_action_is_simulates(period):
     """Both outputs with it, as `noslip simulate` has it, to 1e-8."""
-    spec = replace(CIRCLE, plant={"m_c": 60.0, "r": 0.16}, gains={**CIRCLE.gains, "ki_distance": 2.0, "ki_speed": 0.5})
+    spec = replace(
+        CIRCLE, plant={"m_c": 60.0, "r": 0.16}, gains={**CIRCLE.gains, "ki_distance": 2.0, "ki_speed": 0.5}
+    )
     spec = with_run(spec, duration=4.0, tolerance=1e-12, output_step=0.02, period=period)
     ours, loop = simulate(spec), make_loop(spec)
     reference = list(map(float, loop.guidance.reference(0.0, loop.start)))
@@ -443,7 +511,7 @@ def test_refusal_of_the_controller_is_told():
         controller_system(loop.guidance.leg.controller).output(0, [], np.append(state, np.zeros(5)))
 
 
-# -- headings --------------------------------------------------------------------------------------------------------
+# -- headings ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("scalar", "tolerance"), [("double", 1e-15), ("float", 5e-7)])
@@ -458,7 +526,9 @@ def test_nearest_angle(scalar, tolerance):
             assert abs(turns - round(turns)) * 2 * math.pi <= 8 * tolerance * size + tolerance
             assert abs(nearest - actual) <= math.pi + 8 * tolerance * size
             if abs(abs(nearest - actual) - math.pi) > 1e-3:
-                assert nearest == pytest.approx(nearest_angle(desired, actual), abs=8 * tolerance * size + tolerance)
+                assert nearest == pytest.approx(
+                    nearest_angle(desired, actual), abs=8 * tolerance * size + tolerance
+                )
             if abs(desired - actual) < 3.14:
                 assert nearest == desired
 
@@ -468,7 +538,12 @@ def test_nearest_angle_refused(scalar):
     compiled = runtime("noslip_angle.h")
     function, answer = compiled.function("noslip_nearest_angle", scalar), compiled.array(scalar, [7.0])
     beyond = {"double": 1.1e6, "float": 8193.0}[scalar]
-    cases = [(NAN, 0.0, "nonfinite"), (0.0, INF, "nonfinite"), (beyond, 0.0, "range"), (0.0, -beyond, "range")]
+    cases = [
+        (NAN, 0.0, "nonfinite"),
+        (0.0, INF, "nonfinite"),
+        (beyond, 0.0, "range"),
+        (0.0, -beyond, "range"),
+    ]
     for desired, actual, status in cases:
         answer[0] = 7.0
         assert compiled.status(function(desired, actual, answer)) == status and answer[0] == 0.0
@@ -492,12 +567,14 @@ def test_angle_header_compiles_strictly(cc, level, tmp_path):
 
 @pytest.mark.parametrize("kind", ["II", "III"])
 def test_heading_takes_the_short_way(kind):
-    """A heading counted over three turns: prepared references lead to the same motion as without those turns."""
+    """A heading counted over three turns: prepared references lead to the same motion as without those
+    turns."""
     name, heading = f"type_{kind.lower()}", 0.3 if kind == "II" else 1.2
     law = law_of(find_robot("labmate"), name)
     spec = replace(default_spec("labmate", law), reference=Reference(position=(0.2, heading)))
     loops = [
-        make_loop(replace(spec, initial=Initial(q=(0.0, 0.0, heading - 0.5 + turns, 0.0, 0.0)))) for turns in (0.0, 6 * math.pi)
+        make_loop(replace(spec, initial=Initial(q=(0.0, 0.0, heading - 0.5 + turns, 0.0, 0.0))))
+        for turns in (0.0, 6 * math.pi)
     ]
     controllers = [loop.guidance.leg.controller for loop in loops]
     config, parameters = loops[0].guidance.leg.config, loops[0].plant.parameters
@@ -506,20 +583,26 @@ def test_heading_takes_the_short_way(kind):
     x, wound = (loop.start for loop in loops)
     for _ in range(200):
         assert prepare(x, reference) == pytest.approx(reference, abs=0)
-        tau, tau_wound = (command(c, s, prepare(s, reference)) for c, s in zip(controllers, (x, wound), strict=True))
+        tau, tau_wound = (
+            command(c, s, prepare(s, reference)) for c, s in zip(controllers, (x, wound), strict=True)
+        )
         assert np.abs(tau - tau_wound).max() < 1e-10
         x, wound = (hold(loops[0].plant, s, t, 0.02, 1e-12) for s, t in ((x, tau), (wound, tau_wound)))
     assert np.abs(wound - x - np.eye(7)[2] * 6 * math.pi).max() < 1e-9
-    assert np.abs(command(controllers[1], wound, reference)).max() > 10 * np.abs(tau_wound).max()  # the long way
+    # The long way
+    assert np.abs(command(controllers[1], wound, reference)).max() > 10 * np.abs(tau_wound).max()
 
 
 def test_references_without_angles_stay():
     loop = make_loop(LINE)
     reference = np.arange(5.0)
-    assert ShortWay(loop.law, loop.plant.parameters, loop.guidance.leg.config)(loop.start, reference) is reference
+    assert (
+        ShortWay(loop.law, loop.plant.parameters, loop.guidance.leg.config)(loop.start, reference)
+        is reference
+    )
 
 
-# -- the command -----------------------------------------------------------------------------------------------------
+# -- the command ---------------------------------------------------------------------------------------------
 
 
 def answer(capsys, *argv: str) -> dict:
@@ -532,9 +615,13 @@ def test_command_json(capsys):
     data = answer(capsys, "labmate", "--output", "type_iv_circle", "--period", "0.01")
     assert data["gains"] == {"kp_distance": 1.0, "kd_distance": 2.5, "kv_speed": 2.0}
     distance = data["channels"]["distance"]
-    assert distance["longest_period"]["stable"] == pytest.approx(0.8) and distance["continuous"]["gain"] is None
+    assert (
+        distance["longest_period"]["stable"] == pytest.approx(0.8) and distance["continuous"]["gain"] is None
+    )
     assert data["whole"]["eigenvalues"][-1] == pytest.approx([-1 / 0.3, 0.0], abs=1e-6)
-    assert 0 < data["whole"]["longest_period"]["with_margins"] < data["whole"]["longest_period"]["stable"] < 0.8
+    assert (
+        0 < data["whole"]["longest_period"]["with_margins"] < data["whole"]["longest_period"]["stable"] < 0.8
+    )
     assert data["robust"]["worst"] == data["robust"]["worst_offset"] == "heading"
     together = data["robust"]["together"]
     assert together["unstable"] == 0 and (together["tried"], together["combinations"]) == (
@@ -547,14 +634,20 @@ def test_command_json(capsys):
 def test_command_design(capsys, tmp_path):
     """The gains designed go into the SPEC and into C as printed."""
     design = ["--settling", "distance=4", "--damping", "distance=1.25", "--poles", "speed=-2"]
-    data = answer(capsys, "labmate", "--spec", str(SPECS / "circle.toml"), *design, "--period", "0.02", "--delay")
+    data = answer(
+        capsys, "labmate", "--spec", str(SPECS / "circle.toml"), *design, "--period", "0.02", "--delay"
+    )
     assert data["channels"]["distance"]["settling_time"] == pytest.approx(4.0)
     spec = (SPECS / "circle.toml").read_text().splitlines()
     changed = [data["spec"] if line.startswith("gains") else line for line in spec]
     (tmp_path / "designed.toml").write_text("\n".join(changed))
     assert dict(read_spec(tmp_path / "designed.toml").gains) == data["gains"]
-    (tmp_path / "gains.c").write_text(f'#include "labmate_type_iv_circle.h"\nextern {data["c"].split("=")[0]};\n{data["c"]}\n')
-    run([HOST_CC, *FLAGS, *STRICT, *INCLUDE, "-c", str(tmp_path / "gains.c"), "-o", str(tmp_path / "gains.o")])
+    (tmp_path / "gains.c").write_text(
+        f'#include "labmate_type_iv_circle.h"\nextern {data["c"].split("=")[0]};\n{data["c"]}\n'
+    )
+    run(
+        [HOST_CC, *FLAGS, *STRICT, *INCLUDE, "-c", str(tmp_path / "gains.c"), "-o", str(tmp_path / "gains.o")]
+    )
 
 
 @pytest.mark.nightly
@@ -571,7 +664,9 @@ def test_command_search(capsys, monkeypatch):
         monkeypatch.setattr(robustness, name, 6)
     monkeypatch.setattr(robustness, "MOST_CORNERS", 16)
     data = answer(capsys, "labmate", "--output", "type_iv_line", "--search")["robust"]
-    assert data["searched"]["slowest_decay"] <= min(data["together"]["slowest_decay"], data["searched"]["slowest_drawn"])
+    assert data["searched"]["slowest_decay"] <= min(
+        data["together"]["slowest_decay"], data["searched"]["slowest_drawn"]
+    )
     assert set(data["searched"]["amounts"]) == {harm["name"] for harm in data["ranking"]}
     assert main(["outer-loop", "labmate", "--output", "type_iv_line", "--search"]) == 0
     assert "worst found in the box, after 42 loops: decay 0." in capsys.readouterr().out
@@ -581,7 +676,16 @@ def test_command_search(capsys, monkeypatch):
 def test_command_observer(capsys):
     """The whole loop has a pole for each observer; in C they are beside the law."""
     data = answer(
-        capsys, "labmate", "--output", "type_iv_line", "--observer", "distance=4", "--observer", "speed=6", "--period", "0.01"
+        capsys,
+        "labmate",
+        "--output",
+        "type_iv_line",
+        "--observer",
+        "distance=4",
+        "--observer",
+        "speed=6",
+        "--period",
+        "0.01",
     )
     assert data["gains"]["ko_distance"] == 4.0 and "ko_speed = 6.0" in data["spec"] and "ko_" not in data["c"]
     rates = [value[0] for value in data["whole"]["eigenvalues"]]
@@ -591,9 +695,12 @@ def test_command_observer(capsys):
 
 @pytest.mark.nightly
 def test_command_hinf(capsys, tmp_path):
-    """The norms that are stated are those of the gains that are printed, and of the channel that is called at the period."""
+    """The norms that are stated are those of the gains that are printed,
+    and of the channel that is called at the period."""
     options = ["--hinf", "distance=0.1,0.2,0.5,0.3", "--poles", "speed=-2", "--period", "0.05", "--delay"]
-    data = answer(capsys, "labmate", "--output", "type_iv_ellipse", *options, "--figures", str(tmp_path / "figures"))
+    data = answer(
+        capsys, "labmate", "--output", "type_iv_ellipse", *options, "--figures", str(tmp_path / "figures")
+    )
     gains = Gains(2, data["gains"]["kp_distance"], data["gains"]["kd_distance"])
     norms = data["channels"]["distance"]["norms"]
     assert norms["continuous"] == pytest.approx(Channel("y", "m", gains).norm([0.1, 0.2, 0.5, 0.3]))
@@ -610,13 +717,20 @@ def test_the_eigenvalues_drawn_over_the_period_are_those_of_the_loop_asked_for(d
     gains = {"distance": Gains(2, 1.0, 2.5), "speed": Gains(1, 2.0)}
     report = OuterLoopReport(law, default_spec("labmate", law), gains, Loops(0.05, delay), Required(), 0.2)
     plane, size = draw_period(report).axes[:2]
-    upright = [line.get_xdata()[0] for line in size.get_lines() if len(line.get_xdata()) == 2 and len(set(line.get_xdata())) == 1]
+    upright = [
+        line.get_xdata()[0]
+        for line in size.get_lines()
+        if len(line.get_xdata()) == 2 and len(set(line.get_xdata())) == 1
+    ]
     assert upright == pytest.approx([800.0, 1000.0], rel=1e-6)
     assert size.get_xlim()[1] > 1000.0
     (dots,) = plane.collections
     drawn, periods = dots.get_offsets() @ [1, 1j], np.asarray(dots.get_array()) / 1e3
     own = drawn[periods == periods[-1]]
-    assert np.abs(np.sort_complex(own) - np.sort_complex(report.motion.eigenvalues(periods[-1], delay))).max() < 1e-9
+    assert (
+        np.abs(np.sort_complex(own) - np.sort_complex(report.motion.eigenvalues(periods[-1], delay))).max()
+        < 1e-9
+    )
 
 
 @pytest.mark.nightly
@@ -631,7 +745,21 @@ def test_a_law_that_is_singular_everywhere_offers_what_there_is(capsys):
 @pytest.mark.nightly
 def test_command_text_and_figures(capsys, tmp_path):
     folder = tmp_path / "figures"
-    assert main(["outer-loop", "labmate", "--output", "type_iv_line", "--period", "0.05", "--figures", str(folder)]) == 0
+    assert (
+        main(
+            [
+                "outer-loop",
+                "labmate",
+                "--output",
+                "type_iv_line",
+                "--period",
+                "0.05",
+                "--figures",
+                str(folder),
+            ]
+        )
+        == 0
+    )
     out = capsys.readouterr().out
     for words in (
         "poles -0.5, -2 1/s",
@@ -643,14 +771,18 @@ def test_command_text_and_figures(capsys, tmp_path):
     ):
         assert words in out
     names = ("loops", "period", "steps", "wrong")
-    assert sorted(path.name for path in folder.iterdir()) == [f"{name}.{kind}" for name in names for kind in ("csv", "png")]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        f"{name}.{kind}" for name in names for kind in ("csv", "png")
+    ]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
 
 def test_command_without_a_steady_motion(capsys):
     """What can be said is said, and why the rest cannot."""
     data = answer(capsys, "labmate", "--output", "type_iv_ellipse", "--period", "0.02")
-    assert "curvature changes" in data["whole"]["refused"] and data["channels"]["distance"]["sampled"]["Ms"] > 1
+    assert (
+        "curvature changes" in data["whole"]["refused"] and data["channels"]["distance"]["sampled"]["Ms"] > 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -662,7 +794,10 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_iv_line", "--period", "x"], "invalid float value"),
         (["--output", "type_iv_line", "--period", "2"], "the channel is stable below 0.8 s"),
         (["--output", "type_iv_line", "--period", "0.5"], "the whole loop is stable below 0.372"),
-        (["--output", "type_iv_line", "--period", "0.3", "--delay"], "a delay of one sample, is beyond stability"),
+        (
+            ["--output", "type_iv_line", "--period", "0.3", "--delay"],
+            "a delay of one sample, is beyond stability",
+        ),
         (["--output", "type_iv_line", "--speed", "-1"], "unstable about its motion"),
         (["--output", "type_iv_line", "--speed", "0"], "must not be zero"),
         (["--output", "type_iv_line", "--speed", "inf"], "finite"),
@@ -685,11 +820,25 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_i", "--observer=-1"], "ko_x_l = -1 is negative"),
         (["--output", "type_i", "--observer", "1,2"], "--observer takes one number"),
         (
-            ["--output", "type_i", "--observer", "3", "--drive", "velocity", "--bandwidth", "5", "--period", "0.01"],
+            [
+                "--output",
+                "type_i",
+                "--observer",
+                "3",
+                "--drive",
+                "velocity",
+                "--bandwidth",
+                "5",
+                "--period",
+                "0.01",
+            ],
             "a disturbance observer does not go with velocity drives",
         ),
         (["--output", "type_i", "--integral"], "--integral requires a design"),
-        (["--output", "type_i", "--hinf", "0.1,0.2,0.5"], "requires 4 largest values (error, rate, v, disturbance), not 3"),
+        (
+            ["--output", "type_i", "--hinf", "0.1,0.2,0.5"],
+            "requires 4 largest values (error, rate, v, disturbance), not 3",
+        ),
         (["--output", "type_i", "--hinf", "0.1,0.2,0.5,0.5"], "must be below the largest v, 0.5"),
         (["--output", "type_i", "--hinf", "0.1,0.2,0.5,0.49", "--period", "0.2"], "only below 0.36"),
         (["--output", "type_i", "--hinf", "0.1,0.2,0.5,-0.3"], "largest disturbance = -0.3 must be positive"),
@@ -721,16 +870,35 @@ def test_vectors_of_a_wrong_length_are_refused(entry, tmp_path, bad_input):
     """By each command that makes a loop of a SPEC, with the entry's name."""
     section, name = entry
     for length in {0, 1, 2, 3, 5, 7} - {*VECTORS[entry]}:
-        tables = {"output": {"type": '"I"', "L": 1.0}, "reference": {"position": [0.0, 0.0]}, "gains": {"kp": 1.0, "ki": 0.1}}
+        tables = {
+            "output": {"type": '"I"', "L": 1.0},
+            "reference": {"position": [0.0, 0.0]},
+            "gains": {"kp": 1.0, "ki": 0.1},
+        }
         tables["initial"] = {"q": [0.0] * 5} if name in ("q", "nu") else {"point": [0.0, 0.0]}
-        tables |= {"limits": {"torque": 5.0, "mode": '"cut"'}, "simulation": {"duration": 0.1, "period": 0.01}}
+        tables |= {
+            "limits": {"torque": 5.0, "mode": '"cut"'},
+            "simulation": {"duration": 0.1, "period": 0.01},
+        }
         tables.setdefault(section, {})[name] = [0.1] * length
-        lines = [line for key, table in tables.items() for line in (f"[{key}]", *(f"{k} = {v}" for k, v in table.items()))]
+        lines = [
+            line
+            for key, table in tables.items()
+            for line in (f"[{key}]", *(f"{k} = {v}" for k, v in table.items()))
+        ]
         spec = tmp_path / "spec.toml"
         spec.write_text("\n".join(['robot = "labmate"', *lines]))
-        for arguments in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
+        for arguments in (
+            ["simulate", str(spec), "-o", str(tmp_path / "o.csv")],
+            ["outer-loop", "labmate", "--spec", str(spec)],
+        ):
             message = bad_input(arguments)
-            assert str(spec) in message and section in message and name.partition(".")[0] in message and str(length) in message
+            assert (
+                str(spec) in message
+                and section in message
+                and name.partition(".")[0] in message
+                and str(length) in message
+            )
 
 
 def test_command_refuses_unknown_robot(bad_input):
@@ -754,7 +922,8 @@ def test_the_period_is_the_specs(capsys):
 
 @pytest.mark.nightly
 def test_the_delay_is_the_specs(tmp_path, capsys):
-    """That of a whole period counts as --delay does; that of a part of it is refused, unless --delay says a whole one."""
+    """That of a whole period counts as --delay does; that of a part of it is refused,
+    unless --delay says a whole one."""
     text, file = (SPECS / "figures" / "sampled.toml").read_text(), tmp_path / "late.toml"
     assert "period = 0.01" in text and "delay" not in text
     asked = answer(capsys, "labmate", "--spec", str(SPECS / "figures" / "sampled.toml"), "--delay")
@@ -769,8 +938,12 @@ def test_the_delay_is_the_specs(tmp_path, capsys):
 
 @pytest.mark.nightly
 def test_a_continuous_spec_at_a_period(tmp_path, capsys):
-    """It is judged at the period of the command line, as the SPEC with that period is, also if it needs one."""
-    text, files = (SPECS / "line.toml").read_text(), [tmp_path / name for name in ("continuous.toml", "sampled.toml")]
+    """It is judged at the period of the command line, as the SPEC with that period is,
+    also if it needs one."""
+    text, files = (
+        (SPECS / "line.toml").read_text(),
+        [tmp_path / name for name in ("continuous.toml", "sampled.toml")],
+    )
     assert "period = 0.0 " in text and "kv = 2.0 }" in text
     for file, period in zip(files, ("0.0", "0.02"), strict=True):
         file.write_text(text.replace("period = 0.0 ", f"period = {period} "))
@@ -778,7 +951,9 @@ def test_a_continuous_spec_at_a_period(tmp_path, capsys):
     assert continuous == answer(capsys, "labmate", "--spec", str(files[1])) and continuous["period"] == 0.02
     for file in files:
         file.write_text(file.read_text().replace("kv = 2.0 }", "kv = 2.0, ko_distance = 2.0 }"))
-    observed = [{**answer(capsys, "labmate", "--spec", str(file), "--period", "0.02"), "spec": 0} for file in files]
+    observed = [
+        {**answer(capsys, "labmate", "--spec", str(file), "--period", "0.02"), "spec": 0} for file in files
+    ]
     assert observed[0] == observed[1] != {**continuous, "spec": 0}
     assert main(["outer-loop", "--spec", str(files[0])]) == 2
     assert "(gain ko) requires [simulation] period > 0" in capsys.readouterr().err
@@ -786,12 +961,17 @@ def test_a_continuous_spec_at_a_period(tmp_path, capsys):
 
 def test_a_composite_path_is_taken_at_its_tightest(capsys, tmp_path):
     """As a SPEC of that arc alone, and the robot is that of the SPEC."""
-    segments = 'segments = [{ kind = "line", from = [0, 0], to = [2, 0] }, { kind = "arc", radius = 1.6, angle = -1.0 }, '
+    segments = (
+        'segments = [{ kind = "line", from = [0, 0], to = [2, 0] }, { kind = "arc", radius = 1.6, '
+        "angle = -1.0 }, "
+    )
     segments += '{ kind = "arc", radius = 4.0, angle = 0.5 }]'
     arc = 'kind = "segment", x_s = 2.0, y_s = 0.0, direction = 0.0, curvature = -0.625'
     text = 'robot = "labmate"\ngains = { kp = 2.0, kd = 3.0, kv = 2.0 }\n'
     text += 'output = { type = "IV", L = 0.3, path = { %s } }\nreference = { speed = 0.8 }\n'
-    text += "initial = { point = [0.0, 0.0], heading = 0.0 }\nsimulation = { duration = 5.0, period = 0.01 }\n"
+    text += (
+        "initial = { point = [0.0, 0.0], heading = 0.0 }\nsimulation = { duration = 5.0, period = 0.01 }\n"
+    )
     answers = []
     for name, path in (("whole", f'kind = "composite", {segments}'), ("arc", arc)):
         file = tmp_path / f"{name}.toml"

@@ -1,4 +1,5 @@
-"""Verdicts on starts against simulations: sampled and continuous, limited, delayed, and of robots that differ a little."""
+"""Verdicts on starts against simulations: sampled and continuous, limited, delayed,
+and of robots that differ a little."""
 
 import math
 from dataclasses import replace
@@ -31,25 +32,40 @@ def spec_of(**sections) -> Spec:
 def random_start(random: np.random.Generator, kind: str) -> dict:
     """Tables of a SPEC for a kind of path: the path, gains, speeds, limits, period and start at random.
 
-    Of two starts one is moderate, P_l at most 1.5 m beside the path; about four in ten of the others become singular.
+    Of two starts one is moderate, P_l at most 1.5 m beside the path; about four in ten of the others become
+    singular.
     """
     wild = random.random() < 0.5
     offset, turned = (4.0, 1.45) if wild else (1.5, 1.2)
-    offset, turned, along = random.uniform(-offset, offset), random.uniform(-turned, turned), random.uniform(-math.pi, math.pi)
+    offset, turned, along = (
+        random.uniform(-offset, offset),
+        random.uniform(-turned, turned),
+        random.uniform(-math.pi, math.pi),
+    )
     radius, direction = random.uniform(3.0, 15.0), random.uniform(-math.pi, math.pi)
     left = np.array([-math.sin(direction), math.cos(direction)])
     if kind == "line":
-        path, point = {"A": left[0], "B": left[1], "C": 0.0}, offset * left + 3.0 * np.array([left[1], -left[0]])
+        path, point = (
+            {"A": left[0], "B": left[1], "C": 0.0},
+            offset * left + 3.0 * np.array([left[1], -left[0]]),
+        )
     elif kind == "composite":
         curvatures = random.uniform(-0.3, 0.3, 5)
         curvatures[random.integers(1, 5)] = 0.0
-        path, point = {"segments": _pieces(random, direction, curvatures)}, _outside(offset, curvatures[0]) * left
+        path, point = (
+            {"segments": _pieces(random, direction, curvatures)},
+            _outside(offset, curvatures[0]) * left,
+        )
     elif kind == "segment":
         curvature = random.uniform(-0.3, 0.3)
         offset = _outside(offset, curvature)
         path, point = {"x_s": 0.0, "y_s": 0.0, "direction": direction, "curvature": curvature}, offset * left
     elif kind == "circle":  # its normal points outwards, so that it is followed clockwise
-        path, direction, offset = {"x_f": 1.0, "y_f": -2.0, "R": radius}, along - math.pi / 2, _outside(offset, -1 / radius)
+        path, direction, offset = (
+            {"x_f": 1.0, "y_f": -2.0, "R": radius},
+            along - math.pi / 2,
+            _outside(offset, -1 / radius),
+        )
         point = np.array([1.0, -2.0]) + (radius + offset) * np.array([math.cos(along), math.sin(along)])
     else:
         a, b = radius, radius * random.uniform(0.5, 1.0)
@@ -61,16 +77,33 @@ def random_start(random: np.random.Generator, kind: str) -> dict:
     speed, kp = random.uniform(0.4, 4.0 if wild else 2.5), random.uniform(0.5, 6.0)
     period = 0.0 if random.random() < 0.4 else float(random.choice([0.005, 0.01, 0.02, 0.05]))
     tables = {
-        "gains": {"kp": kp, "kd": 2 * math.sqrt(kp) * random.uniform(0.8, 1.5), "kv": random.uniform(0.5, 3.0)},
+        "gains": {
+            "kp": kp,
+            "kd": 2 * math.sqrt(kp) * random.uniform(0.8, 1.5),
+            "kv": random.uniform(0.5, 3.0),
+        },
         "output": {"type": "IV", "L": random.uniform(0.0, 0.6), "path": {"kind": kind, **path}},
         "reference": {"speed": speed},
-        "initial": {"point": list(map(float, point)), "heading": direction + turned, "speed": speed * random.uniform(0.0, 1.2)},
-        "simulation": {"duration": 5.0, "period": period, "backend": "casadi", "output_step": 0.05, "tolerance": 1e-9},
+        "initial": {
+            "point": list(map(float, point)),
+            "heading": direction + turned,
+            "speed": speed * random.uniform(0.0, 1.2),
+        },
+        "simulation": {
+            "duration": 5.0,
+            "period": period,
+            "backend": "casadi",
+            "output_step": 0.05,
+            "tolerance": 1e-9,
+        },
     }
     if period and random.random() < 0.5:
         tables["simulation"]["delay"] = period * random.uniform(0.0, 1.0)
     if random.random() < 0.3:
-        tables["limits"] = {"torque": random.uniform(30.0, 300.0), "mode": str(random.choice(["cut", "slow"]))}
+        tables["limits"] = {
+            "torque": random.uniform(30.0, 300.0),
+            "mode": str(random.choice(["cut", "slow"])),
+        }
     return tables
 
 
@@ -79,8 +112,13 @@ def _pieces(random: np.random.Generator, heading: float, curvatures: np.ndarray)
     tables = []
     for k, curvature in enumerate(curvatures):
         length = 30.0 if k + 1 == len(curvatures) else random.uniform(1.0, 6.0)
-        arc = {"kind": "arc", "radius": 1 / abs(curvature), "angle": curvature * length} if curvature else None
-        tables.append((arc or {"kind": "line", "length": length}) | ({} if k else {"from": [0.0, 0.0], "heading": heading}))
+        arc = (
+            {"kind": "arc", "radius": 1 / abs(curvature), "angle": curvature * length} if curvature else None
+        )
+        tables.append(
+            (arc or {"kind": "line", "length": length})
+            | ({} if k else {"from": [0.0, 0.0], "heading": heading})
+        )
     return tables
 
 
@@ -90,7 +128,8 @@ def _outside(offset: float, curvature: float) -> float:
 
 
 def judged(seed: int) -> tuple[Verdict, str] | None:
-    """The verdict on a random start, and how a run with a robot within ERROR ends; None for a start that is none."""
+    """The verdict on a random start, and how a run with a robot within ERROR ends;
+    None for a start that is none."""
     random = np.random.default_rng([1992, seed])
     tables = random_start(random, KINDS[seed % len(KINDS)])
     spec = spec_of(**tables)
@@ -98,7 +137,10 @@ def judged(seed: int) -> tuple[Verdict, str] | None:
     names = [q.name for q in loop.law.parameters]
     verdict = certify(loop, spec, dict.fromkeys(names, ERROR))
     signs = random.choice([-1.0, 1.0], len(names)) if seed % 2 else random.uniform(-1.0, 1.0, len(names))
-    plant = {name: value * (1 + ERROR * sign) for name, value, sign in zip(names, loop.plant.parameters, signs, strict=True)}
+    plant = {
+        name: value * (1 + ERROR * sign)
+        for name, value, sign in zip(names, loop.plant.parameters, signs, strict=True)
+    }
     return verdict, simulate(spec_of(**tables, plant=plant)).stopped or "ok"
 
 
@@ -139,7 +181,11 @@ def test_uncertain_parameters_are_named():
 def test_bounds_hold_and_are_of_second_order():
     """At random points of random boxes; a tenth of the box has a hundredth of the rest."""
     x, random = ca.SX.sym("x", 3), np.random.default_rng(3)
-    f = ca.vertcat(ca.sin(x[0]) * ca.cos(x[1]) / (2 + x[2] ** 2), ca.sqrt(3 + x[0] * x[1]) - ca.tan(x[2] / 4), 1 / (3 - x[0]))
+    f = ca.vertcat(
+        ca.sin(x[0]) * ca.cos(x[1]) / (2 + x[2] ** 2),
+        ca.sqrt(3 + x[0] * x[1]) - ca.tan(x[2] / 4),
+        1 / (3 - x[0]),
+    )
     enclosure, plain = Enclosure(f, x), ca.Function("f", [x], [f, ca.jacobian(f, x)])
     for _ in range(50):
         at, moved, radius = random.uniform(-1, 1, 3), random.uniform(0, 0.05, 3), random.uniform(0.01, 0.1, 3)
@@ -148,7 +194,9 @@ def test_bounds_hold_and_are_of_second_order():
         for _ in range(20):
             centre = at + moved * random.uniform(-1, 1, 3)
             e = radius * random.uniform(-1, 1, 3)
-            (value, slope), (after, _), (before, _) = ([v.full() for v in plain(p)] for p in (centre, centre + e, at))
+            (value, slope), (after, _), (before, _) = (
+                [v.full() for v in plain(p)] for p in (centre, centre + e, at)
+            )
             assert (np.abs(value - before)[:, 0] <= bounds.moved + 1e-14).all()
             assert (np.abs(after - value)[:, 0] <= bounds.radius + 1e-14).all()
             assert (np.abs((after - value)[:, 0] - slope @ e) <= bounds.rest + 1e-14).all()
@@ -176,8 +224,11 @@ SLOPE = read_spec(Path(__file__).parents[2] / "examples/specs" / "robots" / "slo
 
 @pytest.mark.parametrize("spec", [spec_of(**ELLIPSE), SLOPE], ids=["ellipse", "slope"])
 def test_a_course_is_that_of_the_run(spec):
-    """On a path that bends differently everywhere, and where the forces depend on the heading in the world."""
-    spec = replace(spec, simulation=replace(spec.simulation, duration=3.0, output_step=0.05, backend="casadi"))
+    """On a path that bends differently everywhere, and where the forces depend on the heading in the
+    world."""
+    spec = replace(
+        spec, simulation=replace(spec.simulation, duration=3.0, output_step=0.05, backend="casadi")
+    )
     verdict, run = certify(make_loop(spec), spec), simulate(spec)
     x, y, heading = run.q[:, :3].T
     path = dict(zip([c.name for c in run.law.config], make_loop(spec).guidance.leg.config, strict=True))
@@ -191,7 +242,9 @@ def test_a_course_is_that_of_the_run(spec):
     else:
         normal = np.array([path["A"], path["B"]]) / math.hypot(path["A"], path["B"])
     s = normal[0] * np.cos(heading) + normal[1] * np.sin(heading)
-    _, one, other = np.intersect1d(np.round(1e6 * verdict.course[0]), np.round(1e6 * run.t), return_indices=True)
+    _, one, other = np.intersect1d(
+        np.round(1e6 * verdict.course[0]), np.round(1e6 * run.t), return_indices=True
+    )
     assert len(one) > 50 and np.abs(verdict.course[1][one] - s[other]).max() < 1e-6
 
 
@@ -236,7 +289,8 @@ COMPOSITE = {
 
 @pytest.mark.parametrize("period", [0.0, 0.05])
 def test_all_runs_along_a_composite_path_are_within_what_is_proved(period):
-    """Runs of robots at the corners of what their parameters may be, over two joints; sampled, with several calls near each."""
+    """Runs of robots at the corners of what their parameters may be, over two joints; sampled,
+    with several calls near each."""
     tables = {**COMPOSITE, "simulation": {**COMPOSITE["simulation"], "period": period}}
     spec = spec_of(**tables)
     loop, random = make_loop(spec), np.random.default_rng(7)
@@ -245,7 +299,10 @@ def test_all_runs_along_a_composite_path_are_within_what_is_proved(period):
     assert verdict.kind == SAFE and verdict.until == pytest.approx(5.0)
     for _ in range(3):
         signs = random.choice([-1.0, 1.0], len(names))
-        plant = {name: v * (1 + ERROR * sign) for name, v, sign in zip(names, loop.plant.parameters, signs, strict=True)}
+        plant = {
+            name: v * (1 + ERROR * sign)
+            for name, v, sign in zip(names, loop.plant.parameters, signs, strict=True)
+        }
         run = simulate(spec_of(**tables, plant=plant))
         assert run.stopped is None and max(run.piece) == 2
 
@@ -269,7 +326,8 @@ def robots(spec: Spec, tables: dict, error: dict[str, float], corners: np.ndarra
     loop = make_loop(spec)
     values = {q.name: v for q, v in zip(loop.law.parameters, loop.plant.parameters, strict=True)}
     plants = [
-        {name: values[name] * (1 + e) for name, e in zip(error, corner * [*error.values()], strict=True)} for corner in corners
+        {name: values[name] * (1 + e) for name, e in zip(error, corner * [*error.values()], strict=True)}
+        for corner in corners
     ]
     return [spec_of(**tables, plant=plant) for plant in plants]
 
@@ -296,7 +354,8 @@ def test_a_start_that_is_proved_in_parts_only():
 
 @pytest.mark.nightly
 def test_a_start_that_is_singular_at_one_corner_only_is_not_proved():
-    """However the range of the parameters is split; the motions with the given parameters and at three corners are regular."""
+    """However the range of the parameters is split; the motions with the given parameters and at three
+    corners are regular."""
     tables = {**FAST, "initial": {**FAST["initial"], "heading": -1.07}}
     spec, error = spec_of(**tables), {"b": 0.02, "r": 0.02}
     corners = np.array([[b, r] for b in (-1.0, 1.0) for r in (-1.0, 1.0)])
@@ -319,7 +378,9 @@ def test_halves_make_up_the_whole():
         assert low[1, which] <= high[0, which] and (halves[0].spread <= whole.spread).all()
         assert halves[0].spread[which] == pytest.approx(whole.spread[which] / 2)
         for half in halves:
-            assert (half.loop.believed == loop.believed).all() and np.abs(half.loop.start[:3] - loop.start[:3]).max() == 0
+            assert (half.loop.believed == loop.believed).all() and np.abs(
+                half.loop.start[:3] - loop.start[:3]
+            ).max() == 0
 
 
 def test_no_verdict_is_wrong():
@@ -339,20 +400,34 @@ EXTENDED = {
     "initial": {"point": [-0.1, 0.05], "heading": 0.1, "speed": 0.5},
     "simulation": {"duration": 8.0, "backend": "casadi"},
 }
-POINT = {"output": {"type": "I", "L": -0.3, "extension": True}, "reference": {"position": [0.0, 0.0], "velocity": [0.6, 0.0]}}
+POINT = {
+    "output": {"type": "I", "L": -0.3, "extension": True},
+    "reference": {"position": [0.0, 0.0], "velocity": [0.6, 0.0]},
+}
 ALONG = {
-    "output": {"type": "IV", "L": -0.3, "extension": True, "path": {"kind": "line", "A": 0.0, "B": 1.0, "C": 0.0}},
+    "output": {
+        "type": "IV",
+        "L": -0.3,
+        "extension": True,
+        "path": {"kind": "line", "A": 0.0, "B": 1.0, "C": 0.0},
+    },
     "reference": {"speed": 0.8},
 }
 ROUND = {
-    "output": {"type": "IV", "L": -0.3, "extension": True, "path": {"kind": "circle", "x_f": 0.0, "y_f": -3.0, "R": 3.0}},
+    "output": {
+        "type": "IV",
+        "L": -0.3,
+        "extension": True,
+        "path": {"kind": "circle", "x_f": 0.0, "y_f": -3.0, "R": 3.0},
+    },
     "reference": {"speed": 0.8},
 }
 CIRCLING = {"reference": {"position": [0.0, -1.0], "circle": {"radius": 1.0, "rate": 0.5, "angle": "90 deg"}}}
 
 
 def what_must_not_vanish(run) -> np.ndarray:
-    """Of a law whose P_l is on the axle: its speed, along a path that less the rate of the distance; from the pose alone."""
+    """Of a law whose P_l is on the axle: its speed, along a path that less the rate of the distance;
+    from the pose alone."""
     heading, speed = run.q[:, 2], 0.15 * run.nu.mean(axis=1)
     if run.law.output.path is None:
         return np.abs(speed)
@@ -364,14 +439,21 @@ def what_must_not_vanish(run) -> np.ndarray:
     return np.abs(speed) * (1 - np.abs(across))
 
 
-@pytest.mark.parametrize("chosen", [(3, 7, 9), pytest.param(range(40), marks=pytest.mark.nightly)], ids=["few", "many"])
+@pytest.mark.parametrize(
+    "chosen", [(3, 7, 9), pytest.param(range(40), marks=pytest.mark.nightly)], ids=["few", "many"]
+)
 def test_starts_of_laws_with_a_dynamic_extension(chosen):
-    """Verdicts on random starts against runs: what is said to stay above a bound does, closely; what stops is not safe."""
+    """Verdicts on random starts against runs: what is said to stay above a bound does, closely;
+    what stops is not safe."""
     random, found = np.random.default_rng(21), []
     for k in range(max(chosen) + 1):
         tables = [POINT, ALONG, POINT | CIRCLING, ROUND][k % 4]
         speed = random.choice([-1.0, 1.0]) * random.uniform(0.2, 1.0)
-        start = {"point": random.uniform(-1, 1, 2).tolist(), "heading": random.uniform(-1.2, 1.2), "speed": speed}
+        start = {
+            "point": random.uniform(-1, 1, 2).tolist(),
+            "heading": random.uniform(-1.2, 1.2),
+            "speed": speed,
+        }
         if k not in chosen:
             continue
         spec = spec_of(**EXTENDED | tables | {"initial": start})
@@ -401,7 +483,9 @@ def test_what_is_not_proved_of_an_extended_law_is_said():
     for tables, uncertainty, why in cases:
         spec = spec_of(**tables)
         verdict = certify(make_loop(spec), spec, uncertainty)
-        assert verdict.kind == NOT_PROVED and verdict.reason.startswith(why) and "begins here" in verdict.reason, why
+        assert (
+            verdict.kind == NOT_PROVED and verdict.reason.startswith(why) and "begins here" in verdict.reason
+        ), why
 
 
 @pytest.mark.parametrize(("kind", "expected"), [("line", SAFE), ("circle", NOT_PROVED)])
@@ -410,10 +494,18 @@ def test_a_damped_law_begins_from_every_start(kind, expected):
     paths = {"line": {"A": 0.0, "B": 1.0, "C": 0.0}, "circle": {"x_f": 0.0, "y_f": -3.0, "R": 3.0}}
     start = {"point": [0.0, 2.0], "heading": "90 deg"}
     output = {"type": "IV", "near_singular": "damped", "path": {"kind": kind, **paths[kind]}}
-    tables = {"reference": {"speed": 1.0}, "initial": start, "simulation": {"duration": 2.0, "backend": "casadi", "period": 0.02}}
+    tables = {
+        "reference": {"speed": 1.0},
+        "initial": start,
+        "simulation": {"duration": 2.0, "backend": "casadi", "period": 0.02},
+    }
     spec = spec_of(output=output, **tables)
     verdict = certify(make_loop(spec), spec, {"m_c": 0.2})
     assert verdict.kind == expected and "begins from every start" in verdict.reason
     assert expected == NOT_PROVED or simulate(spec).stopped is None
     with pytest.raises(BadInput, match="singular at the start"):
-        make_loop(spec_of(output={name: value for name, value in output.items() if name != "near_singular"}, **tables))
+        make_loop(
+            spec_of(
+                output={name: value for name, value in output.items() if name != "near_singular"}, **tables
+            )
+        )

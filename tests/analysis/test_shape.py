@@ -1,4 +1,5 @@
-"""Joints, trailers and steered wheels: what `noslip analyse` says of them, against the robots' own equations, driven."""
+"""Joints, trailers and steered wheels: what `noslip analyse` says of them,
+against the robots' own equations, driven."""
 
 import html
 import math
@@ -47,8 +48,14 @@ def hitched(straight: float = 0.0, sign: str = "positive", uneven: float = 0.0) 
     `uneven`: by how much of its length it is longer along the y axis than along the x axis.
     """
     robot = Mechanism("hitched", "unicycle with a trailer")
-    x, y, phi, hitch = (robot.coordinate(name, unit) for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad"), ("hitch", "rad")))
-    m, I, l = (robot.parameter(*each) for each in (("m", 3.0, "kg"), ("I", 1.0, "kg m^2"), ("l", 0.9, "m", "length", sign)))  # noqa: E741
+    x, y, phi, hitch = (
+        robot.coordinate(name, unit)
+        for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad"), ("hitch", "rad"))
+    )
+    m, I, l = (  # noqa: E741
+        robot.parameter(*each)
+        for each in (("m", 3.0, "kg"), ("I", 1.0, "kg m^2"), ("l", 0.9, "m", "length", sign))
+    )
     forward = ca.cos(phi) * robot.rate(x) + ca.sin(phi) * robot.rate(y)
     left = ca.cos(phi) * robot.rate(y) - ca.sin(phi) * robot.rate(x)
     fold, turning, l = hitch - straight, robot.rate(phi), l * (1 + uneven * ca.sin(phi) ** 2)  # noqa: E741
@@ -64,15 +71,21 @@ def hitched(straight: float = 0.0, sign: str = "positive", uneven: float = 0.0) 
 
 
 def steered_first() -> Mechanism:
-    """Pushed and steered at its front wheel; the steering angle is the first coordinate, so that `phi` is what follows."""
+    """Pushed and steered at its front wheel; the steering angle is the first coordinate,
+    so that `phi` is what follows."""
     robot = Mechanism("steered_first", "bicycle")
-    delta, x, y, phi = (robot.coordinate(name, unit) for name, unit in (("delta", "rad"), ("x", "m"), ("y", "m"), ("phi", "rad")))
+    delta, x, y, phi = (
+        robot.coordinate(name, unit)
+        for name, unit in (("delta", "rad"), ("x", "m"), ("y", "m"), ("phi", "rad"))
+    )
     m, l = robot.parameter("m", 3.0, "kg"), robot.parameter("l", 1.1, "m")  # noqa: E741
     forward = ca.cos(phi) * robot.rate(x) + ca.sin(phi) * robot.rate(y)
     left = ca.cos(phi) * robot.rate(y) - ca.sin(phi) * robot.rate(x)
     at_front, steering = left + l * robot.rate(phi), robot.rate(delta)
     pushed = ca.cos(delta) * forward + ca.sin(delta) * at_front
-    robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + (robot.rate(phi) + steering) ** 2 / 2)
+    robot.kinetic_energy(
+        m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + (robot.rate(phi) + steering) ** 2 / 2
+    )
     robot.rolls("rear", left)
     robot.rolls("front", ca.cos(delta) * at_front - ca.sin(delta) * forward)
     robot.input("push", "N", on=pushed)
@@ -97,7 +110,8 @@ def form(request) -> NormalForm:
 
 
 class Drive:
-    """Along A x + B y = 0 at the speed V: q' = S Phi^-1 (-h1, V), the robot's own S and Phi by CasADi, at random sizes."""
+    """Along A x + B y = 0 at the speed V: q' = S Phi^-1 (-h1, V), the robot's own S and Phi by CasADi,
+    at random sizes."""
 
     def __init__(self, form: NormalForm, seed: int, lever: int, V: float):
         """`lever`: the sign of how far P_l lies ahead of the axle."""
@@ -105,8 +119,13 @@ class Drive:
         mechanism, random = linearization.system.mechanism, np.random.default_rng(seed)
         self.form, self.V = form, V
         fixed = [*mechanism.parameters, *linearization.output.parameters]
-        self.values = {p.name: random.uniform(0.6, 1.6) for p in fixed} | {"A": random.uniform(-1, 1), "B": 1.0}
-        self.values["L"] = lever * random.uniform(0.6, 1.6) - (self.values["d"] if "d" in self.values else 0.0)
+        self.values = {p.name: random.uniform(0.6, 1.6) for p in fixed} | {
+            "A": random.uniform(-1, 1),
+            "B": 1.0,
+        }
+        self.values["L"] = lever * random.uniform(0.6, 1.6) - (
+            self.values["d"] if "d" in self.values else 0.0
+        )
         motion = linearization.system.S @ ca.solve(linearization.Phi, ca.vertcat(-linearization.h[0], V))
         function = ca.Function("drive", [mechanism.q, symbols(fixed)], [motion, linearization.h[0]])
         self.numbers = [self.values[p.name] for p in fixed]
@@ -121,7 +140,11 @@ class Drive:
     @property
     def posture(self) -> list[int]:
         """Of the heading, the headings of trailers and angles between bodies."""
-        angles = [k for k, name in enumerate(self.names) if name in ("phi", "gamma", "delta", "hitch") or name.startswith("phi_")]
+        angles = [
+            k
+            for k, name in enumerate(self.names)
+            if name in ("phi", "gamma", "delta", "hitch") or name.startswith("phi_")
+        ]
         assert len(angles) == len(self.form.shape.names) + 1
         return angles
 
@@ -134,7 +157,9 @@ class Drive:
     def onto_the_line(self, q: np.ndarray) -> np.ndarray:
         """Moved sideways until P_l is on the line."""
         moved, normal = q.copy(), np.array([self.values["A"], self.values["B"]])
-        moved[[self.names.index("x"), self.names.index("y")]] -= self.distance(q) * normal / np.linalg.norm(normal)
+        moved[[self.names.index("x"), self.names.index("y")]] -= (
+            self.distance(q) * normal / np.linalg.norm(normal)
+        )
         assert abs(self.distance(moved)) < 1e-12
         return moved
 
@@ -170,7 +195,9 @@ class Drive:
 
     def holds(self, condition: str) -> bool:
         """Of a condition of the answer."""
-        return all(bool(sp.sympify(part).subs(self.values | {"V": self.V})) for part in condition.split(" and "))
+        return all(
+            bool(sp.sympify(part).subs(self.values | {"V": self.V})) for part in condition.split(" and ")
+        )
 
 
 @pytest.mark.parametrize("V", [0.9, -0.9])
@@ -186,8 +213,14 @@ def test_rates_are_the_eigenvalues_of_the_whole_posture(form):
     (moving,) = form.moving
     for seed in range(3):
         drive = Drive(form, seed, 1, 0.7 * (-1) ** seed)
-        stated = [drive.number(rate) for rate in (moving.rate, *(sp.Symbol("V") * each.rate for each in moving.shape.followers))]
-        assert np.abs(np.sort(np.linalg.eigvals(drive.jacobian())) - np.sort(np.array(stated, float))).max() < 1e-6
+        stated = [
+            drive.number(rate)
+            for rate in (moving.rate, *(sp.Symbol("V") * each.rate for each in moving.shape.followers))
+        ]
+        assert (
+            np.abs(np.sort(np.linalg.eigvals(drive.jacobian())) - np.sort(np.array(stated, float))).max()
+            < 1e-6
+        )
 
 
 def test_courses_are_the_rates_of_driving_straight(form):
@@ -230,22 +263,30 @@ def test_which_way_it_must_drive():
 
 @pytest.mark.parametrize("robot", [hitched(straight=0.3), hitched(sign="any"), hitched(uneven=0.2)])
 def test_what_is_not_decided_is_not_claimed(robot):
-    """An angle not zero straight ahead, a length of either sign, not the same all round: of the heading alone, and it says so."""
+    """An angle not zero straight ahead, a length of either sign, not the same all round:
+    of the heading alone, and it says so."""
     form = form_of(robot)
     (moving,) = form.moving
     assert not moving.shape.decided and moving.shape.names == ("hitch",) and moving.shape.followers == ()
     assert "the heading is stable if and only if L*V > 0, then s -> 0" in str(moving)
     assert str(moving).endswith("whether hitch converges is not decided")
     output = as_json(analyse(robot, ["type_iv_line"]))["outputs"]["type_iv_line"]
-    assert output["moving_reference"][0]["not_examined"] == ["hitch"] and "not decided" in output["zero_dynamics"]
+    assert (
+        output["moving_reference"][0]["not_examined"] == ["hitch"]
+        and "not decided" in output["zero_dynamics"]
+    )
 
 
 def test_what_people_read():
     answer = analyse(hitched(), ["type_i", "type_iv_circle"])
     line = "hitch' = -v*sin(hitch)/l: converges driving forward, diverges in reverse"
     for text in (" ".join(as_text(answer).split()), html.unescape(report(answer))):
-        assert line in text and "stable if and only if V > 0 and L > 0, then s" in text and "L*V > 0" not in text
-        assert "driving in reverse, where hitch diverges" in text and "V along a path of small curvature" in text
+        assert (
+            line in text and "stable if and only if V > 0 and L > 0, then s" in text and "L*V > 0" not in text
+        )
+        assert (
+            "driving in reverse, where hitch diverges" in text and "V along a path of small curvature" in text
+        )
     output = as_json(answer)["outputs"]["type_iv_circle"]
     assert line in output["zero_dynamics"] and "V > 0 and L > 0" in output["zero_dynamics"]
     (moving,) = output["moving_reference"]
@@ -254,7 +295,9 @@ def test_what_people_read():
 
 def test_nothing_is_said_of_what_has_no_shape():
     answer: Answer = analyse(find_robot("knife_edge"), ["type_iv_line"])
-    assert "driving straight" not in as_text(answer) and "stable if and only if L*V > 0" in " ".join(as_text(answer).split())
+    assert "driving straight" not in as_text(answer) and "stable if and only if L*V > 0" in " ".join(
+        as_text(answer).split()
+    )
 
 
 @pytest.mark.nightly

@@ -16,11 +16,16 @@ def responses(gains: Gains) -> tuple[np.ndarray, np.ndarray]:
     return 1 / (1 + L), L / (1 + L)
 
 
-@pytest.mark.parametrize("gains", [Gains(2, 1.0, 2.5), Gains(1, 2.0), Gains(2, 2.0, 0.2, 0.1), Gains(3, 7.0, 9.0, 0.0, (8.0,))])
+@pytest.mark.parametrize(
+    "gains", [Gains(2, 1.0, 2.5), Gains(1, 2.0), Gains(2, 2.0, 0.2, 0.1), Gains(3, 7.0, 9.0, 0.0, (8.0,))]
+)
 def test_the_norm_is_that_of_the_frequency_response(gains):
     weights, s = Weights(0.8, 15.0, 1.6), 1j * OMEGA
     S, T = responses(gains)
-    by_hand = np.abs((s / 1.6 + 0.8) / (s + LOW * 0.8) * S) ** 2 + np.abs((s / 15 + 1 / 1.6) / (LOW * s / 15 + 1) * T) ** 2
+    by_hand = (
+        np.abs((s / 1.6 + 0.8) / (s + LOW * 0.8) * S) ** 2
+        + np.abs((s / 15 + 1 / 1.6) / (LOW * s / 15 + 1) * T) ** 2
+    )
     assert weighted_norm(gains, weights) == pytest.approx(np.sqrt(by_hand.max()), rel=1e-5)
 
 
@@ -37,20 +42,28 @@ def test_below_one_the_weights_are_kept(degree, integral):
     assert bool(gains.integral) == integral
     S, T = (np.abs(each) for each in responses(gains))
     s = 1j * OMEGA
-    assert (S <= np.abs((s + LOW) / (s / 2 + 1))).all() and (T <= np.abs((LOW * s / 20 + 1) / (s / 20 + 0.5))).all()
+    assert (S <= np.abs((s + LOW) / (s / 2 + 1))).all() and (
+        T <= np.abs((LOW * s / 20 + 1) / (s / 20 + 0.5))
+    ).all()
 
 
 def test_the_search_is_near_the_best_of_a_grid():
-    """Of gains of one integrator there is one: no other is better by more than the tolerance of the search."""
+    """Of gains of one integrator there is one: no other is better by more than the tolerance of the
+    search."""
     weights = Weights(1.0, 20.0)
     _, reached = from_mixed(1, weights)
-    assert reached <= min(weighted_norm(Gains(1, kv), weights) for kv in np.geomspace(0.5, 50, 60)) * (1 + 1e-3)
+    assert reached <= min(weighted_norm(Gains(1, kv), weights) for kv in np.geomspace(0.5, 50, 60)) * (
+        1 + 1e-3
+    )
 
 
 def test_what_is_refused(bad_input):
     with pytest.raises(BadInput, match="no gains were found .* the norm is"):
         from_mixed(1, Weights(5.0, 6.0, 1.05))
-    for weights, says in ((Weights(2.0, 1.0), "must be below the roll-off"), (Weights(1.0, 9.0, 1.0), "must be above 1")):
+    for weights, says in (
+        (Weights(2.0, 1.0), "must be below the roll-off"),
+        (Weights(1.0, 9.0, 1.0), "must be above 1"),
+    ):
         with pytest.raises(BadInput, match=says):
             weights.check()
     command = ["outer-loop", "labmate", "--output", "type_i", "--mixed"]

@@ -1,7 +1,8 @@
-"""Laws of every shipped robot through the same battery: the C is the model, has the same bits from every compiler, guards
-itself, is small, compiles without a warning, and Phidot is the derivative of Phi.
+"""Laws of every shipped robot through the same battery: the C is the model, has the same bits from every
+compiler, guards itself, is small, compiles without a warning, and Phidot is the derivative of Phi.
 
-`python tests/checks/test_battery.py` takes every law of every robot through it, and prints a line for each with what it measured.
+`python tests/checks/test_battery.py` takes every law of every robot through it, and prints a line for each
+with what it measured.
 """
 
 import math
@@ -75,7 +76,8 @@ LAWS = {
     "bus": VEHICLE,
     "castor_platform": VEHICLE,
     "mecanum": ("pose",),
-    "balancer": ("wheels", "speeds", "upright", "drive"),  # with fewer inputs than degrees of freedom, as the next three
+    # With fewer inputs than degrees of freedom, as the next three
+    "balancer": ("wheels", "speeds", "upright", "drive"),
     "sleigh": ("heading",),
     "snakeboard": ("shape",),
     "roller_racer": ("handlebar", "speeds"),
@@ -85,8 +87,15 @@ LAWS = {
     ),
 }
 REFERENCE, *OTHERS = (HOST_CC, "-O2"), (HOST_CC, "-O0"), *((other, "-O2") for other in COMPILERS[1:])
-ON_TARGET = {("car", "type_iv_circle"), ("ball_plate", "ball"), ("four_wheel", "type_iv_circle"), ("balancer", "drive")}
-ON_TARGET |= {("labmate", f"type_i{kind}") for kind in ("v_circle_damped", "_extended", "v_segment_kinematic")}
+ON_TARGET = {
+    ("car", "type_iv_circle"),
+    ("ball_plate", "ball"),
+    ("four_wheel", "type_iv_circle"),
+    ("balancer", "drive"),
+}
+ON_TARGET |= {
+    ("labmate", f"type_i{kind}") for kind in ("v_circle_damped", "_extended", "v_segment_kinematic")
+}
 STATES = 20
 ERROR = {"double": 1e-11, "float": 1e-3}  # of a quantity's largest entry, or of a tenth of its median size
 TINY = 1e-300
@@ -105,9 +114,11 @@ BYTES_OF_OTHERS = 260
 EARNED = ("earned", "wheel", "ground")  # members by which friction is earned; they are beside these bytes
 NUMBERS_EARNED, NUMBERS_BY_CONTACT = 13, 10  # at a contact 4 of the last step's forces, and 6 of its wheel
 CODE = {  # bytes at most of x86-64 code of all entry points of a scalar together, -O2
-    "mobile_manipulator": 66_000,  # 13 kB of it for the forces on the ground, their derivatives by four inputs among them
+    # 13 kB of it for the forces on the ground, their derivatives by four inputs among them
+    "mobile_manipulator": 66_000,
     "tractor_trailer": 26_000,
-    "tractor_trailer_4": 51_000,  # the forces on the ground, in `evaluate`, `ground` and the steps that keep the grip
+    # The forces on the ground, in `evaluate`, `ground` and the steps that keep the grip
+    "tractor_trailer_4": 51_000,
     "four_wheel": 53_000,  # likewise; a third of it is `follow`, which keeps the grip too
     **dict.fromkeys(("car", "f1tenth"), 39_000),  # 300 of it earns friction
     **dict.fromkeys(("bus", "castor_platform"), 62_000),
@@ -184,18 +195,24 @@ class Law:
         for scalar in scalars:
             files |= {**shared_files(self.law.system, SCALARS[scalar]), **self.texts[scalar].files()}
         sources = [*(name for name in files if name.endswith(".c")), "noslip_status.c"]
-        path = built([cc, *FLAGS, level, *STRICT, "-fPIC", "-shared", *sources], {**runtime_files(), **files}, "law.so")
+        path = built(
+            [cc, *FLAGS, level, *STRICT, "-fPIC", "-shared", *sources], {**runtime_files(), **files}, "law.so"
+        )
         return self.ffi.dlopen(str(path)), str(path)
 
     def instance(self, scalar: str) -> "Instance":
         """Made by the reference compiler, with the plant's numbers."""
         return Instance(self, self.library(*REFERENCE, scalar))
 
-    # -- what must hold ------------------------------------------------------------------------------------------
+    # -- what must hold --------------------------------------------------------------------------------------
 
     def is_the_model(self, scalar: str) -> float:
-        """All quantities against CasADi's, both given what the scalar can hold; the largest relative error."""
-        rounded = [as_held(group, scalar).tolist() for group in (self.plant.params, self.plant.config, self.plant.gains)]
+        """All quantities against CasADi's, both given what the scalar can hold;
+        the largest relative error."""
+        rounded = [
+            as_held(group, scalar).tolist()
+            for group in (self.plant.params, self.plant.config, self.plant.gains)
+        ]
         model = make_controller("casadi", self.law, *rounded)
         made = CompiledController(self.law, *rounded, made_by=self.library(*REFERENCE, scalar))
         pairs = []
@@ -211,7 +228,9 @@ class Law:
             sizes = [np.abs(truth.values[quantity]).max(initial=0.0) for _, truth in pairs]
             for (found, truth), size in zip(pairs, sizes, strict=True):
                 off = np.abs(found.values[quantity] - truth.values[quantity]).max(initial=0.0)
-                errors[quantity] = max(errors.get(quantity, 0.0), off / max(size, 0.1 * np.median(sizes), TINY))
+                errors[quantity] = max(
+                    errors.get(quantity, 0.0), off / max(size, 0.1 * np.median(sizes), TINY)
+                )
         assert max(errors.values()) <= ERROR[scalar], errors
         return max(errors.values())
 
@@ -229,7 +248,9 @@ class Law:
             self.has_the_same_bits("float", [target_library(self.law, "m4f")])
 
     def _bits(self, library: Library) -> bytes:
-        made = CompiledController(self.law, self.plant.params, self.plant.config, self.plant.gains, made_by=library)
+        made = CompiledController(
+            self.law, self.plant.params, self.plant.config, self.plant.gains, made_by=library
+        )
         answers = []
         for point in self.plant.points:
             values = made.evaluate(point.state, point.reference).values
@@ -240,7 +261,10 @@ class Law:
         one, null = self.instance(scalar), cffi.FFI.NULL
         given = [one.own, one.params, one.config, one.gains]
         for k in range(4):
-            assert one.call("init", *[null if i == k else argument for i, argument in enumerate(given)], null) == "null"
+            assert (
+                one.call("init", *[null if i == k else argument for i, argument in enumerate(given)], null)
+                == "null"
+            )
             if k:
                 one.assert_answers("not_ready")
         assert one.call("init", *given, null) == "ok" and one.call("reset", null) == "null"
@@ -267,12 +291,20 @@ class Law:
     def refuses_parameters(self, scalar: str) -> None:
         """Not finite, or of the wrong sign; the law is not ready then."""
         one = self.instance(scalar)
-        groups = ((one.params, self.law.parameters), (one.config, self.law.config), (one.gains, self.law.gains))
+        groups = (
+            (one.params, self.law.parameters),
+            (one.config, self.law.config),
+            (one.gains, self.law.gains),
+        )
         for struct, quantities in groups:
             numbers = one.numbers(struct) if quantities else ()
             for k, quantity in enumerate(quantities):
                 good = numbers[k]
-                for bad in (math.nan, math.inf, *{"positive": (0.0, -1.0), "nonnegative": (-1.0,), "any": ()}[quantity.sign]):
+                for bad in (
+                    math.nan,
+                    math.inf,
+                    *{"positive": (0.0, -1.0), "nonnegative": (-1.0,), "any": ()}[quantity.sign],
+                ):
                     numbers[k] = bad
                     assert one.init() == "bad_parameter", quantity.name
                     one.assert_answers("not_ready")
@@ -302,27 +334,45 @@ class Law:
         own = [line for line in symbols if line[-1].startswith(self.law.system.mechanism.name)]
         assert not [line for line in own if line[-2] in "bBdD"]
         in_float = re.compile(r"_f(_|\.|$)")  # car_type_i_step_f, and the static car_type_i_step_f_limited
-        code = sum(int(line[1], 16) for line in own if line[-2] in "tT" and bool(in_float.search(line[-1])) == bool(suffix))
+        code = sum(
+            int(line[1], 16)
+            for line in own
+            if line[-2] in "tT" and bool(in_float.search(line[-1])) == bool(suffix)
+        )
         robot, times = self.law.system.mechanism.name, 1 if suffix else 2
         earned = sum(library.ffi.sizeof(fields[name].type) for name in EARNED if name in fields)
         contacts = len(self.law.system.mechanism.standing)
         assert earned <= times * 4 * (NUMBERS_EARNED + NUMBERS_BY_CONTACT * contacts)
-        assert struct - earned <= times * BYTES.get(robot, BYTES_OF_OTHERS) and 0 < code <= CODE.get(robot, CODE_OF_OTHERS)
+        assert struct - earned <= times * BYTES.get(robot, BYTES_OF_OTHERS) and 0 < code <= CODE.get(
+            robot, CODE_OF_OTHERS
+        )
         return f"{struct} bytes of struct, {code} of code"
 
     def knows_the_rate_of_Phi(self) -> float:
         """Phidot against differences of fourth order of Phi along qdot = S nu; the largest relative error."""
         made = CompiledController(
-            self.law, self.plant.params, self.plant.config, self.plant.gains, made_by=self.library(*REFERENCE, "double")
+            self.law,
+            self.plant.params,
+            self.plant.config,
+            self.plant.gains,
+            made_by=self.library(*REFERENCE, "double"),
         )
         S = self.law.function({"S": self.law.system.S})
-        worst, size = 0.0, np.median([np.abs(point.truth.values["Phidot"]).max() for point in self.plant.points])
+        worst, size = (
+            0.0,
+            np.median([np.abs(point.truth.values["Phidot"]).max() for point in self.plant.points]),
+        )
         for point in self.plant.points:
             n = len(point.state) - self.law.system.dof
-            basis = S(self.plant.params, self.plant.config, self.plant.gains, point.state, point.reference).full()
+            basis = S(
+                self.plant.params, self.plant.config, self.plant.gains, point.state, point.reference
+            ).full()
             qdot = np.concatenate([basis @ point.state[n:], np.zeros(len(point.state) - n)])
             h = 1e-3 / max(1.0, np.abs(qdot).max())
-            at = {k: made.evaluate(point.state + k * h * qdot, point.reference).values["Phi"] for k in (-2, -1, 1, 2)}
+            at = {
+                k: made.evaluate(point.state + k * h * qdot, point.reference).values["Phi"]
+                for k in (-2, -1, 1, 2)
+            }
             rate = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * h)
             off = np.abs(rate - point.truth.values["Phidot"]).max()
             worst = max(worst, off / max(size, np.abs(rate).max(), np.abs(at[1]).max()))
@@ -339,7 +389,8 @@ class Compiled(Library):
 
 
 class Instance:
-    """A law in memory of its own, and what its entry points are given: the plant's numbers and its first state."""
+    """A law in memory of its own, and what its entry points are given:
+    the plant's numbers and its first state."""
 
     def __init__(self, law: Law, library: Library):
         plant, self.library = law.plant, library
@@ -381,7 +432,10 @@ class Instance:
         """Of step and evaluate: this status, and finite values, zeros with an error."""
         for function, answer in (("step", self.tau), ("evaluate", self.all)):
             self.soil()
-            assert self.call(function, self.own, self.state, self.reference, *self.time[function], answer) == status, function
+            assert (
+                self.call(function, self.own, self.state, self.reference, *self.time[function], answer)
+                == status
+            ), function
             values = self.numbers(answer)
             assert np.all(np.isfinite(values)) if status == "ok" else not np.any(values)
 
@@ -400,7 +454,8 @@ def test_the_battery_has_every_robot():
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("robot", [robot for robot in LAWS if robot != "labmate"])  # its other laws are in test_runtime
+# Its other laws are in test_runtime
+@pytest.mark.parametrize("robot", [robot for robot in LAWS if robot != "labmate"])
 def test_the_battery_has_every_law(robot):
     assert set(LAWS[robot]) == set(find_laws(system_of(find_robot(robot))))
 
@@ -409,7 +464,11 @@ def test_random_states_keep_away_from_the_poles_of_S():
     """A car's wheel across: tan(delta) is its rate of turning, 1 in the median over all angles."""
     law = law_of(find_robot("car"), "type_i")
     delta = [c.name for c in law.state].index("delta")
-    tangents = [abs(math.tan(point.state[delta])) for plant in random_plants(law, 300, seed=5) for point in plant.points]
+    tangents = [
+        abs(math.tan(point.state[delta]))
+        for plant in random_plants(law, 300, seed=5)
+        for point in plant.points
+    ]
     assert len(tangents) == 300 and 2.0 < max(tangents) < 8.0
 
 
@@ -420,15 +479,17 @@ EXPORTED = {"car": "type_iv_circle", "tractor_trailer": "type_iv_line", "ball_pl
 @pytest.mark.parametrize("target", ["generic", "cortex-m4f"])
 @pytest.mark.parametrize("robot", EXPORTED)
 def test_an_exported_project_passes_its_own_test(robot, target, tmp_path, monkeypatch):
-    """With nothing of this process's environment but the path to the tools. That the export itself has it measured is tested in
-    test_project.py."""
+    """With nothing of this process's environment but the path to the tools. That the export itself has it
+    measured is tested in test_project.py."""
     skip_without(FIRMWARE[target].missing("make"))
     monkeypatch.setattr(project, "_measured", lambda *_: "")
     folder, law = tmp_path / robot, EXPORTED[robot]
     assert main_of_noslip(["export", robot, "--output", law, "--firmware", target, "-o", str(folder)]) == 0
     command = ["make", "-s", "-C", str(folder), "budget", "test"]
     environment = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
-    tried = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, env=environment)
+    tried = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, env=environment
+    )
     assert tried.returncode == 0 and tried.stderr == ""
     assert f"{robot}_{law}_f: pass" in tried.stdout and tried.stdout.endswith("selftest: pass\n")
 
@@ -438,7 +499,8 @@ ROBOTS_AS_MOVED = (*LAWS, "four_wheel:0")
 
 @pytest.mark.parametrize("robot", ROBOTS_AS_MOVED)
 def test_energy_is_the_work_done(robot):
-    """Without inputs, friction and moving surfaces it stays as it is, up to the integration; else its rate is the power."""
+    """Without inputs, friction and moving surfaces it stays as it is, up to the integration;
+    else its rate is the power."""
     system, random = system_of(find_robot(robot)), np.random.default_rng(12)
     n, parameters = len(system.mechanism.coordinates), system.mechanism.parameters
     numbers = [p.default * random.uniform(0.7, 1.3) for p in parameters]
@@ -450,7 +512,9 @@ def test_energy_is_the_work_done(robot):
         states = np.array([at + k * h * rate for k in (-2, -1, 1, 2)])
         E = with_friction.energy(states)
         power = float(with_friction.power(at, tau)[0])
-        assert abs((8 * (E[2] - E[1]) - (E[3] - E[0])) / (12 * h) - power) < 1e-8 * (abs(power) + np.abs(E).max())
+        assert abs((8 * (E[2] - E[1]) - (E[3] - E[0])) / (12 * h) - power) < 1e-8 * (
+            abs(power) + np.abs(E).max()
+        )
     moved_by = {"c": bool(system.mechanism.forces), "Omega": system.mechanism.carried}
     still = [0.0 if moved_by.get(p.name) else value for p, value in zip(parameters, numbers, strict=True)]
     plant, none = Plant(system, still), np.zeros(len(system.mechanism.inputs))

@@ -43,12 +43,20 @@ def test_cycles_of_a_listing(bench):
     """Every instruction of a listing takes the cycles that the rules give by hand."""
     from noslip.checks.guarantees.cycles import costs
 
-    lines = [f"  {8 + 4 * k:x}:\t{text.replace(' ', chr(9), 1)}\t@ comment" for k, text in enumerate(FUNCTION)]
+    lines = [
+        f"  {8 + 4 * k:x}:\t{text.replace(' ', chr(9), 1)}\t@ comment" for k, text in enumerate(FUNCTION)
+    ]
     found = costs("00000008 <measured>:\n" + "\n".join(lines) + "\n  44:\t.word\t0x3f22f983\n")
     assert dict(zip(FUNCTION, found.values(), strict=True)) == FUNCTION
 
 
-RISCV = {"flw fa5,0(a0)": 2, "fmul.s fa4,fa5,fa5": 1, "fadd.s fa3,fa4,fa5": 5, "fsw fa3,4(a0)": 5, "fdiv.s fa2,fa3,fa5": 20}
+RISCV = {
+    "flw fa5,0(a0)": 2,
+    "fmul.s fa4,fa5,fa5": 1,
+    "fadd.s fa3,fa4,fa5": 5,
+    "fsw fa3,4(a0)": 5,
+    "fdiv.s fa2,fa3,fa5": 20,
+}
 RISCV |= {"lw a5,0(a1)": 2, "mul a5,a5,a4": 4, "divu a5,a5,a4": 34, "addi a5,a5,1": 1, "bnez a5,8 <f>": 1}
 
 
@@ -64,7 +72,8 @@ def test_cycles_of_other_processors(bench):
 
 
 def test_cycles_of_a_trace(bench, tmp_path):
-    """A loop that QEMU executes takes what its instructions take, and 2 more for each branch taken: call, loop, return."""
+    """A loop that QEMU executes takes what its instructions take, and 2 more for each branch taken:
+    call, loop, return."""
     from counting import count_calls, run, symbols_of
     from measure import CortexM4F
     from noslip.checks.guarantees.cycles import write_costs
@@ -77,8 +86,18 @@ __attribute__((noipa)) int drive(float *x) {{ measured({LOOP}, x); return 0; }}
 int main(void) {{ float x[2] = {{2, 3}}; return drive(x); }}
 """)
     target, image = CortexM4F(tmp_path), tmp_path / "image"
-    link = ["-nostdlib", *(flag for flag in target.link if not flag.startswith("--specs"))]  # it needs no C library
-    build = ["arm-none-eabi-gcc", "-O1", *target.flags, "main.c", *map(str, target.startup), *link, "-o", str(image)]
+    # It needs no C library
+    link = ["-nostdlib", *(flag for flag in target.link if not flag.startswith("--specs"))]
+    build = [
+        "arm-none-eabi-gcc",
+        "-O1",
+        *target.flags,
+        "main.c",
+        *map(str, target.startup),
+        *link,
+        "-o",
+        str(image),
+    ]
     run(build, tmp_path)
     symbols = symbols_of(image, target.prefix)
     costs = write_costs(image, target.prefix)
@@ -90,7 +109,8 @@ int main(void) {{ float x[2] = {{2, 3}}; return drive(x); }}
 
 
 def test_the_table_is_of_the_run_of_its_picture():
-    """docs/bench.png carries the numbers that it shows; `make bench` makes it, and the table is written from the same numbers."""
+    """docs/bench.png carries the numbers that it shows; `make bench` makes it,
+    and the table is written from the same numbers."""
     described = json.loads(Image.open(ROOT / "docs" / "bench.png").text["Description"])
     laws = described["Cortex-M4F, float"].values()
     rows = {

@@ -53,7 +53,7 @@ def statuses(path: str, backend: str) -> list[str]:
     return [evaluation.status for evaluation in evaluate_cases(read_cases(path), backend)]
 
 
-# -- values -------------------------------------------------------------------------------------------------------------
+# -- values --------------------------------------------------------------------------------------------------
 
 
 @each_backend
@@ -66,7 +66,9 @@ def test_reference_values(file, backend, tmp_path):
     assert [answer["status"] for answer in answers] == ["ok"] * len(cases)
     for name in QUANTITIES + (MODEL_QUANTITIES if backend == "casadi" else ()):
         errors = []
-        for expected, answer in zip((np.array(c["expect"][name], float) for c in cases), answers, strict=True):
+        for expected, answer in zip(
+            (np.array(c["expect"][name], float) for c in cases), answers, strict=True
+        ):
             value = np.array(answer[name])
             assert value.shape == expected.shape
             errors.append(np.abs(value - expected).max() / max(np.abs(expected).max(), 1e-3))
@@ -77,7 +79,9 @@ def test_reference_values(file, backend, tmp_path):
 def test_numbers_read_back_to_the_same_bits(tmp_path):
     path, out = str(REFERENCE / FILES[1]), tmp_path / "out.json"
     main(["evaluate", path, "--backend", "casadi", "-o", str(out)])
-    for evaluation, answer in zip(evaluate_cases(read_cases(path), "casadi"), json.loads(out.read_text())["cases"], strict=True):
+    for evaluation, answer in zip(
+        evaluate_cases(read_cases(path), "casadi"), json.loads(out.read_text())["cases"], strict=True
+    ):
         assert {name: np.array(answer[name]).tolist() for name in evaluation.values} == {
             name: value.tolist() for name, value in evaluation.values.items()
         }
@@ -96,7 +100,12 @@ def test_numbers_may_be_strings_or_json_numbers(case, write):
 def test_gain_named_in_full_goes_first(case, write):
     named = {
         **case,
-        "gains": {"kp": "99", "kp_distance": case["gains"]["kp"], "kd": case["gains"]["kd"], "kv_speed": case["gains"]["kv"]},
+        "gains": {
+            "kp": "99",
+            "kp_distance": case["gains"]["kp"],
+            "kd": case["gains"]["kd"],
+            "kv_speed": case["gains"]["kv"],
+        },
     }
     one, other = read_cases(write([case, named]))
     assert one.gains == other.gains
@@ -149,17 +158,19 @@ def test_step_and_evaluate_agree(name, backend):
         for point in plant.points:
             status, tau = controller.step(point.state, point.reference)
             assert status == "ok"
-            together = controller.evaluate(point.state, point.reference).values["tau"]  # optimized by itself: other roundings
+            # Optimized by itself: other roundings
+            together = controller.evaluate(point.state, point.reference).values["tau"]
             assert np.abs(tau - together).max() <= limit * np.abs(together).max()
 
 
-# -- statuses -----------------------------------------------------------------------------------------------------------
+# -- statuses ------------------------------------------------------------------------------------------------
 
 
 @each_backend
 @pytest.mark.parametrize("bad", ["nan", "inf", "-Infinity", math.nan, math.inf, "1e999"])
 @pytest.mark.parametrize(
-    "place", [("q", 0), ("q", 3), ("nu", 1), ("reference", "y", 0), ("reference", "yd", 1), ("reference", "ydd", 1)]
+    "place",
+    [("q", 0), ("q", 3), ("nu", 1), ("reference", "y", 0), ("reference", "yd", 1), ("reference", "ydd", 1)],
 )
 def test_number_that_is_not_finite(case, write, backend, place, bad):
     good = copy.deepcopy(case)
@@ -181,7 +192,13 @@ def test_status_stands_alone(case, write, backend, tmp_path):
 @each_backend
 @pytest.mark.parametrize(
     ("group", "name", "bad"),
-    [("params", "r", "0"), ("params", "m_c", -1), ("params", "d", "nan"), ("params", "I_w", "inf"), ("gains", "kp", -1)],
+    [
+        ("params", "r", "0"),
+        ("params", "m_c", -1),
+        ("params", "d", "nan"),
+        ("params", "I_w", "inf"),
+        ("gains", "kp", -1),
+    ],
 )
 def test_parameter_that_is_refused(case, write, backend, group, name, bad):
     good = copy.deepcopy(case)
@@ -241,7 +258,12 @@ def test_singular_alike_at_random_states(case, write):
 @pytest.mark.parametrize(("backend", "limit"), [("casadi", 2.0**20), ("c", 2.0**20), ("cf", 8192.0)])
 def test_angle_beyond_the_range_of_the_sine(case, write, backend, limit):
     cases = []
-    for angle in (limit, -limit, math.nextafter(limit, math.inf) if backend != "cf" else 8192.001, -2 * limit):
+    for angle in (
+        limit,
+        -limit,
+        math.nextafter(limit, math.inf) if backend != "cf" else 8192.001,
+        -2 * limit,
+    ):
         turned = copy.deepcopy(case)
         turned["q"][2] = angle
         cases.append(turned)
@@ -250,7 +272,7 @@ def test_angle_beyond_the_range_of_the_sine(case, write, backend, limit):
     assert statuses(write([*cases, wheels]), backend) == ["ok", "ok", "range", "range", "ok"]
 
 
-# -- check --------------------------------------------------------------------------------------------------------------
+# -- check ---------------------------------------------------------------------------------------------------
 
 
 def test_check_of_files(capsys):
@@ -269,7 +291,11 @@ def test_check_finds_a_wrong_value(case, write, backend, capsys):
     assert main(["check", path, "--backend", backend, "--json"]) == 1
     answer = json.loads(capsys.readouterr().out)
     assert answer["ok"] is False and len(answer["failures"]) == 1
-    assert answer["files"][0]["backends"][backend]["tau"]["worst"] > 1e-4 > answer["files"][0]["backends"][backend]["u"]["worst"]
+    assert (
+        answer["files"][0]["backends"][backend]["tau"]["worst"]
+        > 1e-4
+        > answer["files"][0]["backends"][backend]["u"]["worst"]
+    )
 
 
 @pytest.mark.parametrize(("count", "judged"), [(15, False), (16, True)])
@@ -292,7 +318,9 @@ def test_check_at_random_states(seed, capsys):
     assert main(["check", "--states", "20", "--seed", str(seed), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert set(answer["laws"]) == set(OUTPUTS)
-    assert all(set(law) == {"c", "cf"} and set(law["c"]) == set(QUANTITIES) for law in answer["laws"].values())
+    assert all(
+        set(law) == {"c", "cf"} and set(law["c"]) == set(QUANTITIES) for law in answer["laws"].values()
+    )
 
 
 def test_random_check_sees_a_difference(monkeypatch, capsys):
@@ -311,25 +339,33 @@ def test_random_check_sees_a_difference(monkeypatch, capsys):
 
 @pytest.mark.parametrize("off", [0.0, 0.1])
 def test_random_check_leaves_out_what_rounding_the_state_changes_as_much(off, monkeypatch, capsys):
-    """Beside the centre of an ellipse the first-order distance grows without bound, and so does its gradient; its rate is what is
-    left of large terms. A difference that is larger than rounding explains is still one."""
+    """Beside the centre of an ellipse the first-order distance grows without bound, and so does its gradient;
+    its rate is what is left of large terms. A difference that is larger than rounding explains is still
+    one."""
     from noslip.checks.verification import check, sampling
 
     law = law_of(find_robot("labmate"), "type_iv_ellipse")
     numbers = [[q.default for q in group] for group in (law.parameters, law.config, law.gains)]
     model, reference = make_controller("casadi", law, *numbers), np.zeros(5)
     states = [np.array([3.0, 1.0, 0.4 + 0.01 * k, 0.0, 0.0, 3.0, 1.0]) for k in range(19)]
-    by_right, by_left = model.evaluate(at := np.array([-0.05, -0.02, 0.4, 0, 0, 0, 0]), reference).values["Phi"][0]
+    by_right, by_left = model.evaluate(at := np.array([-0.05, -0.02, 0.4, 0, 0, 0, 0]), reference).values[
+        "Phi"
+    ][0]
     states.append(at + 10 * np.array([0, 0, 0, 0, 0, 1.0, -by_right / by_left]))
-    points = [sampling.RandomPoint(k, x, reference, model.evaluate(x, reference)) for k, x in enumerate(states)]
-    monkeypatch.setattr(sampling, "random_plants", lambda *_: [sampling.RandomPlant(*map(tuple, (*numbers, points)))])
+    points = [
+        sampling.RandomPoint(k, x, reference, model.evaluate(x, reference)) for k, x in enumerate(states)
+    ]
+    monkeypatch.setattr(
+        sampling, "random_plants", lambda *_: [sampling.RandomPlant(*map(tuple, (*numbers, points)))]
+    )
 
     def shifted(backend, *given):
         made = make_controller(backend, *given)
         evaluate = made.evaluate
         more = off if backend == "cf" else 0.0
         made.evaluate = lambda *at: (
-            (found := evaluate(*at)) and replace(found, values=found.values | {"ydot": found.values["ydot"] + more})
+            (found := evaluate(*at))
+            and replace(found, values=found.values | {"ydot": found.values["ydot"] + more})
         )
         return made
 
@@ -337,10 +373,12 @@ def test_random_check_leaves_out_what_rounding_the_state_changes_as_much(off, mo
     code = main(["check", "--states", "20", "--output", "type_iv_ellipse", "--backend", "cf", "--json"])
     answer = json.loads(capsys.readouterr().out)
     assert (code, answer["ok"]) == ((1, False) if off else (0, True))
-    assert [line.rpartition(",")[0] for line in answer["left_out"]] == ([] if off else ["type_iv_ellipse, cf: ydot in state 19"])
+    assert [line.rpartition(",")[0] for line in answer["left_out"]] == (
+        [] if off else ["type_iv_ellipse, cf: ydot in state 19"]
+    )
 
 
-# -- bad input ----------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------------------
 
 
 def change(*path, value=None, delete=False):
@@ -393,10 +431,17 @@ MALFORMED = {
 
 
 def test_the_rate_of_an_output_of_degree_1_is_ydd(tmp_path, monkeypatch, bad_input):
-    """v = ydot_d + kv (y_d - y), computed here; the same number in yd is refused, as the law would not use it."""
+    """v = ydot_d + kv (y_d - y), computed here; the same number in yd is refused,
+    as the law would not use it."""
     robot = Path(__file__).parents[1] / "robots_of_users.py"
     reference = {"y": [0.5, 0.2], "yd": [0, 0], "ydd": [0.3, -0.4]}
-    one = {"params": {}, "output": {"type": "speeds"}, "q": [0.1, 0.2, 0.3], "nu": [0.7, 0.1], "gains": {"kv": 2.0}}
+    one = {
+        "params": {},
+        "output": {"type": "speeds"},
+        "q": [0.1, 0.2, 0.3],
+        "nu": [0.7, 0.1],
+        "gains": {"kv": 2.0},
+    }
     cases = tmp_path / "cases.json"
 
     def write_with(reference):
@@ -456,10 +501,18 @@ def test_file_that_is_no_text(tmp_path, bad_input):
         ("def robot(:\n", "robot", "mine.py:1: SyntaxError"),
         ("\nimport no_such_module\n", "robot", "mine.py:2: ModuleNotFoundError"),
         ("def robot():\n    return 1 / 0\n", "robot", "mine.py:2: ZeroDivisionError"),
-        ("from noslip.model import Mechanism\nrobot = Mechanism('my robot')\n", "robot", "mine.py:2: name 'my robot'"),
+        (
+            "from noslip.model import Mechanism\nrobot = Mechanism('my robot')\n",
+            "robot",
+            "mine.py:2: name 'my robot'",
+        ),
         ("raise SystemExit(0)\n", "robot", "mine.py:1: SystemExit"),
         ("robot = 5\n", "robot", "neither a Mechanism"),
-        ("from noslip.model.robots.labmate import labmate\nrobot = labmate()\n", "robto", "did you mean 'robot'"),
+        (
+            "from noslip.model.robots.labmate import labmate\nrobot = labmate()\n",
+            "robto",
+            "did you mean 'robot'",
+        ),
     ],
 )
 def test_robot_file_with_an_error(case, write, tmp_path, bad_input, source, name, says):
@@ -474,7 +527,9 @@ def test_files_that_cannot_be_read_or_written(case, write, tmp_path, bad_input):
     assert "no_folder/out.json: the folder" in bad_input(
         ["evaluate", path, "--backend", "casadi", "-o", str(tmp_path / "no_folder/out.json")]
     )
-    assert "is a folder; give a file in it" in bad_input(["evaluate", path, "--backend", "casadi", "-o", str(tmp_path)])
+    assert "is a folder; give a file in it" in bad_input(
+        ["evaluate", path, "--backend", "casadi", "-o", str(tmp_path)]
+    )
     assert "out.json: " in bad_input(["evaluate", path, "--backend", "casadi", "-o", f"{path}/out.json"])
 
 
@@ -489,7 +544,9 @@ def test_bad_input_leaves_the_old_output(case, write, tmp_path):
 def test_check_refuses(case, write, bad_input):
     wrong_shape = copy.deepcopy(case)
     wrong_shape["expect"]["Phi"] = [1, 2]
-    assert "has shape [2]; it must be [2, 2]" in bad_input(["check", write([wrong_shape]), "--backend", "casadi"])
+    assert "has shape [2]; it must be [2, 2]" in bad_input(
+        ["check", write([wrong_shape]), "--backend", "casadi"]
+    )
     del case["expect"]
     assert "nothing to compare" in bad_input(["check", write([case]), "--backend", "casadi"])
     assert "--seed applies to random states only" in bad_input(["check", write([case]), "--seed", "1"])
@@ -499,14 +556,16 @@ def test_check_refuses(case, write, bad_input):
     assert "casadi is the reference" in bad_input(["check", "--backend", "casadi"])
 
 
-# -- close to the singular set -----------------------------------------------------------------------------------------
+# -- close to the singular set -------------------------------------------------------------------------------
 
 
 @cache
 def determinant(law) -> ca.Function:
     """(parameters, config, states) to det Phi."""
     return ca.Function(
-        "det", [symbols(group) for group in (law.parameters, law.config, law.state)], [law.linearization.determinant]
+        "det",
+        [symbols(group) for group in (law.parameters, law.config, law.state)],
+        [law.linearization.determinant],
     )
 
 
@@ -519,7 +578,8 @@ def near_singular(law, plant, point, random):
         states[heading] = angle
         return determinant(law)(plant.params, plant.config, states).full().ravel()
 
-    angles = point.state[heading] + 0.1 + np.linspace(0, 2 * np.pi, 33)  # not quarter turns, where det Phi may be exactly 0
+    # Not quarter turns, where det Phi may be exactly 0
+    angles = point.state[heading] + 0.1 + np.linspace(0, 2 * np.pi, 33)
     values = at(angles)
     change = np.flatnonzero(values[:-1] * values[1:] < 0)[0]
     root = brentq(lambda angle: at(angle)[0], angles[change], angles[change + 1])
@@ -530,11 +590,14 @@ def near_singular(law, plant, point, random):
 
 @pytest.mark.parametrize("name", ["type_ii", "type_iii", "type_iv_line", "type_iv_circle", "type_iv_ellipse"])
 def test_float_error_grows_no_faster_than_the_inverse_of_rcond(name):
-    """u = Phi^-1 (...) in float: relative error times |det Phi| / product of row norms stays at a few roundings."""
+    """u = Phi^-1 (...) in float: relative error times |det Phi| / product of row norms stays at a few
+    roundings."""
     law, random = law_of(find_robot("labmate"), name), np.random.default_rng(11)
     conditions, errors = [], []
     for plant in random_plants(law, 400, seed=11):
-        numbers = [np.float32(group).astype(float).tolist() for group in (plant.params, plant.config, plant.gains)]
+        numbers = [
+            np.float32(group).astype(float).tolist() for group in (plant.params, plant.config, plant.gains)
+        ]
         double, single = (make_controller(backend, law, *numbers) for backend in ("c", "cf"))
         for point in plant.points:
             inputs = near_singular(law, plant, point, random), np.float32(point.reference).astype(float)

@@ -35,7 +35,7 @@ def test_a_bad_answer_is_a_failure(status, tau):
         faults._kind("type_i", status, np.array(tau), np.zeros(2))
 
 
-# -- a defect of the firmware ------------------------------------------------------------------------------------------
+# -- a defect of the firmware --------------------------------------------------------------------------------
 
 
 def planted(folder: Path, file: str, was: str, now: str) -> Path:
@@ -51,14 +51,19 @@ def planted(folder: Path, file: str, was: str, now: str) -> Path:
 
 FOLLOWER = "labmate_follower_f.c"
 INIT = "init_drives(self, config);"
-# in both motors: the law scales all torques down to what the weaker motor has, so one wrong supply gives no wrong command
+# in both motors: the law scales all torques down to what the weaker motor has, so one wrong supply gives no
+# wrong command
 SUPPLIED = f"{INIT} self->motors[0].supply = self->motors[1].supply = 24;"
 
 
 @pytest.mark.parametrize(
     ("words", "defect", "told"),
     [
-        ("random numbers", (FOLLOWER, "state == NOSLIP_WATCHDOG_HOLD", "state != NOSLIP_WATCHDOG_RUN"), "after the watchdog has"),
+        (
+            "random numbers",
+            (FOLLOWER, "state == NOSLIP_WATCHDOG_HOLD", "state != NOSLIP_WATCHDOG_RUN"),
+            "after the watchdog has",
+        ),
         ("supplies of", (FOLLOWER, INIT, SUPPLIED), "the supply"),
     ],
 )

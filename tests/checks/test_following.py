@@ -1,4 +1,5 @@
-"""The comparison of path following with the usual controllers: path, controllers and measures, and a run of each."""
+"""The comparison of path following with the usual controllers: path, controllers and measures,
+and a run of each."""
 
 import importlib.util
 import math
@@ -32,7 +33,10 @@ def test_the_points_are_those_of_lines_and_arcs(bench):
     for length, kappa in bench.PATH:
         length = round(length / bench.SPACING) * bench.SPACING
         chord = 2 * math.sin(kappa * length / 2) / kappa if kappa else length
-        x, y = x + chord * math.cos(heading + kappa * length / 2), y + chord * math.sin(heading + kappa * length / 2)
+        x, y = (
+            x + chord * math.cos(heading + kappa * length / 2),
+            y + chord * math.sin(heading + kappa * length / 2),
+        )
         heading, s = heading + kappa * length, s + length
         assert bench.POINTS[round(s / bench.SPACING), :3] == pytest.approx([x, y, heading], abs=1e-4)
     segments = bench.spec_of(0.5, 0.7, GOOD["noslip, Type IV"], "cut").output.path.segments
@@ -94,7 +98,10 @@ def test_measures(bench):
     x, y, heading, _ = bench.POINTS.T
     q[:, 2] = heading
     ahead, left = bench.SIZES["d"], 0.02
-    q[:, 0], q[:, 1] = x + ahead * np.cos(heading) - left * np.sin(heading), y + ahead * np.sin(heading) + left * np.cos(heading)
+    q[:, 0], q[:, 1] = (
+        x + ahead * np.cos(heading) - left * np.sin(heading),
+        y + ahead * np.sin(heading) + left * np.cos(heading),
+    )
     t = bench.SPACING * np.arange(len(q)) / 0.5
     tau, slip = np.ones((len(q), 2)), np.full(len(q), 0.3)
     found = bench.measured(t, q, tau, slip, None)

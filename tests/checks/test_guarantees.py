@@ -20,7 +20,9 @@ def folder(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("guarantees")
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.nightly) if name == "timing" else name for name in SHORT])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.nightly) if name == "timing" else name for name in SHORT]
+)
 def test_guarantee(name, folder):
     end, summary = checked(name, Task(folder, short=True))
     if end == "skipped":
@@ -57,7 +59,10 @@ def test_eva_proves_damped_laws_and_finds_what_is_wrong_within_the_band(planted,
     head, within, body = source.read_text().rpartition(f"{law}_step_near_f_law(const")
     assert head and "tau[1] =" in body
     source.write_text(head + within + body.replace("tau[1] =", "tau[2] =", 1))
-    assert any("accessing out of bounds index" in line or "out of bounds" in line for line in eva.analyse(task, program)[1])
+    assert any(
+        "accessing out of bounds index" in line or "out of bounds" in line
+        for line in eva.analyse(task, program)[1]
+    )
 
 
 @pytest.mark.nightly
@@ -78,7 +83,8 @@ def test_eva_proves_extended_laws_and_finds_an_extension_that_is_not_checked(nam
 @pytest.mark.nightly
 @pytest.mark.parametrize("robot", ["balancer", "roller_racer", "tractor_trailer:6"])
 def test_eva_proves_partial_linearization_and_finds_what_is_wrong(robot, tmp_path):
-    """A law of a robot with fewer inputs than degrees of freedom, and a long one; the planted defect writes beside the inputs."""
+    """A law of a robot with fewer inputs than degrees of freedom, and a long one;
+    the planted defect writes beside the inputs."""
     need("frama-c")
     task = Task(tmp_path, others=((robot, dict(OTHERS)[robot]),))
     (law,) = task.laws_of_others
@@ -92,7 +98,7 @@ def test_eva_proves_partial_linearization_and_finds_what_is_wrong(robot, tmp_pat
     assert eva.analyse(task, program)[1]
 
 
-# -- what must be refused ---------------------------------------------------------------------------------------------
+# -- what must be refused ------------------------------------------------------------------------------------
 
 WRONG = {
     "a variable": ("symbols", "int noslip_counter_f = 0;", "noslip_counter_f"),
@@ -103,10 +109,15 @@ WRONG = {
     ),
     "the heap": (
         "symbols",
-        "void *malloc(unsigned long size);\nvoid *noslip_f(void);\nvoid *noslip_f(void) { return malloc(9); }",
+        "void *malloc(unsigned long size);\nvoid *noslip_f(void);\nvoid *noslip_f(void) { return "
+        "malloc(9); }",
         "malloc",
     ),
-    "libm": ("symbols-m4f", "float sinf(float);\nfloat noslip_f(float x);\nfloat noslip_f(float x) { return sinf(x); }", "sinf"),
+    "libm": (
+        "symbols-m4f",
+        "float sinf(float);\nfloat noslip_f(float x);\nfloat noslip_f(float x) { return sinf(x); }",
+        "sinf",
+    ),
     "double in float": (
         "symbols-m4f",
         "float noslip_f(float x);\nfloat noslip_f(float x) { return (float)(x * 0.1); }",
@@ -125,19 +136,22 @@ WRONG = {
     ),
     "recursion": (
         "stack-m4f",
-        "int noslip_path_a_f(int n);\nint noslip_path_b_f(int n);\n__attribute__((noinline)) int noslip_path_b_f(int n) "
-        "{ return n ? noslip_path_a_f(n - 1) * 3 + n : 0; }\n__attribute__((noinline)) int noslip_path_a_f(int n) "
-        "{ return n ? noslip_path_b_f(n / 2) + n : 0; }",
+        "int noslip_path_a_f(int n);\nint noslip_path_b_f(int n);\n__attribute__((noinline)) int "
+        "noslip_path_b_f(int n) { return n ? noslip_path_a_f(n - 1) * 3 + n : 0; "
+        "}\n__attribute__((noinline)) int noslip_path_a_f(int n) { return n ? noslip_path_b_f(n / 2) + n : "
+        "0; }",
         "recursion",
     ),
     "a large frame": (
         "stack-m4f",
-        "int noslip_path_f(int n);\nint noslip_path_f(int n) { volatile int a[99]; a[n] = n; return a[n / 2]; }",
+        "int noslip_path_f(int n);\nint noslip_path_f(int n) { volatile int a[99]; a[n] = n; return a[n / "
+        "2]; }",
         "more than 384",
     ),
     "a frame that grows": (
         "stack-m4f",
-        "int noslip_path_f(int n);\nint noslip_path_f(int n) { volatile int a[n]; a[n - 1] = n; return a[n / 2]; }",
+        "int noslip_path_f(int n);\nint noslip_path_f(int n) { volatile int a[n]; a[n - 1] = n; return a[n / "
+        "2]; }",
         "as it runs",
     ),
     "a comparison for equality": (
@@ -155,7 +169,11 @@ WRONG = {
         "float noslip_f(int x);\nfloat noslip_f(int x) { return (float)(x / 2) + x / 3; }",
         "integer-division",
     ),
-    "goto": ("misra", "int noslip_f(int x);\nint noslip_f(int x) { again: if (x > 0) { x--; goto again; } return x; }", "15.1"),
+    "goto": (
+        "misra",
+        "int noslip_f(int x);\nint noslip_f(int x) { again: if (x > 0) { x--; goto again; } return x; }",
+        "15.1",
+    ),
 }
 
 
@@ -183,13 +201,18 @@ def test_what_is_wrong_is_found(wrong, tmp_path):
 
 
 def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") -> Task:
-    """A task on a copy of the C in which one thing is changed, with only the law of that name; None: with all."""
+    """A task on a copy of the C in which one thing is changed, with only the law of that name; None:
+    with all."""
     for name in ("runtime_c", "generated", "tests/c", "firmware/boards", "checks/bench/target"):
         shutil.copytree(ROOT / name, folder / "root" / name)
     for path in (folder / "root/generated/labmate").rglob("labmate_*"):
         follower = "_follower" in path.name or "_telemetry" in path.name
         whole = "_type_" in path.name or (follower and laws != "labmate_type_iv_segment")
-        if laws is not None and whole and not path.name.startswith((f"{laws}.", f"{laws}_f.", f"{laws}_steps")):
+        if (
+            laws is not None
+            and whole
+            and not path.name.startswith((f"{laws}.", f"{laws}_f.", f"{laws}_steps"))
+        ):
             path.unlink()
     path = folder / "root" / file
     text = path.read_text()
@@ -202,7 +225,11 @@ with_eva = pytest.mark.skipif(shutil.which("frama-c") is None, reason="frama-c n
 
 EVA_FINDS = {
     "an angle beyond integers": (
-        ("noslip_angle.inc", "!(NOSLIP_NAME(noslip_angle_ok)(desired) &&", "(NOSLIP_NAME(noslip_abs)(desired) < 0 &&"),
+        (
+            "noslip_angle.inc",
+            "!(NOSLIP_NAME(noslip_angle_ok)(desired) &&",
+            "(NOSLIP_NAME(noslip_abs)(desired) < 0 &&",
+        ),
         "overflow in conversion",
     ),
     "something added beyond its limit": (
@@ -210,7 +237,11 @@ EVA_FINDS = {
         "assertion got status",
     ),
     "a write where none may be": (
-        ("noslip_odometry.inc", "self->last = counter;\n    *angle", "self->last = counter;\n    self->mask = 0;\n    *angle"),
+        (
+            "noslip_odometry.inc",
+            "self->last = counter;\n    *angle",
+            "self->last = counter;\n    self->mask = 0;\n    *angle",
+        ),
         "writes to",
     ),
 }
@@ -220,7 +251,9 @@ EVA_FINDS = {
 @with_eva
 def test_eva_finds(wrong, tmp_path):
     (file, was, now), message = EVA_FINDS[wrong]
-    _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("runtime", "float"))
+    _, lines = eva.analyse(
+        changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("runtime", "float")
+    )
     assert any(message in line for line in lines), lines
 
 
@@ -229,8 +262,14 @@ EVA_FINDS_IN_DRIVES = {
         ("noslip_motor.inc", "within)(current, self->current)", "is_finite)(current)"),
         "assertion got status",
     ),
-    "a stop that ends by itself": (("noslip_watchdog.c", " || self->state == NOSLIP_WATCHDOG_STOP", ""), "assertion got status"),
-    "a count that overflows": (("noslip_watchdog.c", "stood >= self->settings.stuck", "settings.stuck < 0"), "overflow"),
+    "a stop that ends by itself": (
+        ("noslip_watchdog.c", " || self->state == NOSLIP_WATCHDOG_STOP", ""),
+        "assertion got status",
+    ),
+    "a count that overflows": (
+        ("noslip_watchdog.c", "stood >= self->settings.stuck", "settings.stuck < 0"),
+        "overflow",
+    ),
 }
 
 
@@ -238,7 +277,9 @@ EVA_FINDS_IN_DRIVES = {
 @with_eva
 def test_eva_finds_in_drives(wrong, tmp_path):
     (file, was, now), message = EVA_FINDS_IN_DRIVES[wrong]
-    _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("drives", "float"))
+    _, lines = eva.analyse(
+        changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("drives", "float")
+    )
     assert any(message in line for line in lines), lines
 
 
@@ -253,7 +294,8 @@ def test_eva_finds_in_balance(tmp_path):
 
 @with_eva
 def test_eva_proves_a_state_feedback_and_finds_what_is_wrong(tmp_path):
-    """The generated header of the balancer's; planted are an input beyond its limit, and a state more than there are gains."""
+    """The generated header of the balancer's; planted are an input beyond its limit,
+    and a state more than there are gains."""
     task = Task(tmp_path / "right", feedbacks=FEEDBACKS)
     (name,) = task.feedback_names
     program = eva.AnalysedProgram("feedback", "float", name)
@@ -272,8 +314,16 @@ def test_eva_proves_a_state_feedback_and_finds_what_is_wrong(tmp_path):
 
 EVA_FINDS_IN_GRIP = {
     "a force across that does not count": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " >= 0"),
-    "friction that is not checked": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " - ground[1] * ground[1] >= 0 || 1"),
-    "an input beyond its limit": ("noslip_grip.inc", "inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];", "finite = 1;"),
+    "friction that is not checked": (
+        "noslip_grip.inc",
+        " - ground[1] * ground[1] >= 0",
+        " - ground[1] * ground[1] >= 0 || 1",
+    ),
+    "an input beyond its limit": (
+        "noslip_grip.inc",
+        "inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];",
+        "finite = 1;",
+    ),
     "more believed than there may be": ("noslip_grip.inc", "mu = mu < earned->most ? mu : earned->most;", ""),
     "a contact that is not checked": ("law", " && noslip_holds_f(&ground[4], &self->grip) ? ", " ? "),
 }
@@ -293,7 +343,11 @@ def test_eva_finds_in_grip(wrong, tmp_path):
 EVA_FINDS_IN_FRAMES = {
     "an image longer than its memory": ("noslip_image.c", " || length > size", ""),
     "more segments than places": ("noslip_image.c", " || *count > (uint32_t)most ?", " ?"),
-    "a byte behind the ring": ("noslip_telemetry.c", "ring[self->at & self->to->mask] = byte", "ring[self->at] = byte"),
+    "a byte behind the ring": (
+        "noslip_telemetry.c",
+        "ring[self->at & self->to->mask] = byte",
+        "ring[self->at] = byte",
+    ),
 }
 
 
@@ -315,7 +369,10 @@ EVA_FINDS_IN_THE_FOLLOWER = {
     ),
     "a torque of no law": ("self->torque[0] = torque[0];", "self->torque[0] = self->rate[0];"),
     "a time that may be infinite": ("if (noslip_is_positive_f(dt) && dt <=", "if (dt > 0 || dt <="),
-    "a stop that is good": ("self->watchdog.status : NOSLIP_NOT_READY;", "self->watchdog.status : NOSLIP_OK;"),
+    "a stop that is good": (
+        "self->watchdog.status : NOSLIP_NOT_READY;",
+        "self->watchdog.status : NOSLIP_OK;",
+    ),
     "a follower that is ready too early": (
         "    self->ready = 0;\n    if (config == NULL)",
         "    self->ready = NOSLIP_READY;\n    if (config == NULL)",
@@ -334,7 +391,11 @@ def test_eva_finds_in_the_follower(wrong, tmp_path):
     law = "labmate_type_iv_segment"
     task = changed(tmp_path, FOLLOWER, *EVA_FINDS_IN_THE_FOLLOWER[wrong], law)
     _, lines = eva.analyse(task, eva.AnalysedProgram("follower", "float", law))
-    assert any(word in line for line in lines for word in ("assertion got status", "writes to", "non-finite", "overflow")), lines
+    assert any(
+        word in line
+        for line in lines
+        for word in ("assertion got status", "writes to", "non-finite", "overflow")
+    ), lines
 
 
 SEGMENTS = ("#define SEGMENTS 3", "#define SEGMENTS 1")  # of the paths analysed: with one it is quicker
@@ -353,20 +414,30 @@ def programs(folder: Path, file: str, was: str, now: str) -> Path:
 @with_eva
 def test_eva_finds_in_a_path(tmp_path, monkeypatch):
     """After the last segment another one is looked for."""
-    task = changed(tmp_path, "runtime_c/noslip_path_code.inc", "segment + 1 < self->count", "segment + 1 <= self->count")
+    task = changed(
+        tmp_path, "runtime_c/noslip_path_code.inc", "segment + 1 < self->count", "segment + 1 <= self->count"
+    )
     monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", "path.c", *SEGMENTS))
     _, lines = eva.analyse(task, eva.AnalysedProgram("path", "float"))
     assert any("out of bounds read" in line for line in lines), lines
 
 
 VACUOUS = {  # file of c/eva/ and what is changed in it, the program, and the place that is then not reached
-    "no step is checked": (("law.c", "        check_step(", "        (void)follow; if (0) check_step("), "law", "step_good"),
+    "no step is checked": (
+        ("law.c", "        check_step(", "        (void)follow; if (0) check_step("),
+        "law",
+        "step_good",
+    ),
     "no law is ready": (
         ("law.c", "    law.on_error = on_error;", "    law.on_error = on_error;\n    law.ready = 0;"),
         "law",
         "step_good",
     ),
-    "no other function is checked": (("law.c", "    check_functions();\n    REACHED", "    REACHED"), "law", "evaluate_good"),
+    "no other function is checked": (
+        ("law.c", "    check_functions();\n    REACHED", "    REACHED"),
+        "law",
+        "evaluate_good",
+    ),
     "no encoder is checked": (
         ("runtime.c", "    check_encoder();\n    check_integral", "    check_integral"),
         "runtime",
@@ -386,7 +457,11 @@ VACUOUS = {  # file of c/eva/ and what is changed in it, the program, and the pl
 
 
 @pytest.mark.parametrize(
-    "wrong", [wrong if wrong == "no law is ready" else pytest.param(wrong, marks=pytest.mark.nightly) for wrong in VACUOUS]
+    "wrong",
+    [
+        wrong if wrong == "no law is ready" else pytest.param(wrong, marks=pytest.mark.nightly)
+        for wrong in VACUOUS
+    ],
 )
 @with_eva
 def test_eva_does_not_hold_vacuously(wrong, tmp_path, monkeypatch):
@@ -402,7 +477,9 @@ def test_bits_of_what_is_analysed_are_compared(tmp_path):
     """A form for Frama-C that is not the one that ships."""
     need("gcc")
     was = "noslip_is_finite_f(x) && x >= -limit"
-    task = changed(tmp_path, "runtime_c/noslip_real.h", was, "noslip_is_finite_f(x) && x >= -1.0f", "labmate_type")
+    task = changed(
+        tmp_path, "runtime_c/noslip_real.h", was, "noslip_is_finite_f(x) && x >= -1.0f", "labmate_type"
+    )
     with pytest.raises(Failed, match="shipped"):
         eva.same_bits(task)
 
@@ -435,7 +512,12 @@ SEEDED_FIND = {
         r"not (isfinite|options.limit)",
     ),
     "a lane that is not the step": (
-        (LANE, "inputs[0][i] = fine ? made[0]", "inputs[0][i] = fine ? made[0] * (1 + 1e-15)", "labmate_type_i"),
+        (
+            LANE,
+            "inputs[0][i] = fine ? made[0]",
+            "inputs[0][i] = fine ? made[0] * (1 + 1e-15)",
+            "labmate_type_i",
+        ),
         r"not k % LANES != lane",
     ),
     "a position that follow reads": (
@@ -457,15 +539,25 @@ def test_seeded_numbers_find(wrong, tmp_path):
             pytest.skip(str(missing))
 
 
-SLOWER = ("            self->held[1] = made[1];\n", "            self->held[1] = made[0] * made[1] + made[1];\n")
+SLOWER = (
+    "            self->held[1] = made[1];\n",
+    "            self->held[1] = made[0] * made[1] + made[1];\n",
+)
 FUZZ_FINDS = {  # a change of the runtime, and what is told
-    "an angle beyond integers": (EVA_FINDS["an angle beyond integers"][0], "outside the range of representable values"),
+    "an angle beyond integers": (
+        EVA_FINDS["an angle beyond integers"][0],
+        "outside the range of representable values",
+    ),
     "an integral beyond its limit": (
         ("noslip_integral.inc", "self->added = added;\n    }", "self->added = 2 * added;\n    }"),
         r"not isfinite\(added\)",
     ),
     "an estimate beyond its limit": (
-        ("noslip_disturbance.inc", "estimate = NOSLIP_NAME(noslip_clip)(found, self->limit);", "estimate = found;"),
+        (
+            "noslip_disturbance.inc",
+            "estimate = NOSLIP_NAME(noslip_clip)(found, self->limit);",
+            "estimate = found;",
+        ),
         r"not !ready \|\| limit == 0 \|\| fabs\(\(double\)self.estimate",
     ),
     "a command that changes too fast": (
@@ -493,9 +585,15 @@ def test_what_the_night_changes_is_in_the_c():
     ]
     law = "generated/labmate/labmate_type_i_f.c"
     missing = [
-        (file, was) for file, was, _ in changes if was not in (ROOT / (law if file == "law" else f"runtime_c/{file}")).read_text()
+        (file, was)
+        for file, was, _ in changes
+        if was not in (ROOT / (law if file == "law" else f"runtime_c/{file}")).read_text()
     ]
-    missing += [(FOLLOWER, was) for was, _ in EVA_FINDS_IN_THE_FOLLOWER.values() if was not in (ROOT / FOLLOWER).read_text()]
+    missing += [
+        (FOLLOWER, was)
+        for was, _ in EVA_FINDS_IN_THE_FOLLOWER.values()
+        if was not in (ROOT / FOLLOWER).read_text()
+    ]
     assert len(changes) > 15 and missing == []
 
 
@@ -536,7 +634,7 @@ def test_a_law_that_takes_longer_is_found(tmp_path):
         assert "not compared" in summary, summary
 
 
-# -- the budget -------------------------------------------------------------------------------------------------------
+# -- the budget ----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -571,11 +669,15 @@ def test_budget_of_another_compiler_is_not_compared(compare, monkeypatch):
 def test_the_page_has_the_budgeted_numbers():
     page = instructions.PAGE.read_text()
     assert instructions.with_table(page, budget.FILE.read_text()) == page
-    assert instructions.with_table(page, budget.FILE.read_text().replace('"most good": 99', '"most good": 98')) != page
+    assert (
+        instructions.with_table(page, budget.FILE.read_text().replace('"most good": 99', '"most good": 98'))
+        != page
+    )
 
 
 def test_the_table_of_timing_has_the_budgeted_numbers():
-    """The instructions in docs/firmware.md, and cycles that are no fewer than a processor can take for them."""
+    """The instructions in docs/firmware.md, and cycles that are no fewer than a processor can take for
+    them."""
     import json
     import re
 
@@ -585,11 +687,16 @@ def test_the_table_of_timing_has_the_budgeted_numbers():
     found = {}
     for k, (name, (machine, _)) in enumerate(timing.MODELS.items()):
         counted = {entry: (row[2 * k], row[2 * k + 1]) for entry, row in rows.items()}
-        assert {entry: most for entry, (most, _) in counted.items()} == budgets[machine.name]["modules"]["timing"]
+        assert {entry: most for entry, (most, _) in counted.items()} == budgets[machine.name]["modules"][
+            "timing"
+        ]
         assert all(most < cycles < 5 * most for most, cycles in counted.values())
         found[name] = counted
     stack = {entry: row[-1] for entry, row in rows.items()}
-    assert stack["labmate_follower_tick"] == budgets[M4F.name]["modules"]["runtime_f"]["stack labmate_follower_tick"]
+    assert (
+        stack["labmate_follower_tick"]
+        == budgets[M4F.name]["modules"]["runtime_f"]["stack labmate_follower_tick"]
+    )
     assert timing.with_table(page, found, stack) == page
     assert timing.with_table(page, found, stack | {"labmate_follower_tick": 1}) != page
 
@@ -599,10 +706,16 @@ def test_committed_budget_is_that_of_the_committed_c():
     import json
 
     budgets = json.loads(budget.FILE.read_text())
-    names = {law + suffix for law in Task(Path()).laws for suffix in ("", "_f")} | {"noslip_path", "noslip_path_f"}
+    names = {law + suffix for law in Task(Path()).laws for suffix in ("", "_f")} | {
+        "noslip_path",
+        "noslip_path_f",
+    }
     assert names <= set(budgets[HOST.name]["modules"]) if HOST.name in budgets else True
     bare = budgets[M4F.name]["modules"]
     for name in (name for name in names if name.endswith("_f")):
         assert bare[name]["data"] == bare[name]["bss"] == 0 < bare[name]["struct"]
     for law in Task(Path()).laws:
-        assert max(value for key, value in bare[f"{law}_f"].items() if key.startswith("stack")) <= memory.MOST_STACK
+        assert (
+            max(value for key, value in bare[f"{law}_f"].items() if key.startswith("stack"))
+            <= memory.MOST_STACK
+        )

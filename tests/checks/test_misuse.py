@@ -14,8 +14,10 @@ COMPILER, INIT, RUNNING, NOTHING = "the compiler", "`init`", "the first seconds"
 
 PROGRAM = """
 #include "labmate_type_iv_circle_f.h"
-int start(labmate_type_iv_circle_f *law, const labmate_params_f *params, const labmate_type_iv_circle_config_f *place);
-int start(labmate_type_iv_circle_f *law, const labmate_params_f *params, const labmate_type_iv_circle_config_f *place)
+int start(labmate_type_iv_circle_f *law, const labmate_params_f *params, const \
+labmate_type_iv_circle_config_f *place);
+int start(labmate_type_iv_circle_f *law, const labmate_params_f *params, const \
+labmate_type_iv_circle_config_f *place)
 {
     const labmate_type_iv_circle_gains_f gains = {1.0f, 2.5f, 2.0f};
     const labmate_options_f options = {.limit = {20.0f, 20.0f}, .on_error = NOSLIP_ZERO};
@@ -23,12 +25,28 @@ int start(labmate_type_iv_circle_f *law, const labmate_params_f *params, const l
 }
 """
 COMPILED = {  # a change of the program, or flags -> what gcc -Wextra says, for enums clang
-    "`on_error = NOSLIP_SLOW`, an enum of another option": (("NOSLIP_ZERO", "NOSLIP_SLOW"), (), "enum-conversion"),
+    "`on_error = NOSLIP_SLOW`, an enum of another option": (
+        ("NOSLIP_ZERO", "NOSLIP_SLOW"),
+        (),
+        "enum-conversion",
+    ),
     "the status of `init` is ignored": (("return labmate", "(void)labmate"), (), "unused"),
-    "`init` of double with structs of float": (("circle_init_f(", "circle_init("), (), "labmate_type_iv_circle_init"),
-    "gains and options are exchanged": (("&gains, &options", "&options, &gains"), (), "incompatible-pointer-types"),
+    "`init` of double with structs of float": (
+        ("circle_init_f(", "circle_init("),
+        (),
+        "labmate_type_iv_circle_init",
+    ),
+    "gains and options are exchanged": (
+        ("&gains, &options", "&options, &gains"),
+        (),
+        "incompatible-pointer-types",
+    ),
     "`-ffast-math`": (("", ""), ("-ffast-math",), "compile without -ffast-math"),
-    "headers of another version": (("", ""), ("-DNOSLIP_VERSION_H", "-DNOSLIP_VERSION_NUMBER=400"), "use the runtime of"),
+    "headers of another version": (
+        ("", ""),
+        ("-DNOSLIP_VERSION_H", "-DNOSLIP_VERSION_NUMBER=400"),
+        "use the runtime of",
+    ),
 }
 
 
@@ -41,16 +59,26 @@ def both(name: str, *values: float) -> dict[str, float]:
     return {name.format(wheel): value for wheel, value in enumerate(values * (3 - len(values)))}
 
 
-MADE: dict[str, tuple[str, dict]] = {  # what catches it, how it is made: changes of the config, of the counts, of the commands
+# What catches it, how it is made: changes of the config, of the counts, of the commands
+MADE: dict[str, tuple[str, dict]] = {
     "the period in milliseconds: 10": (INIT, {"config": {"period": 10.0}}),
     "a radius of a segment as its curvature": (INIT, {"segment": {"curvature": 2.5}}),
     "headings of segments in degrees": (INIT, {"segment": {"heading": 90.0}}),
     "the sign of d, P_c behind the axle": (INIT, {"config": {"params__d": -0.3}}),
     "a gain left out": (INIT, {"config": {"gains__kp_distance": 0.0}}),
-    "no limit of torque and no motor": (INIT, {"config": {**both("motors__{}__mode", 0), **both("limits__limit__{}", 0.0)}}),
+    "no limit of torque and no motor": (
+        INIT,
+        {"config": {**both("motors__{}__mode", 0), **both("limits__limit__{}", 0.0)}},
+    ),
     "the period 1000 times too short: 1e-5": (RUNNING, {"config": {"period": 1e-5}}),
-    "counts per turn of the motor, without the gear": (RUNNING, {"config": both("counts_per_turn__{}", 2000.0, -2000.0)}),
-    "lines instead of edges: a quarter of the counts": (RUNNING, {"config": both("counts_per_turn__{}", 10000.0, -10000.0)}),
+    "counts per turn of the motor, without the gear": (
+        RUNNING,
+        {"config": both("counts_per_turn__{}", 2000.0, -2000.0)},
+    ),
+    "lines instead of edges: a quarter of the counts": (
+        RUNNING,
+        {"config": both("counts_per_turn__{}", 10000.0, -10000.0)},
+    ),
     "32 bits for a counter of 16": (RUNNING, {"config": {"counter_bits": 32}}),
     "one encoder counts backwards": (RUNNING, {"config": {"counts_per_turn__0": -40000.0}}),
     "right and left motor exchanged": (RUNNING, {"commands": lambda a, b: (b, a)}),
@@ -71,14 +99,19 @@ def c(tmp_path_factory) -> Firmware:
 
 
 def caught_by(
-    c: Firmware, config: dict | None = None, segment: dict | None = None, counts: Callable = lambda counts: None,
+    c: Firmware,
+    config: dict | None = None,
+    segment: dict | None = None,
+    counts: Callable = lambda counts: None,
     commands: Callable = lambda first, second: (first, second),
-) -> str:  # fmt: skip
+) -> str:
     """Drive the simulated vehicle with a mistake, and return what catches it."""
     try:
         loop = FirmwareLoop(c, **(config or {}))
         if segment:
-            segments = c.ffi.new("noslip_segment_f[]", [loop.settings.segments[k] for k in range(loop.settings.count)])
+            segments = c.ffi.new(
+                "noslip_segment_f[]", [loop.settings.segments[k] for k in range(loop.settings.count)]
+            )
             for name, value in segment.items():
                 setattr(segments[2 if name == "heading" else 1], name, value)
             loop.settings.segments = segments
@@ -97,17 +130,23 @@ def rows() -> dict[str, str]:
     """Mistake -> what catches it, from the page."""
     text = (ROOT / "docs/firmware.md").read_text()
     table = text[text.index("| mistake |") :].split("\n\n")[0]
-    return {row[0].strip(): row[1].strip() for row in re.findall(r"^\| (.*?) \| (.*?) \|", table, re.MULTILINE)[1:]}
+    return {
+        row[0].strip(): row[1].strip()
+        for row in re.findall(r"^\| (.*?) \| (.*?) \|", table, re.MULTILINE)[1:]
+    }
 
 
 def test_page_has_every_mistake():
     made = {**dict.fromkeys(COMPILED, COMPILER), **{name: catch for name, (catch, _) in MADE.items()}}
     found = rows()
     assert len(found) >= 20 and {name: found.get(name) for name in made} == made
-    assert set(found) - set(made) == {"`init` is forgotten", "no options: NULL"}  # tests/runtime_c/test_runtime.py
+    # tests/runtime_c/test_runtime.py
+    assert set(found) - set(made) == {"`init` is forgotten", "no options: NULL"}
 
 
-@pytest.mark.parametrize("name", [name for name in MADE if "the mass" not in name and "centimetres" not in name])
+@pytest.mark.parametrize(
+    "name", [name for name in MADE if "the mass" not in name and "centimetres" not in name]
+)
 def test_mistake(c, name):
     catch, how = MADE[name]
     assert caught_by(c, **how) == catch

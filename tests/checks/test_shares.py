@@ -10,8 +10,8 @@ from noslip.checks.verification import shares
 
 @pytest.mark.parametrize("within", ["work", "lock"])
 def test_a_killed_process_leaves_its_work_to_the_caller(within, tmp_path, monkeypatch):
-    """Killed at its work, or where it would leave a lock behind that nobody gives back: the other ends its share, the caller goes
-    on.
+    """Killed at its work, or where it would leave a lock behind that nobody gives back: the other ends its
+    share, the caller goes on.
     """
     parent, reported = os.getpid(), []
 

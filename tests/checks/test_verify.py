@@ -1,4 +1,5 @@
-"""What `generate` and `export` write is compared with the model first: planted mistakes are found, and nothing is written."""
+"""What `generate` and `export` write is compared with the model first: planted mistakes are found,
+and nothing is written."""
 
 import os
 import re
@@ -78,7 +79,10 @@ def wrong_slope(self, row, original=stages._Feedback.slope):
 def other_forces(inner, original=grip.staged_ground):
     """A limiter that knows the forces at the contacts, but not how the inputs change them."""
     derived = original(inner)
-    return replace(derived, quantities=derived.quantities | {"ground_by_inputs": 1.001 * derived.quantities["ground_by_inputs"]})
+    return replace(
+        derived,
+        quantities=derived.quantities | {"ground_by_inputs": 1.001 * derived.quantities["ground_by_inputs"]},
+    )
 
 
 def never_singular(stages_, Phi, W, inverse, original=stages._singular):
@@ -92,7 +96,8 @@ from noslip.model import Mechanism
 
 robot = Mechanism("sled", "a body on a runner, which is held back as it turns")
 x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
-m, J, c = robot.parameter("m", 12.0, "kg"), robot.parameter("J", 0.8, "kg m^2"), robot.parameter("c", 0.2, "N s")
+m, J, c = robot.parameter("m", 12.0, "kg"), robot.parameter("J", 0.8, "kg m^2"), robot.parameter("c", 0.2, \
+"N s")
 forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
 robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + J * robot.rate(heading) ** 2 / 2)
 robot.rolls("no side slip", cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x))
@@ -116,7 +121,9 @@ DEFECTS = {
 }
 
 
-@pytest.mark.parametrize(("command", "defect"), [*(("generate", defect) for defect in DEFECTS), ("export", "monomials")])
+@pytest.mark.parametrize(
+    ("command", "defect"), [*(("generate", defect) for defect in DEFECTS), ("export", "monomials")]
+)
 def test_a_wrong_generator_writes_nothing(command, defect, tmp_path, monkeypatch, capsys, afresh):
     place, name, wrong, says = DEFECTS[defect]
     monkeypatch.setattr(*([f"{place}.{name}", wrong] if isinstance(place, str) else [place, name, wrong]))
@@ -124,7 +131,9 @@ def test_a_wrong_generator_writes_nothing(command, defect, tmp_path, monkeypatch
     out, err = capsys.readouterr()
     assert code == 1 and left == [] and out == ""
     assert says in err and f"labmate, {LAW}, " in err and "nothing is written" in err
-    assert re.search(r"the C gives .*; the model gives .* \(at params .*; state x_c = .*\)", err.splitlines()[0])
+    assert re.search(
+        r"the C gives .*; the model gives .* \(at params .*; state x_c = .*\)", err.splitlines()[0]
+    )
 
 
 @pytest.mark.nightly
@@ -142,7 +151,9 @@ def test_a_wrong_digit_in_the_text_is_found(tmp_path, monkeypatch, capsys, not_c
     assert code == 1 and left == [] and f"{LAW}, float" in err and f"{LAW}, double" not in err
 
 
-@pytest.mark.parametrize("right, wrong", [("made[1] = ", "made[1] = -"), ("fine &= noslip_angle", "fine &= 1 || noslip_angle")])
+@pytest.mark.parametrize(
+    "right, wrong", [("made[1] = ", "made[1] = -"), ("fine &= noslip_angle", "fine &= 1 || noslip_angle")]
+)
 def test_a_wrong_batch_law_writes_nothing(right, wrong, tmp_path, monkeypatch, capsys, not_compared):
     """A lane with another input, and one that is not left where its step is."""
     original = lanes_c.LanesC.source
@@ -150,7 +161,10 @@ def test_a_wrong_batch_law_writes_nothing(right, wrong, tmp_path, monkeypatch, c
     code, left = run("generate", tmp_path, "--scalar", "float")
     assert code == 1 and left == []
     line = capsys.readouterr().err.splitlines()[0]
-    assert line.startswith(f"noslip: labmate, {LAW}, float, batch law: a lane differs: it has ") and "; the step gives [" in line
+    assert (
+        line.startswith(f"noslip: labmate, {LAW}, float, batch law: a lane differs: it has ")
+        and "; the step gives [" in line
+    )
 
 
 @pytest.mark.nightly
@@ -162,7 +176,9 @@ def test_wrong_dynamics_write_nothing(command, tmp_path, monkeypatch, capsys, no
     code, left = run(command, tmp_path)
     err = capsys.readouterr().err
     assert code == 1 and left == []
-    assert "labmate, dynamics, double: bias by reduced differs: the C gives" in err and "; state x_c = " in err
+    assert (
+        "labmate, dynamics, double: bias by reduced differs: the C gives" in err and "; state x_c = " in err
+    )
 
 
 def test_what_the_generator_drops_is_found(tmp_path, capsys):
@@ -177,7 +193,9 @@ def test_what_the_generator_drops_is_found(tmp_path, capsys):
         return
     law = law_of(find_robot(f"{robot}:robot"), "type_i")
     files = {path.name: path.read_text() for path in (folder / "sled").iterdir() if path.is_file()}
-    samples = [sample for sample in verify._LawInC(law, "double").samples(files) if sample.label == "tau by step"]
+    samples = [
+        sample for sample in verify._LawInC(law, "double").samples(files) if sample.label == "tau by step"
+    ]
     assert all(np.abs(s.value - s.expected).max() <= 1e-11 * np.abs(s.expected).max() for s in samples)
 
 
@@ -198,7 +216,9 @@ def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, not_comp
     monkeypatch.setattr(kept, "remembered", lambda key, make, *_, **__: make())  # of whole runs
     assert run("generate", tmp_path)[0] == 0
     original = codegen_files.text_files
-    more = lambda text: {name: t + "/* */\n" * (LAW in name) for name, t in original(text).items()}  # noqa: E731
+    more = lambda text: {  # noqa: E731
+        name: t + "/* */\n" * (LAW in name) for name, t in original(text).items()
+    }
     monkeypatch.setattr(codegen_files, "text_files", more)
     assert run("generate", tmp_path)[0] == 1
     assert capsys.readouterr().err.count("compared again") == 4  # the batch law with its law
@@ -223,14 +243,16 @@ def test_processes_give_what_one_gives(wrong, tmp_path, monkeypatch, capsys, afr
 
 
 def test_a_run_is_remembered(tmp_path, monkeypatch, capsys, not_compared):
-    """By what the robot declares: nothing is derived again, and another number is another robot. What was not compared is not
-    remembered."""
+    """By what the robot declares: nothing is derived again, and another number is another robot. What was not
+    compared is not remembered."""
     robot, folder = tmp_path / "sled.py", tmp_path / "made"
 
     def code(text: str = SLED) -> int:
         robot.write_text(text)
         find_robot.cache_clear()
-        return main(["generate", f"{robot}:robot", "--output", "dynamics", "--scalar", "double", "-o", str(folder)])
+        return main(
+            ["generate", f"{robot}:robot", "--output", "dynamics", "--scalar", "double", "-o", str(folder)]
+        )
 
     monkeypatch.setenv("CC", str(tmp_path / "no_compiler"))
     assert code() == code() == 0
@@ -244,7 +266,12 @@ def test_a_run_is_remembered(tmp_path, monkeypatch, capsys, not_compared):
 
     monkeypatch.setattr("noslip.cli.generate._selected_files", derived)
     assert code() == 0 and first == {path: path.read_bytes() for path in folder.rglob("*.*")}
-    for old, new in (("12.0", "12.5"), ("-c *", "-2 * c *"), ('"kg m^2"', '"kg m^2", "inertia"'), ("no side slip", "no slip")):
+    for old, new in (
+        ("12.0", "12.5"),
+        ("-c *", "-2 * c *"),
+        ('"kg m^2"', '"kg m^2", "inertia"'),
+        ("no side slip", "no slip"),
+    ):
         assert old in SLED and code(SLED.replace(old, new)) == INTERNAL
 
 
@@ -254,7 +281,10 @@ def test_without_a_compiler_a_warning(tmp_path, monkeypatch, capsys, not_compare
     code, left = run("generate", tmp_path)
     err = capsys.readouterr().err
     assert code == 0 and left != []
-    assert err.startswith("noslip: warning: the C is not compared with the model: no C compiler") and err.count("\n") == 1
+    assert (
+        err.startswith("noslip: warning: the C is not compared with the model: no C compiler")
+        and err.count("\n") == 1
+    )
 
 
 def test_every_entry_point_is_compared():
@@ -268,7 +298,11 @@ def test_every_entry_point_is_compared():
     assert {label.split(" by ")[-1] for label in counted if " by " in label} >= entries
     assert all(counted[f"{q} by evaluate"] == 200 for q in ("h", "ydot", "Phi", "Phidot", "u", "tau"))
     assert counted["tau by step"] == 200 and counted["tau by follow"] > 100
-    assert counted["tau by step, slowed"] > 50 and counted["tau by follow, slowed"] > 50 and counted["status of step"] > 2
+    assert (
+        counted["tau by step, slowed"] > 50
+        and counted["tau by follow, slowed"] > 50
+        and counted["status of step"] > 2
+    )
 
 
 def test_a_value_is_excused_only_by_what_rounding_does():
@@ -278,7 +312,9 @@ def test_a_value_is_excused_only_by_what_rounding_does():
     inputs = dict(zip(part.groups, map(part.held, (motion.params, motion.state, motion.tau)), strict=True))
     right = part.right(inputs)["bias"]
     near, far = right * (1 + 1e-7), right * (1 + 1e-3)
-    excused = lambda value: part._excused(verify.Sample("bias", "ok", value, right, "bias", inputs), value)  # noqa: E731
+    excused = lambda value: part._excused(  # noqa: E731
+        verify.Sample("bias", "ok", value, right, "bias", inputs), value
+    )
     assert excused(near) and not excused(far)
 
 

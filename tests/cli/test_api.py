@@ -29,14 +29,18 @@ def test_a_name_is_there_and_documented(name):
 
 def test_type_checkers_see_what_is_imported():
     """The imports for type checkers and the table of modules name the same."""
-    (block,) = (node for node in ast.parse((ROOT / "__init__.py").read_text()).body if isinstance(node, ast.If))
+    (block,) = (
+        node for node in ast.parse((ROOT / "__init__.py").read_text()).body if isinstance(node, ast.If)
+    )
     modules = {alias.name: statement.module for statement in block.body for alias in statement.names}
     assert modules == noslip._MODULES
 
 
 def test_importing_the_package_loads_nothing_else():
     code = "import sys, noslip; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert "noslip" in loaded
     assert not [name for name in loaded if name.startswith(("noslip.", "casadi", "numpy", "sympy", "scipy"))]
 

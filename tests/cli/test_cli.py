@@ -16,7 +16,9 @@ from noslip.model.errors import ModelError
 from noslip.readers.errors import BadInput
 from noslip.tests.tools import NOSLIP
 
-CASES = os.path.join(os.path.dirname(__file__), "..", "..", "examples", "specs", "reference", "labmate_paper.json")
+CASES = os.path.join(
+    os.path.dirname(__file__), "..", "..", "examples", "specs", "reference", "labmate_paper.json"
+)
 
 
 def test_help_lists_the_commands(capsys):
@@ -60,7 +62,8 @@ def test_wrong_command_line(argv, bad_input):
 
 
 @pytest.mark.parametrize(
-    ("argv", "nearest"), [(["evaluat"], "evaluate"), (["simulate", "line", "--plto", "x.png", "-o", "x.csv"], "--plot")]
+    ("argv", "nearest"),
+    [(["evaluat"], "evaluate"), (["simulate", "line", "--plto", "x.png", "-o", "x.csv"], "--plot")],
 )
 def test_the_nearest_name_is_suggested(argv, nearest, bad_input):
     assert f"did you mean {nearest!r}?" in bad_input(argv)
@@ -72,7 +75,9 @@ def test_the_command_line_does_not_import_the_model(command):
     result = subprocess.run(
         [sys.executable, "-c", loaded, *command.split(), "--help"], capture_output=True, text=True, check=True
     )
-    assert not {"casadi", "sympy", "scipy", "matplotlib", "numpy"} & set(result.stdout.splitlines()[-1].split())
+    assert not {"casadi", "sympy", "scipy", "matplotlib", "numpy"} & set(
+        result.stdout.splitlines()[-1].split()
+    )
 
 
 @pytest.fixture
@@ -95,7 +100,11 @@ def raising(monkeypatch):
         (BadInput("a.toml: no"), 2, "noslip: a.toml: no\n"),
         (BadInput("two\n  lines"), 2, "noslip: two lines\n"),
         (ModelError("robot: no inputs"), 2, "noslip: robot: no inputs\n"),
-        (PermissionError(13, "Permission denied", "a.json"), 2, "noslip: a.json: Permission denied; check its permissions\n"),
+        (
+            PermissionError(13, "Permission denied", "a.json"),
+            2,
+            "noslip: a.json: Permission denied; check its permissions\n",
+        ),
         (KeyboardInterrupt(), 130, "noslip: interrupted\n"),
     ],
 )
@@ -108,7 +117,11 @@ def test_an_error_of_our_own_is_one_line(raising, capsys, monkeypatch):
     monkeypatch.delenv("NOSLIP_DEBUG", raising=False)
     assert main(raising(KeyError("lost"))) == INTERNAL
     err = capsys.readouterr().err
-    assert err.startswith("noslip: internal error") and "KeyError: 'lost' (test_cli.py:" in err and err.count("\n") == 1
+    assert (
+        err.startswith("noslip: internal error")
+        and "KeyError: 'lost' (test_cli.py:" in err
+        and err.count("\n") == 1
+    )
 
 
 def test_debugging_shows_where_it_comes_from(raising, capsys, monkeypatch):
@@ -141,7 +154,8 @@ def test_full_disk(to_file):
     assert result.stderr.count("\n") == 1 and "No space left on device" in result.stderr
 
 
-# A process that sends itself a signal when something happens for the K-th time: a module is imported, a file is renamed, ...
+# A process that sends itself a signal when something happens for the K-th time: a module is imported, a file
+# is renamed, ...
 STOPPED = """import os, sys
 import signal as signals
 signals.signal(signals.SIGINT, signals.default_int_handler)  # also where the tests run in the background
@@ -160,14 +174,31 @@ sys.exit(main())
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    "event, k", [*(("import", k) for k in (1, 2, 9, 40, 150, 600)), ("open", 400), ("os.mkdir", 2), ("os.rename", 1)]
+    "event, k",
+    [*(("import", k) for k in (1, 2, 9, 40, 150, 600)), ("open", 400), ("os.mkdir", 2), ("os.rename", 1)],
 )
 def test_a_signal_ends_at_once_and_leaves_nothing(number, event, k, tmp_path, tmp_path_factory):
-    """Whenever it comes, from the first module that is imported until the files are in their place; nothing is cached."""
-    command = [sys.executable, "-c", STOPPED, str(int(number)), event, str(k), "generate", "labmate", "--output", "type_ii"]
+    """Whenever it comes, from the first module that is imported until the files are in their place;
+    nothing is cached."""
+    command = [
+        sys.executable,
+        "-c",
+        STOPPED,
+        str(int(number)),
+        event,
+        str(k),
+        "generate",
+        "labmate",
+        "--output",
+        "type_ii",
+    ]
     alone = {**os.environ, "NOSLIP_CACHE": str(tmp_path_factory.mktemp("cache"))}
-    process = subprocess.run([*command, "-o", str(tmp_path / "new/made")], capture_output=True, text=True, env=alone)
-    expected = [(130, "noslip: interrupted\n")] if number == signal.SIGINT else [(143, "noslip: terminated\n")]
+    process = subprocess.run(
+        [*command, "-o", str(tmp_path / "new/made")], capture_output=True, text=True, env=alone
+    )
+    expected = (
+        [(130, "noslip: interrupted\n")] if number == signal.SIGINT else [(143, "noslip: terminated\n")]
+    )
     if number == signal.SIGTERM and k <= 2:
         expected += [(-number, "")]  # nothing is there yet that could answer, or have to be removed
     assert (process.returncode, process.stderr) in expected
@@ -176,7 +207,8 @@ def test_a_signal_ends_at_once_and_leaves_nothing(number, event, k, tmp_path, tm
 
 @pytest.mark.parametrize("command", [["export", "labmate"], ["check", "--states", "100000"]])
 def test_ctrl_c_from_outside(command, tmp_path):
-    """Also inside CasADi, where an exception would be lost. Before the first line of noslip Python itself answers."""
+    """Also inside CasADi, where an exception would be lost. Before the first line of noslip Python itself
+    answers."""
     target = [] if command[0] == "check" else ["-o", str(tmp_path / "made")]
     process = subprocess.Popen([*NOSLIP, *command, *target], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     while "libcasadi" not in Path(f"/proc/{process.pid}/maps").read_text(encoding="utf-8"):

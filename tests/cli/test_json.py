@@ -1,4 +1,5 @@
-"""`--json` on every command, warnings stated once, progress on a terminal only, and answers kept between runs."""
+"""`--json` on every command, warnings stated once, progress on a terminal only,
+and answers kept between runs."""
 
 import csv
 import io
@@ -40,7 +41,9 @@ def test_every_command_has_it():
     for name in COMMANDS:
         if name != "plan":
             assert "--json" in commands.choices[name].options
-    arguments = parser_of(["plan"])[0].parse_args(["plan", "waypoints", "a.csv", "--tolerance", "1", "--json"])
+    arguments = parser_of(["plan"])[0].parse_args(
+        ["plan", "waypoints", "a.csv", "--tolerance", "1", "--json"]
+    )
     assert arguments.json
 
 
@@ -64,9 +67,23 @@ def test_of_a_run(tmp_path, capsys, slippery):
 
 
 def test_of_a_run_that_stops(tmp_path, capsys):
-    argv = ["simulate", "line", "-o", str(tmp_path / "run.csv"), "--set", "output.L=-0.5", "--set", "initial.heading=1.0"]
+    argv = [
+        "simulate",
+        "line",
+        "-o",
+        str(tmp_path / "run.csv"),
+        "--set",
+        "output.L=-0.5",
+        "--set",
+        "initial.heading=1.0",
+    ]
     data, err = printed(capsys, argv, 1)
-    assert data["status"] == "singular" and 0 < data["duration"] < 15 and "stopped at" in err and err.count("\n") == 1
+    assert (
+        data["status"] == "singular"
+        and 0 < data["duration"] < 15
+        and "stopped at" in err
+        and err.count("\n") == 1
+    )
 
 
 def test_slipping_is_stated_once(tmp_path, capsys, slippery):
@@ -148,7 +165,8 @@ def test_of_generated_files(tmp_path, capsys):
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_progress_on_a_terminal_only(terminal, monkeypatch, capsys):
-    """The time left is in proportion to what was done since the first call; the line is cleared at the end."""
+    """The time left is in proportion to what was done since the first call;
+    the line is cleared at the end."""
     now = iter([0.0, 10.0, 12.0, 20.0, 20.1, 30.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)

@@ -1,4 +1,5 @@
-"""Inputs that are valid but for a few random changes: exit 0, 1 or 2, at most one line about an error, and an end."""
+"""Inputs that are valid but for a few random changes: exit 0, 1 or 2, at most one line about an error,
+and an end."""
 
 import argparse
 import json
@@ -23,9 +24,47 @@ SPEC = (ROOT / "examples/specs/line.toml").read_text().replace("duration = 15.0"
 SWEPT = SPEC + "\n[sweep]\nseed = 7\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n"
 CASES = json.loads((ROOT / "examples/specs/reference/labmate_paper.json").read_text())
 CASES["cases"] = CASES["cases"][:2]
-NUMBERS = ("0", "-1", "1e308", "-1e308", "1e-308", "5e-324", "1e30", "1e-30", "nan", "inf", "-inf", "9" * 30, "9" * 5000, "0.1")
-OTHERS = ("", "true", "'x'", "[]", "{}", "[[1], 2]", "{ a = 1 }", "[" * 400, "a.b", "\0", "é", '"', "=", "#", "null", "labmate")
-ROBOTS = ("labmate", "tractor_trailer:2", "car", "examples/specs/robots/x.py:r", str(ROOT / "model/robots/labmate.py:labmate"))
+NUMBERS = (
+    "0",
+    "-1",
+    "1e308",
+    "-1e308",
+    "1e-308",
+    "5e-324",
+    "1e30",
+    "1e-30",
+    "nan",
+    "inf",
+    "-inf",
+    "9" * 30,
+    "9" * 5000,
+    "0.1",
+)
+OTHERS = (
+    "",
+    "true",
+    "'x'",
+    "[]",
+    "{}",
+    "[[1], 2]",
+    "{ a = 1 }",
+    "[" * 400,
+    "a.b",
+    "\0",
+    "é",
+    '"',
+    "=",
+    "#",
+    "null",
+    "labmate",
+)
+ROBOTS = (
+    "labmate",
+    "tractor_trailer:2",
+    "car",
+    "examples/specs/robots/x.py:r",
+    str(ROOT / "model/robots/labmate.py:labmate"),
+)
 
 
 def mutated(text: str, chance: random.Random) -> str:
@@ -65,7 +104,21 @@ def valid(tmp_path_factory) -> dict[str, bytes]:
     """What is mutated beside texts: a sweep, and the manifest of one that is under way."""
     folder = tmp_path_factory.mktemp("valid")
     (folder / "s.toml").write_text(SWEPT)
-    assert main(["sweep", str(folder / "s.toml"), "--samples", "33", "-o", str(folder / "o.parquet"), "--jobs", "1"]) == 0
+    assert (
+        main(
+            [
+                "sweep",
+                str(folder / "s.toml"),
+                "--samples",
+                "33",
+                "-o",
+                str(folder / "o.parquet"),
+                "--jobs",
+                "1",
+            ]
+        )
+        == 0
+    )
     identity = pq.ParquetFile(folder / "o.parquet").schema_arrow.metadata[IDENTITY]
     assert main(["simulate", str(folder / "s.toml"), "-o", str(folder / "r.csv")]) == 0
     read = {name: (folder / name).read_bytes() for name in ("o.parquet", "r.csv")}
@@ -79,8 +132,20 @@ def simulated(chance: random.Random, valid, place: Path) -> list[str]:
 
 def with_set(chance: random.Random, valid, place: Path) -> list[str]:
     (place / "s.toml").write_text(SPEC)
-    keys = [f"{name}.{key}" for name, table in tomllib.loads(SPEC).items() if isinstance(table, dict) for key in table]
-    keys += ["a" + ".a" * chance.choice((1, 20, 3000)), "limits.torque", "sensors.seed", "contact.mu", "", "robot"]
+    keys = [
+        f"{name}.{key}"
+        for name, table in tomllib.loads(SPEC).items()
+        if isinstance(table, dict)
+        for key in table
+    ]
+    keys += [
+        "a" + ".a" * chance.choice((1, 20, 3000)),
+        "limits.torque",
+        "sensors.seed",
+        "contact.mu",
+        "",
+        "robot",
+    ]
     key = chance.choice(keys)
     value = chance.choice([*NUMBERS, *OTHERS, "[" * 3000, "{ a = " * 3000])
     return ["simulate", "s.toml", "-o", "r.csv", "--set", f"{key}={value}"]
@@ -106,7 +171,9 @@ def replayed(chance: random.Random, valid, place: Path) -> list[str]:
 
 
 def analysed(chance: random.Random, valid, place: Path) -> list[str]:
-    robot = mutated(chance.choice(ROBOTS).replace(":", ": "), chance).replace(": ", ":").strip().replace("\0", "")
+    robot = (
+        mutated(chance.choice(ROBOTS).replace(":", ": "), chance).replace(": ", ":").strip().replace("\0", "")
+    )
     return ["generate", robot, "-o", "g", "--output", "type_i", "--check"]
 
 
@@ -122,24 +189,54 @@ def designed(chance: random.Random, valid, place: Path) -> list[str]:
     for gain in gains:
         text = text.replace(gain, f"{gain[:5]}{number()}")
     (place / "s.toml").write_text(text)
-    law = ["--spec", "s.toml"] if chance.random() < 0.4 else ["--output", chance.choice(("type_i", "type_ii", "type_iv_circle"))]
+    law = (
+        ["--spec", "s.toml"]
+        if chance.random() < 0.4
+        else ["--output", chance.choice(("type_i", "type_ii", "type_iv_circle"))]
+    )
     real, imaginary = number(), number().removeprefix("-")
     values = {k: ",".join(number() for _ in range(k)) for k in (2, 3, 4)}
     designs = [f"--{name}={values[k]}" for name in ("poles", "lqr", "hinf", "mixed") for k in values]
     designs += [f"--poles={real}+{imaginary}j,{real}-{imaginary}j", f"--settling={number()}"]
-    options = ("period", "speed", "L", "wrong", "peak", "gain-margin", "phase-margin", "observer", "bandwidth", "drive-delay")
+    options = (
+        "period",
+        "speed",
+        "L",
+        "wrong",
+        "peak",
+        "gain-margin",
+        "phase-margin",
+        "observer",
+        "bandwidth",
+        "drive-delay",
+    )
     argv = ["outer-loop", "labmate", *law, *(chance.sample(designs, 1) if chance.random() < 0.6 else [])]
     argv += [f"--{name}={number()}" for name in options if chance.random() < 0.2]
     return argv + [name for name in ("--integral", "--delay", "--json") if chance.random() < 0.2]
 
 
 COMMAND_LINES = (
-    *("check labmate_paper", "generate labmate --check --output type_i", "export labmate --output type_i -o e"),
+    *(
+        "check labmate_paper",
+        "generate labmate --check --output type_i",
+        "export labmate --output type_i -o e",
+    ),
     *("analyse labmate", "outer-loop labmate --output type_i", "simulate s.toml -o r.csv"),
     "sweep s.toml --samples 3 -o n.parquet --jobs 1",
-    *("excite s.toml --fit m_c -o e.toml", "calibrate r.csv --robot labmate", "identify r.csv --robot labmate --fit m_c"),
-    *("plan dubins --from 0 0 0 --to 5 5 1 --radius 1", "plan reeds-shepp --from 0 0 0 --to 5 5 1 --radius 1"),
-    *("plan waypoints p.csv --tolerance 0.1", "plan course p.csv --tolerance 0.1", "view r.csv --spec s.toml -o v.png"),
+    *(
+        "excite s.toml --fit m_c -o e.toml",
+        "calibrate r.csv --robot labmate",
+        "identify r.csv --robot labmate --fit m_c",
+    ),
+    *(
+        "plan dubins --from 0 0 0 --to 5 5 1 --radius 1",
+        "plan reeds-shepp --from 0 0 0 --to 5 5 1 --radius 1",
+    ),
+    *(
+        "plan waypoints p.csv --tolerance 0.1",
+        "plan course p.csv --tolerance 0.1",
+        "view r.csv --spec s.toml -o v.png",
+    ),
 )
 
 
@@ -149,8 +246,21 @@ def options_of(words: list[str]) -> list[argparse.Action]:
     for word in words[:2]:
         ways = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
         parser = ways[0].choices[word] if ways else parser
-    files = {"--output", "--csv", "--figures", "--plot", "--report", "--record", "--animate", "--contact", "--write-scene", "-o"}
-    return [a for a in parser._actions if a.option_strings and a.nargs != 0 and not files & set(a.option_strings)]
+    files = {
+        "--output",
+        "--csv",
+        "--figures",
+        "--plot",
+        "--report",
+        "--record",
+        "--animate",
+        "--contact",
+        "--write-scene",
+        "-o",
+    }
+    return [
+        a for a in parser._actions if a.option_strings and a.nargs != 0 and not files & set(a.option_strings)
+    ]
 
 
 def optioned(chance: random.Random, valid, place: Path) -> list[str]:
@@ -160,8 +270,18 @@ def optioned(chance: random.Random, valid, place: Path) -> list[str]:
     (place / "r.csv").write_bytes(valid["r.csv"])
     words = chance.choice(COMMAND_LINES).split()
     option = chance.choice(options_of(words))
-    name, values = option.option_strings[-1], [chance.choice((*NUMBERS, *OTHERS)).replace("\0", "") for _ in range(3)]
-    return [*words, *([name, *values[: option.nargs if option.nargs == 3 else 1]] if option.nargs else [f"{name}={values[0]}"])]
+    name, values = (
+        option.option_strings[-1],
+        [chance.choice((*NUMBERS, *OTHERS)).replace("\0", "") for _ in range(3)],
+    )
+    return [
+        *words,
+        *(
+            [name, *values[: option.nargs if option.nargs == 3 else 1]]
+            if option.nargs
+            else [f"{name}={values[0]}"]
+        ),
+    ]
 
 
 def resumed(chance: random.Random, valid, place: Path) -> list[str]:
@@ -199,7 +319,20 @@ def forged(chance: random.Random, valid, place: Path) -> list[str]:
     return ["simulate", "o.parquet", "--sample", "3", "-o", "r.csv"]
 
 
-KINDS = (simulated, with_set, evaluated, planned, replayed, analysed, designed, optioned, resumed, sampled, swept, forged)
+KINDS = (
+    simulated,
+    with_set,
+    evaluated,
+    planned,
+    replayed,
+    analysed,
+    designed,
+    optioned,
+    resumed,
+    sampled,
+    swept,
+    forged,
+)
 
 
 def try_all(kind, seeds, valid, place: Path, capfd) -> None:

@@ -21,16 +21,32 @@ class Terminal(io.StringIO):
 
 def test_the_numbers_are_those_given(tmp_path, capsys):
     file = tmp_path / "agv.toml"
-    given = ["track=62cm", "wheel_radius=0.097", "mass=48", "counts=2048", "torque=9", "period=8ms", "speed=0.7"]
+    given = [
+        "track=62cm",
+        "wheel_radius=0.097",
+        "mass=48",
+        "counts=2048",
+        "torque=9",
+        "period=8ms",
+        "speed=0.7",
+    ]
     assert main(["new", str(file), "--kind", "differential", *given]) == 0
     assert "noslip simulate" in capsys.readouterr().out
     spec, text = tomllib.loads(file.read_text()), file.read_text()
     p = spec["parameters"]
-    assert p["b"] == pytest.approx(0.31) and p["r"] == 0.097 and p["m_c"] + 2 * p["m_w"] == pytest.approx(48.0, rel=1e-4)
+    assert (
+        p["b"] == pytest.approx(0.31)
+        and p["r"] == 0.097
+        and p["m_c"] + 2 * p["m_w"] == pytest.approx(48.0, rel=1e-4)
+    )
     # A uniform box of 0.8 m by 0.62 m, and wheels as discs; the SPEC has 6 digits.
     assert p["I_c"] == pytest.approx(p["m_c"] * (0.8**2 + 0.62**2) / 12, rel=1e-4)
     assert p["I_w"] == pytest.approx(p["m_w"] * 0.097**2 / 2, rel=1e-4)
-    assert spec["sensors"]["counts"] == 2048 and spec["limits"]["torque"] == 9 and spec["simulation"]["period"] == 0.008
+    assert (
+        spec["sensors"]["counts"] == 2048
+        and spec["limits"]["torque"] == 9
+        and spec["simulation"]["period"] == 0.008
+    )
     lines = {line.split(" = ")[0]: line for line in text.splitlines() if " = " in line}
     assert (
         "assumed" not in lines["b"] + lines["r"] + lines["speed"]

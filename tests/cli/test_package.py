@@ -30,15 +30,17 @@ from noslip.tests.tools import HOST_CC
 
 ROOT = Path(noslip.__file__).parent
 STRICT = (
-    "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal "
-    "-Wshadow -Wundef -Wcast-qual -Wstrict-prototypes -Wvla -Werror"
+    "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion "
+    "-Wfloat-conversion -Wfloat-equal -Wshadow -Wundef -Wcast-qual -Wstrict-prototypes -Wvla -Werror"
 ).split()
 SKIPPED = {".venv", "build", "__pycache__", ".git", ".pytest_cache", ".ruff_cache"}
 
 
 def block(language: str, page: str = "README.md") -> str:
     """The one block of a page in this language that a comment says is tested here."""
-    blocks = re.findall(rf"tests/cli/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
+    blocks = re.findall(
+        rf"tests/cli/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M
+    )
     assert len(blocks) == 1
     return blocks[0]
 
@@ -54,11 +56,13 @@ def run(command: list[str], **options) -> str:
 def exported(tmp_path_factory) -> Path:
     """An exported folder of the circle law in float."""
     folder = tmp_path_factory.mktemp("export") / "new" / "noslip"
-    assert main(["export", "labmate", "--output", "type_iv_circle", "--scalar", "float", "-o", str(folder)]) == 0
+    assert (
+        main(["export", "labmate", "--output", "type_iv_circle", "--scalar", "float", "-o", str(folder)]) == 0
+    )
     return folder
 
 
-# -- README --------------------------------------------------------------------------------------------------------------
+# -- README --------------------------------------------------------------------------------------------------
 
 BOARD = """
 #include <stdio.h>
@@ -70,7 +74,8 @@ void set_torques(float right, float left);
 void wait_for_tick(void) { if (ticks++ == 3) { exit(0); } }
 void read_state(labmate_state_f *state)
 {
-    const labmate_state_f there = {.x_c = 30.3f, .y_c = 19.0f, .phi = 1.6f, .thetadot_r = 9.0f, .thetadot_l = 9.0f};
+    const labmate_state_f there = {.x_c = 30.3f, .y_c = 19.0f, .phi = 1.6f, .thetadot_r = 9.0f, .thetadot_l \
+= 9.0f};
     *state = there;
     if (ticks == 2) { state->x_c /= (float)(ticks - 2); }
 }
@@ -80,7 +85,8 @@ void set_torques(float right, float left) { printf("%.9g %.9g\\n", (double)right
 
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 def test_readme_firmware(cc, exported, tmp_path):
-    """The loop compiles without a warning, links with an export and a board's functions, and answers sensible torques."""
+    """The loop compiles without a warning, links with an export and a board's functions,
+    and answers sensible torques."""
     code = block("c")
     assert len(code.splitlines()) <= 45
     (tmp_path / "main.c").write_text(code)
@@ -109,8 +115,10 @@ int main(void)
     if (labmate_type_iv_circle_init_f(&law, &params, &circle, &gains, NULL) < 0) { return 1; }
     for (k = 0; k < 400; k++) {
         const double angle = k * 6.283185307179586 / 400, away = k % 3 ? 12 : 4, rate = k % 5 ? 0 : 3;
-        const labmate_state_f state = {.x_c = (float)(20 + away * cos(angle)), .y_c = (float)(20 + away * sin(angle)),
-            .phi = (float)(k % 2 ? angle : angle + 3.141592653589793), .thetadot_r = (float)rate, .thetadot_l = (float)rate};
+        const labmate_state_f state = {.x_c = (float)(20 + away * cos(angle)), .y_c = (float)(20 + away * \
+sin(angle)),
+            .phi = (float)(k % 2 ? angle : angle + 3.141592653589793), .thetadot_r = (float)rate, \
+.thetadot_l = (float)rate};
         float tau[2] = {1.0f, 1.0f};
         const int status = labmate_type_iv_circle_step_f(&law, &state, &reference, tau);
         printf("%s %g %g\\n", noslip_status_name(status), (double)tau[0], (double)tau[1]);
@@ -121,7 +129,8 @@ int main(void)
 
 
 def test_readme_nose_at_the_centre(exported, tmp_path):
-    """As the README says: wherever the robot is, at rest or not, the law answers that it is singular, without torques."""
+    """As the README says: wherever the robot is, at rest or not, the law answers that it is singular,
+    without torques."""
     (tmp_path / "main.c").write_text(TOWARDS_THE_CENTRE)
     sources = [exported / f"{name}.c" for name in ("labmate_type_iv_circle_f", "labmate_f", "noslip_status")]
     run([HOST_CC, "-std=c99", f"-I{exported}", *sources, tmp_path / "main.c", "-lm", "-o", tmp_path / "main"])
@@ -139,12 +148,17 @@ def test_readme_names_the_files_to_compile(tmp_path):
 
 
 def test_citation():
-    """CITATION.cff and CITATION.bib have the package's version, one date, and the address that pyproject.toml may state."""
+    """CITATION.cff and CITATION.bib have the package's version, one date,
+    and the address that pyproject.toml may state."""
     cff, bibtex = ((ROOT / f"CITATION.{kind}").read_text() for kind in ("cff", "bib"))
     assert f"\nversion: {noslip.__version__}\n" in cff and f"  version = {{{noslip.__version__}}}\n" in bibtex
     assert re.findall(r"^date-released: (.*)", cff, re.M) == re.findall(r"date += \{(.*)\}", bibtex)
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"].get("urls", {}).get("Repository")
-    assert re.findall(r"^repository-code: (.*)", cff, re.M) == re.findall(r"url += \{(.*)\}", bibtex) == [stated] * bool(stated)
+    assert (
+        re.findall(r"^repository-code: (.*)", cff, re.M)
+        == re.findall(r"url += \{(.*)\}", bibtex)
+        == [stated] * bool(stated)
+    )
 
 
 ROLLING_BOARD = """
@@ -173,7 +187,10 @@ void set_torques(float right, float left)
 def drive(loop: str, cc: str, ticks: int, printed: int, folder: Path) -> list[list[float]]:
     """What a loop prints on a board that stops it: the wheels' rates, rad/s, once every `printed` ticks."""
     exported = folder / "segment"
-    assert main(["export", "labmate", "--output", "type_iv_segment", "--scalar", "float", "-o", str(exported)]) == 0
+    assert (
+        main(["export", "labmate", "--output", "type_iv_segment", "--scalar", "float", "-o", str(exported)])
+        == 0
+    )
     (folder / "main.c").write_text(loop)
     (folder / "board.c").write_text(ROLLING_BOARD)
     sources = [path for path in exported.glob("*.c") if path.name != "example.c"]
@@ -186,7 +203,8 @@ def drive(loop: str, cc: str, ticks: int, printed: int, folder: Path) -> list[li
 
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 def test_path_firmware(cc, tmp_path):
-    """The loop of docs/paths.md compiles without a warning and drives a vehicle to the end, where it stands."""
+    """The loop of docs/paths.md compiles without a warning and drives a vehicle to the end,
+    where it stands."""
     rates = drive(block("c", "docs/paths.md"), cc, 2500, 100, tmp_path)
     speeds = [0.075 * (right + left) for right, left in rates]
     assert abs(max(speeds) - 1.4) < 0.1 and abs(speeds[-1]) < 1e-3
@@ -199,7 +217,9 @@ def test_laps_for_a_day(turn, tmp_path):
     loop = block("c", "docs/paths.md")
     circle = f"{{.heading = 0.0f, .curvature = {turn}.0f / 3.0f, .length = 18.849556f}}"
     loop, count = re.subn(r"(segments\[\] = \{).*?\n\};", rf"\1{circle}}};", loop, flags=re.S)
-    loop = loop.replace("segments, 3,", "segments, 1,").replace(".deceleration = 0.5f", ".deceleration = 0.5f, .closed = 1")
+    loop = loop.replace("segments, 3,", "segments, 1,").replace(
+        ".deceleration = 0.5f", ".deceleration = 0.5f, .closed = 1"
+    )
     assert count == 1 and ".closed" in loop and "segments, 1," in loop
     per_minute, day = 6_000, 24 * 60
     rates = drive(loop, HOST_CC, day * per_minute, per_minute, tmp_path)
@@ -234,7 +254,13 @@ def test_readme_robot(scalar, tolerance, outputs, cart, tmp_path):
     ffi.cdef(runtime_types(SCALARS[scalar]))
     for path in sorted(folder.glob("*.h"), key=lambda path: len(path.name)):
         text = re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", path.read_text(), flags=re.M)
-        ffi.cdef("\n".join(line for line in text.replace("NOSLIP_NODISCARD ", "").splitlines() if not line.startswith("#")))
+        ffi.cdef(
+            "\n".join(
+                line
+                for line in text.replace("NOSLIP_NODISCARD ", "").splitlines()
+                if not line.startswith("#")
+            )
+        )
     lib = ffi.dlopen(str(library))
 
     def struct(name: str, values):
@@ -264,13 +290,18 @@ def test_readme_names_what_is_there():
         assert (ROOT / path).exists(), path
 
 
-# -- export --------------------------------------------------------------------------------------------------------------
+# -- export --------------------------------------------------------------------------------------------------
 
 
-DOUBLE, FLOAT = ["--output", "type_i", "--scalar", "double"], ["--output", "type_iv_segment", "--scalar", "float"]
+DOUBLE, FLOAT = (
+    ["--output", "type_i", "--scalar", "double"],
+    ["--output", "type_iv_segment", "--scalar", "float"],
+)
 
 
-@pytest.mark.parametrize(("cc", "selection"), [("gcc", []), ("gcc", DOUBLE), ("clang", DOUBLE), ("gcc", FLOAT), ("clang", FLOAT)])
+@pytest.mark.parametrize(
+    ("cc", "selection"), [("gcc", []), ("gcc", DOUBLE), ("clang", DOUBLE), ("gcc", FLOAT), ("clang", FLOAT)]
+)
 def test_export_builds_as_it_is(cc, selection, tmp_path):
     """All of it by one compiler: test_runtime.py has the same sources by both."""
     folder = tmp_path / "c"
@@ -301,7 +332,9 @@ def test_export_holds_what_was_asked_for(exported):
     for name in names - {"manifest.json", "Makefile", "README.md", "example.c"}:
         original = runtime_files().get(name) or (ROOT / "generated" / "labmate" / name).read_text()
         assert (exported / name).read_text() == original
-    assert oct(exported.stat().st_mode & 0o777) == oct(0o777 & ~umask()), "readable by others as any new folder"
+    assert oct(exported.stat().st_mode & 0o777) == oct(0o777 & ~umask()), (
+        "readable by others as any new folder"
+    )
 
 
 def umask() -> int:
@@ -313,7 +346,9 @@ def umask() -> int:
 def test_export_into_an_empty_folder(tmp_path):
     (tmp_path / "c").mkdir()
     assert main(["export", "labmate", "--output", "type_ii", "-o", str(tmp_path / "c")]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["c"] and (tmp_path / "c" / "Makefile").exists()
+    assert (
+        sorted(path.name for path in tmp_path.iterdir()) == ["c"] and (tmp_path / "c" / "Makefile").exists()
+    )
 
 
 @pytest.mark.parametrize("place", ["full", "file", "file/inside", "loop"])
@@ -323,7 +358,9 @@ def test_export_refused(place, bad_input, tmp_path):
     (tmp_path / "full" / "mine.txt").write_text("mine")
     (tmp_path / "file").write_text("mine")
     (tmp_path / "loop").symlink_to("loop")
-    assert place.split("/")[0] in bad_input(["export", "labmate", "--output", "type_ii", "-o", str(tmp_path / place)])
+    assert place.split("/")[0] in bad_input(
+        ["export", "labmate", "--output", "type_ii", "-o", str(tmp_path / place)]
+    )
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc here")
@@ -332,7 +369,9 @@ def test_export_where_nothing_can_be_written(bad_input):
     bad_input(["export", "labmate", "--output", "type_ii", "-o", "/proc/noslip/c"])
 
 
-@pytest.mark.parametrize("argv", [["labmates"], ["labmate", "--output", "type_v"], ["labmate", "--scalar", "half"]])
+@pytest.mark.parametrize(
+    "argv", [["labmates"], ["labmate", "--output", "type_v"], ["labmate", "--scalar", "half"]]
+)
 def test_export_of_what_does_not_exist(argv, bad_input, tmp_path):
     bad_input(["export", *argv, "-o", str(tmp_path / "new" / "c")])
 
@@ -342,7 +381,7 @@ def test_export_of_a_robot_in_a_file(cart, tmp_path):
     assert "cart_type_i: " in run(["make", "-C", tmp_path / "c"])
 
 
-# -- wheel ---------------------------------------------------------------------------------------------------------------
+# -- wheel ---------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -350,7 +389,9 @@ def wheel(tmp_path_factory) -> Path:
     """The wheel, built by way of the sdist from a copy of what git has, so that the folder stays as it is."""
     folder = tmp_path_factory.mktemp("wheel")
     source = shutil.copytree(
-        ROOT, folder / "source", ignore=lambda _, names: [n for n in names if n in SKIPPED or n.endswith(".egg-info")]
+        ROOT,
+        folder / "source",
+        ignore=lambda _, names: [n for n in names if n in SKIPPED or n.endswith(".egg-info")],
     )
     here = importlib.util.find_spec("setuptools") and importlib.util.find_spec("wheel")
     flags = ["--no-isolation", "--skip-dependency-check"] if here else []
@@ -366,8 +407,22 @@ def installed(wheel, tmp_path_factory) -> Path:
     venv.create(folder / "env", with_pip=False)
     python = folder / "env" / "bin" / "python"
     places = run([python, "-c", "import site; print(site.getsitepackages()[0])"]).strip()
-    run([sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "--quiet", wheel])
-    # last on the path, and as plain folders: the .pth files there, such as that of an editable noslip, are not read
+    run(
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "--python",
+            python,
+            "install",
+            "--no-deps",
+            "--no-index",
+            "--quiet",
+            wheel,
+        ]
+    )
+    # last on the path, and as plain folders: the .pth files there, such as that of an editable noslip, are
+    # not read
     here = [path for path in sys.path if path.endswith("-packages")]
     Path(places, "visible.pth").write_text("\n".join(here) + "\n", encoding="utf-8")
     return folder / "env" / "bin"
@@ -379,7 +434,8 @@ def listed_packages() -> set[str]:
 
 
 def files_of(package: str) -> list[Path]:
-    """What a package's folder holds; at the top, where the repository's own files are too, only the code and py.typed."""
+    """What a package's folder holds; at the top, where the repository's own files are too,
+    only the code and py.typed."""
     kinds = ("*.py", "*.typed") if package == "noslip" else ("*.*",)
     return [path for kind in kinds for path in ROOT.joinpath(*package.split(".")[1:]).glob(kind)]
 
@@ -391,7 +447,9 @@ def test_wheel_holds_the_packages(wheel):
     for package in packages:
         for path in files_of(package):
             assert "/".join([*package.split("."), path.name]) in names, path
-    assert not [name for name in names if not name.startswith(("noslip/", f"noslip-{noslip.__version__}.dist-info/"))]
+    assert not [
+        name for name in names if not name.startswith(("noslip/", f"noslip-{noslip.__version__}.dist-info/"))
+    ]
     inside = {name.rpartition("/")[0].replace("/", ".") for name in names if name.startswith("noslip/")}
     assert inside == packages  # no tests, generated C, benchmarks, pages
     assert any(name.endswith("LICENSE") for name in names)
@@ -420,8 +478,15 @@ def test_an_unpacked_wheel_exports(wheel, tmp_path):
     """With nothing of this folder, its templates among what it has. The nightly test installs it."""
     run([sys.executable, "-m", "zipfile", "-e", wheel, tmp_path / "unpacked"])
     env = {**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")}
-    code = "import noslip, sys; from noslip.cli.main import main; print(noslip.__file__); sys.exit(main(sys.argv[1:]))"
-    out = run([sys.executable, "-c", code, "export", "labmate", "--output", "type_i", "-o", "c"], cwd=tmp_path, env=env)
+    code = (
+        "import noslip, sys; from noslip.cli.main import main; print(noslip.__file__); "
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    out = run(
+        [sys.executable, "-c", code, "export", "labmate", "--output", "type_i", "-o", "c"],
+        cwd=tmp_path,
+        env=env,
+    )
     assert out.splitlines()[0] == str(tmp_path / "unpacked/noslip/__init__.py")
     for name in ("labmate.h", "labmate_type_i.c", "labmate_type_i_f.h"):
         assert (tmp_path / "c" / name).read_bytes() == (ROOT / "generated/labmate" / name).read_bytes()
@@ -441,12 +506,16 @@ def test_installed_wheel(installed, tmp_path):
     def noslip_command(*argv: str) -> str:
         return run([installed / "noslip", *argv], cwd=empty, env=env)
 
-    where = run([installed / "python", "-c", "import noslip; print(noslip.__file__)"], cwd=empty, env=env).strip()
+    where = run(
+        [installed / "python", "-c", "import noslip; print(noslip.__file__)"], cwd=empty, env=env
+    ).strip()
     assert Path(where).is_relative_to(installed.parent) and not Path(where).is_relative_to(ROOT)
     assert noslip_command("--version").strip() == f"noslip {noslip.__version__}"
     noslip_command("generate", "labmate", "--output", "type_i")
     for name in ("labmate.h", "labmate_type_i.c", "labmate_type_i_f.h"):
-        assert (empty / "generated" / "labmate" / name).read_bytes() == (ROOT / "generated" / "labmate" / name).read_bytes()
+        assert (empty / "generated" / "labmate" / name).read_bytes() == (
+            ROOT / "generated" / "labmate" / name
+        ).read_bytes()
     commands = [
         ["export", "labmate", "--output", "type_iv_line", "--scalar", "double", "-o", "c"],
         ["evaluate", str(cases), "--backend", "c", "-o", "out.json"],
@@ -454,7 +523,10 @@ def test_installed_wheel(installed, tmp_path):
     ]
     on_target = not TARGETS["cortex-m4f"].missing()
     if on_target:
-        commands += [["evaluate", str(cases), "--backend", backend, "-o", f"{backend}.json"] for backend in ("m4f", "cf")]
+        commands += [
+            ["evaluate", str(cases), "--backend", backend, "-o", f"{backend}.json"]
+            for backend in ("m4f", "cf")
+        ]
     run([installed / "python", "-c", COMMANDS, json.dumps(commands)], cwd=empty, env=env)
     assert "labmate_type_iv_line: " in run(["make", "-C", empty / "c"])
     answers = json.loads((empty / "out.json").read_text())["cases"]
@@ -470,7 +542,12 @@ def test_listed_packages_are_the_folders():
     tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     listed = listed_packages()
     of_no_python = {package for package in listed if all(path.suffix != ".py" for path in files_of(package))}
-    assert of_no_python >= {"noslip.runtime_c", "noslip.examples.specs.figures", "noslip.firmware.boards", "noslip.firmware.pil"}
+    assert of_no_python >= {
+        "noslip.runtime_c",
+        "noslip.examples.specs.figures",
+        "noslip.firmware.boards",
+        "noslip.firmware.pil",
+    }
     folders = {path for path in ROOT.rglob("templates") if not SKIPPED & set(path.relative_to(ROOT).parts)}
     assert of_no_python >= {".".join(["noslip", *path.relative_to(ROOT).parts]) for path in folders}
     assert listed - of_no_python == {
@@ -483,7 +560,9 @@ def test_listed_packages_are_the_folders():
         assert kinds == set(tool["package-data"].get(package, ())), package
 
 
-@pytest.mark.parametrize(("scalar", "there", "not_there"), [("float", "_f.c", ".c"), ("double", ".c", "_f.c")])
+@pytest.mark.parametrize(
+    ("scalar", "there", "not_there"), [("float", "_f.c", ".c"), ("double", ".c", "_f.c")]
+)
 def test_export_of_one_scalar_has_no_source_of_the_other(scalar, there, not_there, tmp_path):
     folder = tmp_path / "one"
     assert main(["export", "labmate", "--output", "type_i", "--scalar", scalar, "-o", str(folder)]) == 0
@@ -491,18 +570,24 @@ def test_export_of_one_scalar_has_no_source_of_the_other(scalar, there, not_ther
 
 
 LONG = r"^noslip figures|--scheduler|--table|--worst"  # figures and large sweeps have tests of their own
-FROM_A_VEHICLE = r"\brun\.(dump|mcap|bag)|\bpoints\.csv|\bcourse\.json"  # files from elsewhere, and what is made of them
+# Files from elsewhere, and what is made of them
+FROM_A_VEHICLE = r"\brun\.(dump|mcap|bag)|\bpoints\.csv|\bcourse\.json"
 
 
 def printed_commands() -> list[tuple[str, str]]:
-    """The commands of noslip that the pages print: page, command line; those of the tutorial are run by test_tutorial."""
+    """The commands of noslip that the pages print: page, command line;
+    those of the tutorial are run by test_tutorial."""
     commands = []
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         for text in re.findall(r"^```sh\n(.*?)^```", page.read_text(), re.S | re.M):
             lines = text.replace("\\\n", "").splitlines()
-            commands += [(page.name, re.sub(r"\s+# .*", "", line)) for line in lines if line.startswith("noslip ")]
+            commands += [
+                (page.name, re.sub(r"\s+# .*", "", line)) for line in lines if line.startswith("noslip ")
+            ]
     left_out = f"{LONG}|{FROM_A_VEHICLE}"
-    return [(page, line) for page, line in commands if not re.search(left_out, line) and page != "your_robot.md"]
+    return [
+        (page, line) for page, line in commands if not re.search(left_out, line) and page != "your_robot.md"
+    ]
 
 
 @pytest.fixture

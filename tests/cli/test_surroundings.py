@@ -1,4 +1,5 @@
-"""Where noslip is run, and with what around it: locales, closed streams, folders with files that are named like libraries."""
+"""Where noslip is run, and with what around it: locales, closed streams,
+folders with files that are named like libraries."""
 
 import os
 import shlex
@@ -40,12 +41,18 @@ def folder(tmp_path) -> Path:
     """A folder with a robot's file, whose own modules are beside it."""
     place = tmp_path / "Räder und Wägen"
     place.mkdir()
-    for name, text in {"größe": ROBOT, "numbers_beside": "HALF = 0.5\n", "more_beside": "MASS = 12.0\n"}.items():
+    for name, text in {
+        "größe": ROBOT,
+        "numbers_beside": "HALF = 0.5\n",
+        "more_beside": "MASS = 12.0\n",
+    }.items():
         (place / f"{name}.py").write_text(text, encoding="utf-8")
     return place
 
 
-def done(command: list[str], folder: Path, surroundings: dict[str, str] | None = None, **streams) -> subprocess.CompletedProcess:
+def done(
+    command: list[str], folder: Path, surroundings: dict[str, str] | None = None, **streams
+) -> subprocess.CompletedProcess:
     """A command of noslip run in a folder."""
     streams = streams or {"capture_output": True}
     return subprocess.run(command, cwd=folder, env=os.environ | (surroundings or {}), timeout=60, **streams)
@@ -65,7 +72,9 @@ def test_text_is_utf8_whatever_the_locale(folder):
     assert "größe.py: " in said_in_one_line(done([*NOSLIP, "analyse", "größe.py:karren"], folder, ASCII))
     written = {}
     for name, surroundings in {"a": {}, "ö": ASCII}.items():
-        process = done([*NOSLIP, "generate", "größe.py:wagen", "--output", "type_i", "-o", name], folder, surroundings)
+        process = done(
+            [*NOSLIP, "generate", "größe.py:wagen", "--output", "type_i", "-o", name], folder, surroundings
+        )
         assert process.returncode == 0, process.stderr
         files = (path for path in (folder / name).rglob("*") if path.is_file())
         written[name] = {path.relative_to(folder / name): path.read_bytes() for path in files}
@@ -73,7 +82,8 @@ def test_text_is_utf8_whatever_the_locale(folder):
 
 
 def test_files_named_like_libraries_replace_none(folder):
-    """Though `python -m` searches the current folder first, except what Python itself has imported by then."""
+    """Though `python -m` searches the current folder first,
+    except what Python itself has imported by then."""
     for name in ("control", "casadi", "numpy", "scipy", "sympy", "cffi", "cli", "model", "readers"):
         (folder / f"{name}.py").write_text(f"raise SystemExit('{name} is shadowed')\n", encoding="utf-8")
     process = done([*NOSLIP, "outer-loop", "größe.py:wagen", "--output", "type_i"], folder)
@@ -85,7 +95,11 @@ def test_modules_beside_two_robots_may_have_one_name(folder, tmp_path, capsys):
     other = tmp_path / "other"
     other.mkdir()
     for file in folder.glob("*.py"):
-        text = file.read_text(encoding="utf-8").replace("HALF = 0.5", "HALF = 0.7").replace("MASS = 12.0", "MASS = 9.0")
+        text = (
+            file.read_text(encoding="utf-8")
+            .replace("HALF = 0.5", "HALF = 0.7")
+            .replace("MASS = 12.0", "MASS = 9.0")
+        )
         (other / file.name).write_text(text, encoding="utf-8")
     known = set(sys.modules)
     for place, m, J in ((folder, "12.0", "0.5"), (other, "9.0", "0.7")):
@@ -102,7 +116,9 @@ def test_closed_streams_are_silent(closed, tmp_path):
     assert subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, timeout=60).returncode == 0
     lines = (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()
     assert len(lines) == 7 and all(line.count(",") == lines[0].count(",") for line in lines)
-    assert subprocess.run(f"{SHELL} robot {closed}", shell=True, capture_output=True, timeout=60).returncode == 2
+    assert (
+        subprocess.run(f"{SHELL} robot {closed}", shell=True, capture_output=True, timeout=60).returncode == 2
+    )
 
 
 def test_a_folder_that_is_gone(tmp_path):
@@ -113,8 +129,21 @@ def test_a_folder_that_is_gone(tmp_path):
 
 def test_a_picture_needs_no_screen(tmp_path):
     (tmp_path / "matplotlib.py").write_text("raise SystemExit('shadowed')\n", encoding="utf-8")
-    command = [*NOSLIP, "simulate", "line", "--set", "simulation.duration=0.05", "-o", "run.csv", "--plot", "run.png"]
-    assert done(command, tmp_path, {"MPLBACKEND": "none_such"}).returncode == 0 and (tmp_path / "run.png").exists()
+    command = [
+        *NOSLIP,
+        "simulate",
+        "line",
+        "--set",
+        "simulation.duration=0.05",
+        "-o",
+        "run.csv",
+        "--plot",
+        "run.png",
+    ]
+    assert (
+        done(command, tmp_path, {"MPLBACKEND": "none_such"}).returncode == 0
+        and (tmp_path / "run.png").exists()
+    )
 
 
 @pytest.mark.parametrize(
@@ -123,7 +152,10 @@ def test_a_picture_needs_no_screen(tmp_path):
         (["simulate", "line", "-o", ""], "the name of an output is empty"),
         (["simulate", "line", "-o", "run.csv", "--plot", ""], "the name of an output is empty"),
         (["simulate", "line", "-o", "file/run.csv"], "file/run.csv: file is not a folder; choose another"),
-        (["simulate", "line", "-o", "none/run.csv"], "none/run.csv: the folder none does not exist; create it first"),
+        (
+            ["simulate", "line", "-o", "none/run.csv"],
+            "none/run.csv: the folder none does not exist; create it first",
+        ),
         (["analyse", "/dev/null"], "unknown robot '/dev/null'"),
         (["analyse", "*.toml"], "*.toml is a SPEC, where a robot is expected"),
     ],

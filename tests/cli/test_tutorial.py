@@ -1,4 +1,5 @@
-"""docs/your_robot.md, run as it stands; a user's own robot in every command, and her errors by file and line."""
+"""docs/your_robot.md, run as it stands; a user's own robot in every command,
+and her errors by file and line."""
 
 import json
 import re
@@ -36,7 +37,9 @@ def said(command: str, capsys) -> list[str]:
     """The lines that a command of the page prints."""
     words = shlex.split(command)
     if words[0] == "make":
-        return subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120).stdout.splitlines()
+        return subprocess.run(
+            words, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120
+        ).stdout.splitlines()
     capsys.readouterr()
     code, (out, err) = main(words[1:]), capsys.readouterr()
     assert code == (2 if err else 0)
@@ -44,7 +47,8 @@ def said(command: str, capsys) -> list[str]:
 
 
 def test_the_page_says_what_is_printed(files, capsys):
-    """Every line of it, in its order; where there is no `…` between two lines, nothing else is printed there."""
+    """Every line of it, in its order; where there is no `…` between two lines,
+    nothing else is printed there."""
     assert all(len(text.splitlines()) <= 40 for text in blocks("python"))
     for block in blocks("console"):
         for call in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
@@ -61,7 +65,7 @@ def test_the_page_says_what_is_printed(files, capsys):
             assert gap or place == len(printed), f"{command}: {printed[place:]}"
 
 
-# -- a robot of a file in every command -------------------------------------------------------------------------------
+# -- a robot of a file in every command ----------------------------------------------------------------------
 
 CART = """
 from casadi import SX, cos, sin
@@ -94,7 +98,13 @@ reference = { speed = 0.5 }
 initial = { q = [0.0, 0.2, 0.1] }
 simulation = { duration = 0.2 }
 """
-CASE = {"params": {"m": 12.0}, "output": {"type": "I", "L": 0.3}, "q": [0, 0, 0.1], "nu": [0, 0], "gains": {"kp": 1, "kd": 2}}
+CASE = {
+    "params": {"m": 12.0},
+    "output": {"type": "I", "L": 0.3},
+    "q": [0, 0, 0.1],
+    "nu": [0, 0],
+    "gains": {"kp": 1, "kd": 2},
+}
 CASE["reference"] = {"y": [0.5, 0.1], "yd": [0, 0], "ydd": [0, 0]}
 COMMANDS = (
     "generate robots/cart.py:cart --output type_i --output dynamics -o c",
@@ -135,16 +145,28 @@ def test_a_robot_is_looked_for_beside_the_spec_first(cart, monkeypatch):
         assert beside(name, "robots/spec.toml") == name  # the current folder's, a shipped one, or where it is
 
 
-# -- errors by file and line ------------------------------------------------------------------------------------------
+# -- errors by file and line ---------------------------------------------------------------------------------
 
 WRONG = {  # body of the function -> which of its lines is wrong, and what is said
     "raises": (["robot, s = parts()", "length = 1 / 0"], 2, "ZeroDivisionError: division by zero"),
     "python": (["robot, s = parts()", "robot.rolls('a', side)"], 2, "NameError: name 'side' is not defined"),
     "typo": (["robot, s = parts()", "robot.rols('a', s)"], 2, "did you mean 'rolls'?"),
     "unit": (["robot, s = parts()", "robot.parameter('k', 1.0, 5)"], 2, "k: unit 5 must be text"),
-    "symbol": (["robot, s = parts()", "k = 2", "robot.rolls('a', s + SX.sym('z'))", "return robot"], 3, "uses z, which is no"),
-    "bent": (["robot, s = parts()", "robot.rolls('a', s)", "robot.rolls('b', s * s)", "return robot"], 3, "is not linear"),
-    "cubic": (["robot, s = parts()", "robot.rolls('a', s)", "robot.kinetic_energy(s**3)", "return robot"], 3, "is not quadratic"),
+    "symbol": (
+        ["robot, s = parts()", "k = 2", "robot.rolls('a', s + SX.sym('z'))", "return robot"],
+        3,
+        "uses z, which is no",
+    ),
+    "bent": (
+        ["robot, s = parts()", "robot.rolls('a', s)", "robot.rolls('b', s * s)", "return robot"],
+        3,
+        "is not linear",
+    ),
+    "cubic": (
+        ["robot, s = parts()", "robot.rolls('a', s)", "robot.kinetic_energy(s**3)", "return robot"],
+        3,
+        "is not quadratic",
+    ),
     "return": (["robot, s = parts()", "robot.rolls('a', s)"], 0, "is `return` missing?"),
     "number": (["return 3"], 0, "it returns int"),
 }

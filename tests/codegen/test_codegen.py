@@ -1,4 +1,5 @@
-"""From expressions to C text: graph, passes, steps, printing, files. Values are compared with evaluations of the graph."""
+"""From expressions to C text: graph, passes, steps, printing,
+files. Values are compared with evaluations of the graph."""
 
 import functools
 import itertools
@@ -28,7 +29,18 @@ from noslip.codegen.costs import cycles
 from noslip.codegen.derivation.stages import inner_velocities
 from noslip.codegen.derivation.taylor import Taylor
 from noslip.codegen.files import fingerprint, law_program, law_text, robot_files, text_files
-from noslip.codegen.graph import Applied, Constant, Graph, Leaf, Operation, count, executed, from_casadi, is_constant, reachable
+from noslip.codegen.graph import (
+    Applied,
+    Constant,
+    Graph,
+    Leaf,
+    Operation,
+    count,
+    executed,
+    from_casadi,
+    is_constant,
+    reachable,
+)
 from noslip.codegen.optimize import PASSES, Optimizer
 from noslip.codegen.printing.meaning import meanings
 from noslip.codegen.printing.scalar import DOUBLE, FLOAT, SCALARS
@@ -43,7 +55,16 @@ from noslip.readers.robots import find_robot, law_of, system_of
 from noslip.simulation.controllers.build import shared_library
 from noslip.simulation.controllers.compiled import CompiledController, library
 from noslip.simulation.controllers.symbolic import CasadiController
-from noslip.tests.codegen_tools import NAMES, evaluate, in_c, laws, random_leaves, relative_error, unicycle, with_foot
+from noslip.tests.codegen_tools import (
+    NAMES,
+    evaluate,
+    in_c,
+    laws,
+    random_leaves,
+    relative_error,
+    unicycle,
+    with_foot,
+)
 
 ROOT = Path(noslip.__file__).parent
 SHIPPED = ROOT / "generated"
@@ -61,7 +82,7 @@ def compiled(name: str, optimize: bool = True):
     return compile_law(laws()[name], optimize)
 
 
-# -- graph --------------------------------------------------------------------------------------------------------------
+# -- graph ---------------------------------------------------------------------------------------------------
 
 
 def test_equal_expressions_are_one_node():
@@ -72,7 +93,9 @@ def test_equal_expressions_are_one_node():
     assert graph.apply(Operation.ADD, x, y) is graph.apply(Operation.ADD, y, x)
     assert graph.apply(Operation.MUL, x, y) is graph.apply(Operation.MUL, y, x)
     assert graph.apply(Operation.SUB, x, y) is not graph.apply(Operation.SUB, y, x)
-    assert all(a.order < node.order for node in reachable([graph.apply(Operation.DIV, x, y)]) for a in node.arguments)
+    assert all(
+        a.order < node.order for node in reachable([graph.apply(Operation.DIV, x, y)]) for a in node.arguments
+    )
 
 
 def random_graph(seed: int, size: int = 25):
@@ -81,7 +104,9 @@ def random_graph(seed: int, size: int = 25):
     nodes = [graph.leaf(group, f"{group[0]}{k}") for group in GROUPS for k in range(3)]
     nodes += [graph.constant(c) for c in (0, 1, -1, 2, 0.5, -0.25, 3, 0.1)]
     for _ in range(size):
-        operation = Operation(source.choice(["add", "sub", "mul"] * 6 + ["div", "neg"] * 3 + ["sqrt", "sin", "cos", "abs"]))
+        operation = Operation(
+            source.choice(["add", "sub", "mul"] * 6 + ["div", "neg"] * 3 + ["sqrt", "sin", "cos", "abs"])
+        )
         a, b = (source.choice(nodes[-12:] if source.random() < 0.7 else nodes) for _ in range(2))
         if operation in ("sin", "cos"):  # CasADi leaves no sine of a number
             a = graph.apply(Operation.ADD, graph.apply(Operation.MUL, a, nodes[0]), nodes[9])
@@ -96,7 +121,8 @@ def random_graph(seed: int, size: int = 25):
 
 @pytest.mark.parametrize("scalar", [np.float32, np.float64])
 def test_simplifying_keeps_every_bit(scalar):
-    """apply against make, which never simplifies, over every pair of small expressions; rounded arithmetic."""
+    """apply against make, which never simplifies, over every pair of small expressions;
+    rounded arithmetic."""
     graph, source = Graph(), random.Random(1)
     x, y = graph.leaf("state", "x"), graph.leaf("state", "y")
     numbers = [graph.constant(c) for c in (0, 1, -1, 2, -0.5, 0.125, 3, -0.1)]
@@ -113,18 +139,21 @@ def test_simplifying_keeps_every_bit(scalar):
             leaves = {n: scalar(source.uniform(-2, 2)) for n in (x, y)}
             simple = graph.apply(operation, *arguments)
             with np.errstate(all="ignore"):
-                a, b = evaluate([simple, graph.make(Applied, arguments, operation)], leaves.__getitem__, scalar, functions)
+                a, b = evaluate(
+                    [simple, graph.make(Applied, arguments, operation)], leaves.__getitem__, scalar, functions
+                )
             assert a == b, (operation, arguments)
 
 
-# -- passes ------------------------------------------------------------------------------------------------------------
+# -- passes --------------------------------------------------------------------------------------------------
 
 
 TURNS = 100  # more than any law needs
 
 
 class Checked(Optimizer):
-    """An Optimizer that compares the roots' values before and after each of its passes, and does not turn for ever."""
+    """An Optimizer that compares the roots' values before and after each of its passes,
+    and does not turn for ever."""
 
     seen: set[str] = set()
     leaf = staticmethod(random_leaves(7))
@@ -166,7 +195,9 @@ def test_passes_keep_the_value_of_random_graphs(seed):
         assert {type(node) for node in reachable(final)} <= {Constant, Leaf, Applied}
         kept = [node for node in reachable(final) if node in labels]
         for node, value in zip(kept, evaluate(kept, Checked.leaf), strict=True):
-            assert abs(value - truth[labels[node]]) <= EXACT * max(abs(value), 1e-15), "a name moved to another value"
+            assert abs(value - truth[labels[node]]) <= EXACT * max(abs(value), 1e-15), (
+                "a name moved to another value"
+            )
     assert tried >= 20
 
 
@@ -175,7 +206,10 @@ def test_a_quotient_in_a_quotient_is_one_division():
     graph = Graph()
     a, b, c, d, v, w = (graph.leaf("state", name) for name in "abcdvw")
     k = graph.leaf("params", "k")
-    add, mul, div = (functools.partial(graph.apply, operation) for operation in (Operation.ADD, Operation.MUL, Operation.DIV))
+    add, mul, div = (
+        functools.partial(graph.apply, operation)
+        for operation in (Operation.ADD, Operation.MUL, Operation.DIV)
+    )
     one = div(mul(k, add(add(mul(a, v), w), div(b, c))), d)
     two = add(div(mul(k, mul(a, v)), d), div(mul(k, add(w, div(b, c))), d))
     squared = div(add(mul(mul(v, v), w), mul(v, div(b, c))), d)  # v twice in one term, once in the other
@@ -187,13 +221,19 @@ def test_a_quotient_in_a_quotient_is_one_division():
 
 
 def test_a_kept_product_is_not_split():
-    """p = k y in p p + w, p z + w and p + w: one product for each p if p is kept, else one more for k^2 y y."""
+    """p = k y in p p + w, p z + w and p + w: one product for each p if p is kept,
+    else one more for k^2 y y."""
     graph = Graph()
     k, (y, z, w) = graph.leaf("params", "k"), (graph.leaf("state", name) for name in "yzw")
     add, mul = (functools.partial(graph.apply, operation) for operation in (Operation.ADD, Operation.MUL))
     p = mul(k, y)
     roots = [add(mul(p, p), w), add(mul(p, z), w), add(p, w)]
-    leaf = {k: mpmath.mpf(2) / 7, y: mpmath.mpf(3) / 7, z: mpmath.mpf(5) / 7, w: mpmath.mpf(-4) / 7}.__getitem__
+    leaf = {
+        k: mpmath.mpf(2) / 7,
+        y: mpmath.mpf(3) / 7,
+        z: mpmath.mpf(5) / 7,
+        w: mpmath.mpf(-4) / 7,
+    }.__getitem__
     products = {}
     for kept in (frozenset(), frozenset([p])):
         made = Optimizer(graph, {}, kept=kept).run(roots)
@@ -221,9 +261,16 @@ def test_conics(name):
     short, plain = compile_law(law), compile_law(law, optimize=False)
     for entry, body in short.entries.items():
         for quantity, matrix in body.quantities.items():
-            values, expected = ([n for row in m for n in row] for m in (matrix, plain.entries[entry].quantities[quantity]))
+            values, expected = (
+                [n for row in m for n in row] for m in (matrix, plain.entries[entry].quantities[quantity])
+            )
             for seed in range(2):
-                assert relative_error(evaluate(values, random_leaves(seed)), evaluate(expected, random_leaves(seed))) <= EXACT
+                assert (
+                    relative_error(
+                        evaluate(values, random_leaves(seed)), evaluate(expected, random_leaves(seed))
+                    )
+                    <= EXACT
+                )
 
 
 @each_law
@@ -246,16 +293,24 @@ def test_steps_are_the_law(name):
             assert body.quantities.keys() == truth.quantities.keys()
             for quantity, matrix in body.quantities.items():
                 assert [len(row) for row in matrix] == [len(row) for row in truth.quantities[quantity]]
-                values, expected = ([n for row in m for n in row] for m in (matrix, truth.quantities[quantity]))
-                assert relative_error(evaluate(values, leaf), evaluate(expected, leaf)) <= EXACT, (entry.name, quantity)
+                values, expected = (
+                    [n for row in m for n in row] for m in (matrix, truth.quantities[quantity])
+                )
+                assert relative_error(evaluate(values, leaf), evaluate(expected, leaf)) <= EXACT, (
+                    entry.name,
+                    quantity,
+                )
 
 
 @pytest.mark.parametrize("name", ["type_iv_segment", "type_iv_segment_offset"])
 def test_the_foot_is_enough(name):
-    """At the foot of P_l the torques and their slope are those at the pose, on arcs to the left and to the right."""
+    """At the foot of P_l the torques and their slope are those at the pose,
+    on arcs to the left and to the right."""
     law = law_of(find_robot("labmate"), name)
     programs = compile_law(law), compile_law(law, optimize=False)
-    ours, truth = ({entry.name: body.quantities for entry, body in program.entries.items()} for program in programs)
+    ours, truth = (
+        {entry.name: body.quantities for entry, body in program.entries.items()} for program in programs
+    )
     for seed in range(6):
         leaf, turns = random_leaves(seed), -1 if seed % 2 else 1
 
@@ -265,7 +320,8 @@ def test_the_foot_is_enough(name):
         bent = with_foot(turned, offset=name.endswith("_offset"))
         for told, posed, quantity in (("follow", "step", "tau"), ("follow_slope", "slope", "slope")):
             found, plain, expected = (
-                evaluate([n for row in body[quantity] for n in row], bent) for body in (ours[told], truth[told], truth[posed])
+                evaluate([n for row in body[quantity] for n in row], bent)
+                for body in (ours[told], truth[told], truth[posed])
             )
             assert relative_error(found, expected) <= EXACT >= relative_error(plain, expected), (seed, told)
 
@@ -275,7 +331,10 @@ def test_singular_is_where_the_law_says(name):
     """Near the boundary, in exact arithmetic: the cheap condition holds where the plain one does."""
     plain, singular = compiled(name, optimize=False), []
     entries = [entry for entry in compiled(name).entries if entry.inverts]
-    sources = {entry.name: (compiled(name).entries[entry].singular, plain.entries[entry].singular) for entry in entries}
+    sources = {
+        entry.name: (compiled(name).entries[entry].singular, plain.entries[entry].singular)
+        for entry in entries
+    }
     Phi = next(body.quantities["Phi"] for entry, body in plain.entries.items() if entry.name == "evaluate")
     for seed in range(4):
         there, at = singular_place(Phi, random_leaves(seed))
@@ -299,9 +358,13 @@ def test_cycles_of_a_small_graph():
 
 
 def test_what_is_printed_or_compiled_is_in_the_key(monkeypatch):
-    """A law that differs from a cached one in one text, name, condition or factor has other keys; the same law again the same."""
+    """A law that differs from a cached one in one text, name, condition or factor has other keys;
+    the same law again the same."""
     system = reduce(unicycle())
-    output, program = type_iv(system, PATHS["segment"]()), compile_law(control_law(system, type_i(system)), optimize=False)
+    output, program = (
+        type_iv(system, PATHS["segment"]()),
+        compile_law(control_law(system, type_i(system)), optimize=False),
+    )
     (first, *others), length = output.rows, output.parameters[0].symbol
     chain = first.through
     assert chain and chain.slope is not None and chain.bend is not None
@@ -356,7 +419,8 @@ def test_for_a_target_is_refused(tmp_path, bad_input):
 
 @each_scalar
 def test_what_init_bounds_is_not_tested_at_each_step(scalar):
-    """P_l nearer and nearer to the axle, Type I: the status of the model, with and without a test at each step."""
+    """P_l nearer and nearer to the axle, Type I: the status of the model,
+    with and without a test at each step."""
     law, seen, number = law_of(find_robot("labmate"), "type_i"), set(), NUMPY[scalar]
     params, gains = ([float(number(q.default)) for q in group] for group in (law.parameters, law.gains))
     b, d = (params[[q.name for q in law.parameters].index(name)] for name in "bd")
@@ -417,7 +481,8 @@ def test_names_stand_for_their_values(name):
     program = compiled(name)
     written = reachable(root for body in program.entries.values() for root in body.roots)
     for node, label in ((node, program.labels[node]) for node in written if node in program.labels):
-        if label in truth and not label.startswith(("u_", "v_")):  # a demand is a leaf in one and a sum in the other
+        # a demand is a leaf in one and a sum in the other
+        if label in truth and not label.startswith(("u_", "v_")):
             (value,) = evaluate([node], leaf)
             assert any(abs(value - t) <= EXACT * max(abs(t), 1) for t in truth[label]), label
 
@@ -434,7 +499,7 @@ def test_fewer_operations_than_the_plain_law(name):
             assert both[0] < 0.65 * both[1]
 
 
-# -- second derivatives --------------------------------------------------------------------------------------------------
+# -- second derivatives --------------------------------------------------------------------------------------
 
 CURVES = {
     "constant": lambda x, y, p: p + 0 * x,
@@ -470,11 +535,14 @@ def test_derivatives_use_the_known_rate():
     z, zdot, rate = ca.SX.sym("z", 2), ca.SX.sym("zdot", 2), ca.SX.sym("rate")
     outer = ca.sqrt(z[0] ** 2 + z[1] ** 2) - 3
     taylor = Taylor(outer, z, zdot, rate, lambda expression: expression)
-    assert ca.depends_on(taylor.second(outer), rate) and ca.depends_on(taylor.first(z[0] / outer.dep(0)), rate)
+    assert ca.depends_on(taylor.second(outer), rate) and ca.depends_on(
+        taylor.first(z[0] / outer.dep(0)), rate
+    )
 
 
 def test_a_law_is_derived_again_after_many_others():
-    """A process that derives the laws of many robots forgets the oldest parts; what remains must fit what is made again."""
+    """A process that derives the laws of many robots forgets the oldest parts;
+    what remains must fit what is made again."""
     law = law_of(find_robot("knife_edge"), "type_i")
     first = compile_law(law)
     inner_velocities.cache_clear()
@@ -483,12 +551,14 @@ def test_a_law_is_derived_again_after_many_others():
     assert law_text(again, SCALARS["double"]).source() == law_text(first, SCALARS["double"]).source()
 
 
-# -- structure -----------------------------------------------------------------------------------------------------------
+# -- structure -----------------------------------------------------------------------------------------------
 
 
 def law_function(text: str, name: str) -> str:
     """The body of a static function of the C."""
-    return re.search(rf"^(?:static|NOSLIP_HOT) int \w+_{name}(?:_f)?_law\(.*?\n\{{\n(.*?)^\}}", text, re.S | re.M)[1]
+    return re.search(
+        rf"^(?:static|NOSLIP_HOT) int \w+_{name}(?:_f)?_law\(.*?\n\{{\n(.*?)^\}}", text, re.S | re.M
+    )[1]
 
 
 @each_labmate_law
@@ -508,8 +578,18 @@ def test_masses_and_bias_do_not_know_the_heading(name):
         state = np.concatenate([point.state[:-2], nu])
         found = controller.evaluate(state, point.reference).values
         v = found["Phi"] @ u + np.where(degrees == 2, found["Phidot"] @ nu, 0)
-        groups = {"params": plant.params, "config": plant.config, "gains": plant.gains, "state": state, "virtual_input": v}
-        given = {(g, q.name): value for g, values in groups.items() for q, value in zip(law.groups[g], values, strict=True)}
+        groups = {
+            "params": plant.params,
+            "config": plant.config,
+            "gains": plant.gains,
+            "state": state,
+            "virtual_input": v,
+        }
+        given = {
+            (g, q.name): value
+            for g, values in groups.items()
+            for q, value in zip(law.groups[g], values, strict=True)
+        }
         torques.append(evaluate(roots, lambda n, given=given: given[n.group, n.name], float, functions))
     assert np.ptp(torques, axis=0).max() <= 1e-10 * np.abs(torques).max()
 
@@ -523,7 +603,7 @@ def test_one_sincos(name, scalar):
         assert law_function(source, entry.name).count("noslip_sincos") <= 1
 
 
-# -- printing ------------------------------------------------------------------------------------------------------------
+# -- printing ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scalar", [DOUBLE, FLOAT])
@@ -533,8 +613,12 @@ def test_literals_are_the_shortest_that_read_back(scalar):
     values = np.concatenate(
         [source.integers(0, np.iinfo(bits).max, 3000, bits, True).view(kind), np.arange(-20, 20).astype(kind)]
     )
-    values = np.concatenate([values, source.uniform(-10, 10, 1000).astype(kind), [np.finfo(kind).tiny, np.finfo(kind).max]])
-    assert scalar.literal(np.nextafter(float(np.finfo(kind).tiny), 1.0)).startswith(str(np.finfo(kind).tiny)[:6])
+    values = np.concatenate(
+        [values, source.uniform(-10, 10, 1000).astype(kind), [np.finfo(kind).tiny, np.finfo(kind).max]]
+    )
+    assert scalar.literal(np.nextafter(float(np.finfo(kind).tiny), 1.0)).startswith(
+        str(np.finfo(kind).tiny)[:6]
+    )
     for value in values[np.isfinite(values)]:
         text = scalar.literal(float(value))
         assert re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?f?", text) and ("." in text or "e" in text)
@@ -546,7 +630,15 @@ def test_literals_are_the_shortest_that_read_back(scalar):
 
 @pytest.mark.parametrize(
     ("scalar", "value"),
-    [(FLOAT, 1e39), (FLOAT, -3.5e38), (FLOAT, 1e-50), (FLOAT, np.inf), (FLOAT, np.nan), (DOUBLE, np.inf), (DOUBLE, np.nan)],
+    [
+        (FLOAT, 1e39),
+        (FLOAT, -3.5e38),
+        (FLOAT, 1e-50),
+        (FLOAT, np.inf),
+        (FLOAT, np.nan),
+        (DOUBLE, np.inf),
+        (DOUBLE, np.nan),
+    ],
 )
 def test_a_constant_that_does_not_fit_is_refused(scalar, value):
     with pytest.raises(ModelError, match="does not fit|not finite"):
@@ -560,12 +652,19 @@ def graph_in_c(k: int, scalar) -> str:
     """A C function that computes the roots of random graph k from an array of leaves."""
     _, roots = random_graph(k)
     writer = Statements(
-        scalar, lambda node: f"x->{node.name}" if isinstance(node, Leaf) else None, {}, lambda c: f"if ({c}) {{ return 1; }}"
+        scalar,
+        lambda node: f"x->{node.name}" if isinstance(node, Leaf) else None,
+        {},
+        lambda c: f"if ({c}) {{ return 1; }}",
     )
     writer.plan(roots)
     for i, root in enumerate(roots):
         writer.assign(f"out[{i}]", root)
-    return f"int graph{k}(const leaves *x, {scalar.real} *out)\n{{\n" + "\n".join(writer.lines) + "\nreturn 0;\n}\n"
+    return (
+        f"int graph{k}(const leaves *x, {scalar.real} *out)\n{{\n"
+        + "\n".join(writer.lines)
+        + "\nreturn 0;\n}\n"
+    )
 
 
 @each_scalar
@@ -576,9 +675,16 @@ def test_random_c_computes_what_the_graph_says(scalar):
     struct = f"typedef struct leaves {{ {real} {', '.join(dict.fromkeys(names))}; }} leaves;\n"
     trig = f"void trig({real} x, {real} *sine, {real} *cosine)"
     sincos = f"{trig}\n{{\n{SCALARS[scalar].name('noslip_sincos')}(x, sine, cosine);\n}}\n"
-    text = '#include "noslip_controller.h"\n' + struct + sincos + "".join(graph_in_c(k, SCALARS[scalar]) for k in range(RANDOM_C))
+    text = (
+        '#include "noslip_controller.h"\n'
+        + struct
+        + sincos
+        + "".join(graph_in_c(k, SCALARS[scalar]) for k in range(RANDOM_C))
+    )
     ffi = cffi.FFI()
-    ffi.cdef(struct + trig + ";" + "".join(f"int graph{k}(const leaves *x, {real} *out);" for k in range(RANDOM_C)))
+    ffi.cdef(
+        struct + trig + ";" + "".join(f"int graph{k}(const leaves *x, {real} *out);" for k in range(RANDOM_C))
+    )
     lib = ffi.dlopen(str(shared_library({"graphs.c": text})))
     sine, cosine = ffi.new(f"{real} *"), ffi.new(f"{real} *")
 
@@ -612,8 +718,17 @@ def test_laws_in_c_compute_what_the_graph_says(name, scalar):
     trig = cffi.FFI()
     real = SCALARS[scalar].real
     trig.cdef(f"void trig({real} x, {real} *sine, {real} *cosine);")
-    source = f'#include "noslip_trig.h"\nvoid trig({real} x, {real} *s, {real} *c);\nvoid trig({real} x, {real} *s, {real} *c)\n'
-    lib = trig.dlopen(str(shared_library({"trig.c": source + f"{{\n{SCALARS[scalar].name('noslip_sincos')}(x, s, c);\n}}\n"})))
+    source = (
+        f'#include "noslip_trig.h"\nvoid trig({real} x, {real} *s, {real} *c);\nvoid trig({real} x, '
+        f"{real} *s, {real} *c)\n"
+    )
+    lib = trig.dlopen(
+        str(
+            shared_library(
+                {"trig.c": source + f"{{\n{SCALARS[scalar].name('noslip_sincos')}(x, s, c);\n}}\n"}
+            )
+        )
+    )
     sine, cosine = trig.new(f"{real} *"), trig.new(f"{real} *")
 
     def c_sincos(angle):
@@ -622,15 +737,27 @@ def test_laws_in_c_compute_what_the_graph_says(name, scalar):
 
     entry = next(entry for entry in program.entries if entry.name == "evaluate")
     quantities = program.entries[entry].quantities
-    places, roots = zip(*[(name, node) for name, matrix in quantities.items() for row in matrix for node in row], strict=True)
+    places, roots = zip(
+        *[(name, node) for name, matrix in quantities.items() for row in matrix for node in row], strict=True
+    )
     for plant in random_plants(law, 40, seed=21):
         controller = CompiledController(law, plant.params, plant.config, plant.gains, scalar)
         for point in plant.points:
             answer = controller.evaluate(point.state, point.reference)
-            groups = dict(zip(GROUPS, (plant.params, plant.config, plant.gains, point.state, point.reference), strict=True))
-            given = {(g, q.name): kind(v) for g in GROUPS for q, v in zip(law.groups[g], groups[g], strict=True)}
+            groups = dict(
+                zip(
+                    GROUPS,
+                    (plant.params, plant.config, plant.gains, point.state, point.reference),
+                    strict=True,
+                )
+            )
+            given = {
+                (g, q.name): kind(v) for g in GROUPS for q, v in zip(law.groups[g], groups[g], strict=True)
+            }
             assert answer.status == "ok"
-            expected = evaluate(roots, lambda n, given=given: given[n.group, n.name], kind, in_c(kind, c_sincos))
+            expected = evaluate(
+                roots, lambda n, given=given: given[n.group, n.name], kind, in_c(kind, c_sincos)
+            )
             answered = [float(value) for quantity in quantities for value in answer.values[quantity].ravel()]
             wrong = [name for name, a, b in zip(places, answered, expected, strict=True) if a != float(b)]
             assert wrong == []
@@ -648,9 +775,14 @@ def test_names_of_the_path_may_be_those_of_the_robot():
             values[changed][[q.name for q in law.groups[changed]].index("b")] *= 1.7
         numbers = [values[g] for g in ("params", "config", "gains")]
         state, reference = np.array([4.1, 0.5, 1.2, 0, 0, 7.0, 9.0]), np.array([0.1, 0.2, 0.3, 1.0, 0.4])
-        ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))
+        ours, truth = (
+            made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController)
+        )
         for quantity in quantities_of(ours):
-            assert np.abs(ours.values[quantity] - truth.values[quantity]).max() <= 1e-12 * np.abs(truth.values[quantity]).max()
+            assert (
+                np.abs(ours.values[quantity] - truth.values[quantity]).max()
+                <= 1e-12 * np.abs(truth.values[quantity]).max()
+            )
 
 
 def quantities_of(evaluation) -> list[str]:
@@ -669,7 +801,8 @@ def quantities_of(evaluation) -> list[str]:
     ],
 )
 def test_any_name_of_a_parameter_gives_c(names):
-    """What the generator calls its own does not meet what the user calls hers. Each is a number that the step itself uses."""
+    """What the generator calls its own does not meet what the user calls hers. Each is a number that the step
+    itself uses."""
     mass, *pulls = names.split()
     robot = unicycle(f"u_{mass}", mass)
     x, y, _ = ca.vertsplit(robot.q)
@@ -680,42 +813,68 @@ def test_any_name_of_a_parameter_gives_c(names):
     assert leaves >= set(names.split())
     numbers = [[q.default or 0.3 for q in law.groups[g]] for g in ("params", "config", "gains")]
     state, reference = np.array([1.0, 0.5, 1.2, 0.7, 0.9]), np.array([0.1, 0.2, 0.3, 1.0, 0.4, 0.2])
-    ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))
+    ours, truth = (
+        made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController)
+    )
     for quantity in quantities_of(ours):
-        assert np.abs(ours.values[quantity] - truth.values[quantity]).max() <= 1e-13 * np.abs(truth.values[quantity]).max()
+        assert (
+            np.abs(ours.values[quantity] - truth.values[quantity]).max()
+            <= 1e-13 * np.abs(truth.values[quantity]).max()
+        )
 
 
 @pytest.mark.parametrize(
     ("row", "other"),
-    [("k1", "t1"), ("self", "state"), ("reference", "tau"), ("h", "all"), ("status", "sin_heading"), ("Phi", "t2")],
+    [
+        ("k1", "t1"),
+        ("self", "state"),
+        ("reference", "tau"),
+        ("h", "all"),
+        ("status", "sin_heading"),
+        ("Phi", "t2"),
+    ],
 )
 def test_any_name_of_an_output_gives_c(row, other):
     system = reduce(unicycle(f"o_{row}"))
     x, y, heading = ca.vertsplit(system.mechanism.q)
     point = (x + 0.3 * ca.cos(heading), y + 0.3 * ca.sin(heading))
-    rows = [OutputRow(name, "m", "of a point ahead", place) for name, place in zip((row, other), point, strict=True)]
+    rows = [
+        OutputRow(name, "m", "of a point ahead", place)
+        for name, place in zip((row, other), point, strict=True)
+    ]
     law = control_law(system, OutputMap("own", "own", tuple(rows)))
     numbers = [[q.default for q in law.groups[g]] for g in ("params", "config", "gains")]
     state, reference = np.array([1.0, 0.5, 0.4, 0.7, 0.9]), np.arange(6) / 7
-    ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))
+    ours, truth = (
+        made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController)
+    )
     for quantity in quantities_of(ours):
-        assert np.abs(ours.values[quantity] - truth.values[quantity]).max() <= 1e-13 * np.abs(truth.values[quantity]).max()
+        assert (
+            np.abs(ours.values[quantity] - truth.values[quantity]).max()
+            <= 1e-13 * np.abs(truth.values[quantity]).max()
+        )
 
 
-# -- what cannot be written in C -----------------------------------------------------------------------------------------
+# -- what cannot be written in C -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("function", [ca.floor, ca.erf, ca.asinh, ca.log1p, lambda x: ca.fmod(x, 2), lambda x: ca.copysign(1, x)])
+@pytest.mark.parametrize(
+    "function", [ca.floor, ca.erf, ca.asinh, ca.log1p, lambda x: ca.fmod(x, 2), lambda x: ca.copysign(1, x)]
+)
 @pytest.mark.parametrize("optimize", [True, False])
 def test_functions_without_c(function, optimize):
-    """Of the graph and of a path, which refuses jumps first; a robot's own file is refused earlier: test_functions.py."""
+    """Of the graph and of a path, which refuses jumps first;
+    a robot's own file is refused earlier: test_functions.py."""
     graph, x = Graph(), ca.SX.sym("x")
     with pytest.raises(ModelError, match="robot law: .* not supported in generated C; use") as error:
         from_casadi(graph, ca.SX(function(x)), [x], [graph.leaf("state", "x")], "robot law")
     assert "\n" not in str(error.value)
     system = system_of(find_robot("labmate"))
     with pytest.raises(ModelError, match="distance: .* not supported|path 'odd': .* jumps"):
-        compile_law(control_law(system, type_iv(system, implicit("odd", "odd", (), lambda x, y: y - function(x)))), optimize)
+        compile_law(
+            control_law(system, type_iv(system, implicit("odd", "odd", (), lambda x, y: y - function(x)))),
+            optimize,
+        )
 
 
 @pytest.mark.parametrize("exponent", [-3, -1.7, -0.5, 0, 0.3, 0.5, 1, 1.5, 2, 3, 7, 2.5, 32])
@@ -727,7 +886,9 @@ def test_powers(exponent):
     value = mpmath.mpf("1.37")
     (ours,) = evaluate([node], lambda _: value)
     assert abs(ours - value ** mpmath.mpf(exponent)) <= EXACT * ours
-    assert ("pow" in {getattr(each, "operation", "") for each in reachable([node])}) == (2 * exponent % 1 != 0)
+    assert ("pow" in {getattr(each, "operation", "") for each in reachable([node])}) == (
+        2 * exponent % 1 != 0
+    )
 
 
 def test_tangent():
@@ -742,7 +903,7 @@ def in_folder(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
 
 
-# -- files ---------------------------------------------------------------------------------------------------------------
+# -- files ---------------------------------------------------------------------------------------------------
 
 
 def test_shipped_files_are_current(capsys):
@@ -835,7 +996,10 @@ def test_check_sees_an_edited_file(small, old, new, shown):
 def test_generating_again_removes_what_it_wrote_before_and_nothing_else(small):
     folder, check = small
     (folder / "notes.txt").write_text("mine\n")
-    assert main(["generate", "labmate", "-o", str(folder.parent), "--output", "type_iii", "--scalar", "float"]) == 0
+    assert (
+        main(["generate", "labmate", "-o", str(folder.parent), "--output", "type_iii", "--scalar", "float"])
+        == 0
+    )
     made = ("labmate", "labmate_type_iii", "lanes/labmate_type_iii_steps")
     assert in_folder(folder) == {"notes.txt", "manifest.json"} | {f"{n}_f.{e}" for n in made for e in "hc"}
 
@@ -877,7 +1041,8 @@ def recount(body: str) -> dict[str, int]:
 @each_scalar
 @each_labmate_law
 def test_operation_counts_are_those_of_the_text(name, scalar):
-    """What the shipped manifest and header (source for what is not public) say, counted again in the shipped C."""
+    """What the shipped manifest and header (source for what is not public) say,
+    counted again in the shipped C."""
     folder, own = SHIPPED / "labmate", f"labmate_{name}{SCALARS[scalar].suffix}"
     manifest = json.loads((folder / "manifest.json").read_text())["laws"][name]["operations"]
     source, header = ((folder / f"{own}.{kind}").read_text() for kind in "ch")
@@ -896,14 +1061,27 @@ def test_operation_counts_are_those_of_the_text(name, scalar):
 
 
 def test_nothing_of_this_machine_in_the_text():
-    for text, path in ((path.read_text(), path) for path in map((SHIPPED / "labmate").joinpath, in_folder(SHIPPED / "labmate"))):
-        assert text.isascii() and "\t" not in text and "\r" not in text and text.endswith("\n") and not text.endswith("\n\n")
+    for text, path in (
+        (path.read_text(), path)
+        for path in map((SHIPPED / "labmate").joinpath, in_folder(SHIPPED / "labmate"))
+    ):
+        assert (
+            text.isascii()
+            and "\t" not in text
+            and "\r" not in text
+            and text.endswith("\n")
+            and not text.endswith("\n\n")
+        )
         assert not re.search(r"\b20\d\d\b|\d:\d\d|[A-Z][a-z]{2} \d{1,2},", text)
-        assert not any(part in text for part in (str(ROOT), str(Path.home()) + "/", "/tmp", "/usr", os.uname().nodename))
+        assert not any(
+            part in text for part in (str(ROOT), str(Path.home()) + "/", "/tmp", "/usr", os.uname().nodename)
+        )
         assert all(len(line) <= 120 for line in text.splitlines())
         assert all(line == line.rstrip() for line in text.splitlines())
         if path.suffix != ".json":
-            assert f"Generated by noslip {noslip.__version__}" in text and re.search(r"Model SHA-256 [0-9a-f]{64}", text)
+            assert f"Generated by noslip {noslip.__version__}" in text and re.search(
+                r"Model SHA-256 [0-9a-f]{64}", text
+            )
 
 
 def test_the_hash_follows_the_model():
@@ -922,14 +1100,18 @@ def test_comments_of_an_extended_law():
     """Its virtual input is the highest derivative of the outputs, and `rate` has those below."""
     law = law_of(find_robot("labmate"), "type_i_extended")
     files = robot_files(law.system, [law], ("double",))
-    for name, about in (("rate", "Derivatives of the outputs below the highest"), ("step", "First the states of the extension")):
+    for name, about in (
+        ("rate", "Derivatives of the outputs below the highest"),
+        ("step", "First the states of the extension"),
+    ):
         text = " ".join(files["labmate_type_i_extended.h"].replace(" * ", " ").split())
         before = text[: text.index(f"int labmate_type_i_extended_{name}(")]
         assert about in before[before.rindex("/*") :], name
 
 
 def test_comments_of_constants_are_what_init_makes():
-    """Each formula beside a constant, read as mathematics, is the value that init puts there; its unit is by hand here."""
+    """Each formula beside a constant, read as mathematics, is the value that init puts there;
+    its unit is by hand here."""
     law = law_of(find_robot("labmate"), "type_i")
     program, known = law_program(law), meanings(law_program(law))
     random = np.random.default_rng(7)
@@ -937,7 +1119,9 @@ def test_comments_of_constants_are_what_init_makes():
     values = {q.name: float(random.uniform(0.3, 2)) for group in groups for q in group}
     made = library(law, "double")
     kinds = (made.robot_name("params"), made.name("config"), made.name("gains"))
-    structs = [made.struct(kind, [values[q.name] for q in group]) for kind, group in zip(kinds, groups, strict=True)]
+    structs = [
+        made.struct(kind, [values[q.name] for q in group]) for kind, group in zip(kinds, groups, strict=True)
+    ]
     self = made.instance()
     assert made.function("init")(self, *structs, made.ffi.NULL) == 0
     read = 0
@@ -947,20 +1131,33 @@ def test_comments_of_constants_are_what_init_makes():
             assert set(formula[3:].partition(";")[0].split(", ")) <= values.keys()
             continue
         python = re.sub(r"(?<=[\w)]) (?=[\w(])", "*", formula).replace("^", "**")
-        assert abs(eval(python, {}, values) - getattr(self, field)) <= 1e-12 * abs(getattr(self, field)), formula
+        assert abs(eval(python, {}, values) - getattr(self, field)) <= 1e-12 * abs(getattr(self, field)), (
+            formula
+        )
         read += 1
     assert read >= 15
-    units = {known.formula(node): known.constant(node).partition(":")[0] for node in program.constants if node.arguments}
-    assert units["b^2"] == "m^2" and units["1/(L + d)"] == "1/m" and units["(2 I_w + m_c r^2 + 2 m_w r^2)/(2 r)"] == "kg m"
+    units = {
+        known.formula(node): known.constant(node).partition(":")[0]
+        for node in program.constants
+        if node.arguments
+    }
+    assert (
+        units["b^2"] == "m^2"
+        and units["1/(L + d)"] == "1/m"
+        and units["(2 I_w + m_c r^2 + 2 m_w r^2)/(2 r)"] == "kg m"
+    )
 
 
 def test_temporaries_are_said_in_the_derivation_s_names():
-    """A multiple of a step is named as such; what has no short formula says what it goes into; none is without a comment."""
+    """A multiple of a step is named as such; what has no short formula says what it goes into;
+    none is without a comment."""
     text = law_text(law_program(law_of(find_robot("labmate"), "type_i")), DOUBLE).source()
     assert "const double t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */" in text
     assert "part of tau[0], tau[1] */" in text and "see init" not in text
     lines = text.splitlines()
-    bare = [k for k, line in enumerate(lines) if re.match(r" +const double t\d+ = ", line) and line.endswith(";")]
+    bare = [
+        k for k, line in enumerate(lines) if re.match(r" +const double t\d+ = ", line) and line.endswith(";")
+    ]
     assert all(lines[k - 1].endswith("*/") for k in bare)
 
 
@@ -977,12 +1174,14 @@ def test_a_fingerprint_sees_the_last_bit_of_a_constant():
 
 @pytest.mark.parametrize("trailers", [8, pytest.param(16, marks=pytest.mark.nightly)])
 def test_work_of_a_derivation_grows_with_the_number_of_bodies(trailers, monkeypatch):
-    """Expressions that are brought into canonical form for the reduction, a law and the forces at the ground, each of at most
-    LARGEST operations, and the operations of the law and of these forces. With the velocities of all constraints as columns, the
-    forces took 2281 with 16."""
+    """Expressions that are brought into canonical form for the reduction, a law and the forces at the ground,
+    each of at most LARGEST operations, and the operations of the law and of these forces. With the velocities
+    of all constraints as columns, the forces took 2281 with 16."""
     examined, original = [], entries.examined
     monkeypatch.setattr(exact, "_known", {})
-    monkeypatch.setattr(entries, "examined", lambda entry, symbols: (examined.append(entry), original(entry, symbols))[1])
+    monkeypatch.setattr(
+        entries, "examined", lambda entry, symbols: (examined.append(entry), original(entry, symbols))[1]
+    )
     program = compile_law(law_of(system_of(find_robot.__wrapped__(f"tractor_trailer:{trailers}")), "type_i"))
     assert len(examined) <= 170 + 24 * trailers
     of = {entry.name: sum(count(executed(body.roots)).values()) for entry, body in program.entries.items()}

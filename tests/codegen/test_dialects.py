@@ -1,5 +1,5 @@
-"""The same bits in every dialect: the exported self-test compiled as users do, in C from C99 on and in C++, where compilers fuse
-products and sums by default, with processors that have such instructions."""
+"""The same bits in every dialect: the exported self-test compiled as users do, in C from C99 on and in C++,
+where compilers fuse products and sums by default, with processors that have such instructions."""
 
 import itertools
 import re
@@ -43,7 +43,8 @@ class Dialect:
 
 
 def dialects():
-    """Every dialect at every level for both compilers; with link-time optimization where the two files differ."""
+    """Every dialect at every level for both compilers; with link-time optimization where the two files
+    differ."""
     for compiler, own, level in itertools.product(("gcc", "clang"), (*C, *CPP), LEVELS):
         if compiler == "clang" and "contract" in own:
             continue  # it overrides the pragma: noslip_real.h says so
@@ -107,7 +108,9 @@ def tried(dialect: Dialect, project: Path, folder: Path) -> subprocess.Completed
         ]
         subprocess.run([*command, "-c", *map(str, sources)], cwd=place, check=True)
     objects = [str(path) for path in folder.rglob("*.o")]
-    linker = dialect.compiler.replace("gcc", "g++") if "++" in dialect.own + dialect.library else dialect.compiler
+    linker = (
+        dialect.compiler.replace("gcc", "g++") if "++" in dialect.own + dialect.library else dialect.compiler
+    )
     linker = "clang++" if linker == "clang" and dialect.in_cpp else linker
     subprocess.run([linker, *dialect.flags.split(), *objects, "-o", "selftest"], cwd=folder, check=True)
     return subprocess.run([folder / "selftest"], capture_output=True, text=True, timeout=60)
@@ -137,9 +140,12 @@ def without_pragma(project: Path, folder: Path) -> Path:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("own, library, told", [("-std=gnu11", "-std=c99", "route"), ("-std=c99", "-std=gnu11", "type_i_f")])
+@pytest.mark.parametrize(
+    "own, library, told", [("-std=gnu11", "-std=c99", "route"), ("-std=c99", "-std=gnu11", "type_i_f")]
+)
 def test_selftest_finds_fused_operations(own, library, told, host, tmp_path):
-    """Without the pragma: in the file that uses the library, where `route` is inline, and in the library's laws."""
+    """Without the pragma: in the file that uses the library, where `route` is inline,
+    and in the library's laws."""
     changed = without_pragma(host, tmp_path / "project")
     done = tried(Dialect("gcc", own, library, "-O2 -mfma"), changed, tmp_path)
     assert done.returncode != 0 and re.search(rf"{told}: FAIL", done.stdout), done.stdout
@@ -162,7 +168,11 @@ def fused(compiler: str, flags: str, source: Path, project: Path, folder: Path) 
         str(made),
     ]
     subprocess.run(command, check=True)
-    return FUSED.findall(subprocess.run(["arm-none-eabi-objdump", "-d", made], capture_output=True, text=True, check=True).stdout)
+    return FUSED.findall(
+        subprocess.run(
+            ["arm-none-eabi-objdump", "-d", made], capture_output=True, text=True, check=True
+        ).stdout
+    )
 
 
 each_cpu = pytest.mark.parametrize("cpu", ARM)
@@ -177,13 +187,18 @@ each_level = pytest.mark.parametrize(
 @each_level
 def test_no_fused_operation_on_arm(level, cpu, standard, arm, tmp_path):
     """In no source of the package, nor in one that uses it, which may be C++."""
-    sources = ["selftest/selftest.c", *(["noslip/labmate_type_i_f.c", "noslip/noslip_path_f.c"] if standard in C else [])]
+    sources = [
+        "selftest/selftest.c",
+        *(["noslip/labmate_type_i_f.c", "noslip/noslip_path_f.c"] if standard in C else []),
+    ]
     for source in sources:
         assert fused("gcc", f"{standard} {level} {ARM[cpu]}", arm / source, arm, tmp_path) == [], source
 
 
 @each_cpu
-@pytest.mark.parametrize("level", ["-O2", *(pytest.param(level, marks=pytest.mark.nightly) for level in ("-O3", "-Os"))])
+@pytest.mark.parametrize(
+    "level", ["-O2", *(pytest.param(level, marks=pytest.mark.nightly) for level in ("-O3", "-Os"))]
+)
 def test_there_are_some_without_the_pragma_on_arm(level, cpu, arm, tmp_path):
     """At -O1 gcc does not look for them."""
     changed = without_pragma(arm, tmp_path / "changed")
@@ -203,10 +218,16 @@ def test_selftest_passes_on_arm(flags, arm, tmp_path):
 
 @pytest.mark.parametrize("language", ["c", "c++"])
 def test_options_that_end_after_the_header(language, arm, tmp_path):
-    """Where a user restores options behind the headers, what is inline there is not inlined into fused code."""
+    """Where a user restores options behind the headers, what is inline there is not inlined into fused
+    code."""
     names = ("angle", "integral", "odometry", "path", "reversing", "solve")
-    text = "#pragma GCC push_options\n" + "".join(f'#include "noslip_{name}.h"\n' for name in names) + "#pragma GCC pop_options\n"
-    text += """int use(noslip_odometry_f *odometry, noslip_path_f *path, const float *a, noslip_pose_f *pose, float *out);
+    text = (
+        "#pragma GCC push_options\n"
+        + "".join(f'#include "noslip_{name}.h"\n' for name in names)
+        + "#pragma GCC pop_options\n"
+    )
+    text += """int use(noslip_odometry_f *odometry, noslip_path_f *path, const float *a, noslip_pose_f \
+*pose, float *out);
 int use(noslip_odometry_f *odometry, noslip_path_f *path, const float *a, noslip_pose_f *pose, float *out)
 {
     int status = noslip_odometry_move_f(odometry, a, a[2], pose);

@@ -1,4 +1,5 @@
-"""The generated extended Kalman filter: beside one in 50 digits, its statistics, missed, late and wrong measurements."""
+"""The generated extended Kalman filter: beside one in 50 digits, its statistics, missed,
+late and wrong measurements."""
 
 import json
 import math
@@ -56,7 +57,10 @@ def make(scalar: str = "double", **changed) -> Filter:
 def test_each_step_is_that_of_a_filter_in_50_digits(scaled, scalar, tolerance):
     """States, relative to their standard deviations, and the covariance, relative to its diagonal."""
     with mp.workdps(50):
-        ours, truth = make(scalar, scale_sd=scaled, gate=1e6), Reference(**sizes(), **OPTIONS, scale_sd=scaled)
+        ours, truth = (
+            make(scalar, scale_sd=scaled, gate=1e6),
+            Reference(**sizes(), **OPTIONS, scale_sd=scaled),
+        )
         random = np.random.default_rng(20)
         for k in range(8):
             turned = np.float32(random.normal(0.2, 0.3, 2)).astype(float)
@@ -67,7 +71,9 @@ def test_each_step_is_that_of_a_filter_in_50_digits(scaled, scalar, tolerance):
             if k % 2:
                 kind, fix = KINDS[k // 2 % 4], _fix(truth, KINDS[k // 2 % 4], random)
                 nis = truth.correct(kind, **fix)
-                assert ours.correct(kind, **fix) == "ok" and ours.nis == pytest.approx(float(nis), rel=1000 * tolerance)
+                assert ours.correct(kind, **fix) == "ok" and ours.nis == pytest.approx(
+                    float(nis), rel=1000 * tolerance
+                )
                 _compare(ours, truth, tolerance)
 
 
@@ -75,7 +81,9 @@ def _fix(truth: Reference, kind: str, random: np.random.Generator) -> dict[str, 
     """A measurement about where the sensor is, in numbers that float has too."""
     x, y, heading = (float(v) for v in truth.x[:3])
     fix = {"ahead": 0.25, "left": -0.5, "sd": 0.0625, "heading_sd": 0.03125}
-    place = np.array([x, y]) + np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]]) @ (
+    place = np.array([x, y]) + np.array(
+        [[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]]
+    ) @ (
         0.25,
         -0.5,
     )
@@ -117,15 +125,19 @@ def test_steered_vehicles(robot):
         assert ours.tick((theta, 0.0), DT, measured=(delta,)) == "ok"
         if k % 20 == 19:
             assert ours.correct("pose", x=x, y=y, heading=heading, sd=1e-3, heading_sd=1e-3) == "ok"
-    assert ours.state[4] == pytest.approx(0.98, abs=4 * math.sqrt(ours.covariance[4, 4])) and abs(ours.state[4] - 0.98) < 1e-3
+    assert (
+        ours.state[4] == pytest.approx(0.98, abs=4 * math.sqrt(ours.covariance[4, 4]))
+        and abs(ours.state[4] - 0.98) < 1e-3
+    )
     assert ours.pose == pytest.approx([x, y, heading], abs=1e-3)
 
 
-# -- statistics -----------------------------------------------------------------------------------------------------------
+# -- statistics ----------------------------------------------------------------------------------------------
 
 
 class Drive:
-    """A truth that the filter's model describes: errors of wheels and gyro, bias and scales are drawn from their deviations."""
+    """A truth that the filter's model describes: errors of wheels and gyro,
+    bias and scales are drawn from their deviations."""
 
     def __init__(self, seed: int, scaled: dict[str, float]):
         self.random, self.scaled = np.random.default_rng(seed), scaled
@@ -156,11 +168,17 @@ class Drive:
         return {"x": x, "y": y, "heading": heading, "sd": 0.05, "heading_sd": 0.02}
 
 
-def statistics(runs: int, scaled: dict[str, float], scalar: str, age: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def statistics(
+    runs: int, scaled: dict[str, float], scalar: str, age: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
     """NIS of each measurement and NEES of each end, of runs with a pose every 20 ticks, `age` ticks late."""
     nis, nees = [], []
     for seed in range(runs):
-        drive, ours, past = Drive(seed, scaled), make(scalar, scale_sd=scaled, gate=1e6, memory=max(age, 1)), []
+        drive, ours, past = (
+            Drive(seed, scaled),
+            make(scalar, scale_sd=scaled, gate=1e6, memory=max(age, 1)),
+            [],
+        )
         for k in range(100):
             turned, gyro = drive.tick(k)
             assert ours.tick(turned, DT, gyro) == "ok"
@@ -174,7 +192,8 @@ def statistics(runs: int, scaled: dict[str, float], scalar: str, age: int = 0) -
 
 
 def holds(values: np.ndarray, degrees: int) -> bool:
-    """Whether the mean of independent values is within the 99.9 % bounds of chi-square with so many degrees of freedom."""
+    """Whether the mean of independent values is within the 99.9 % bounds of chi-square with so many degrees
+    of freedom."""
     least, most = chi2.ppf([0.0005, 0.9995], degrees * len(values)) / len(values)
     return least < values.mean() < most
 
@@ -210,7 +229,7 @@ def test_a_filter_that_is_too_sure_is_found_by_these_statistics(monkeypatch):
     assert not holds(np.array(nees), 4)
 
 
-# -- measurements that are missed, late, wrong ---------------------------------------------------------------------------
+# -- measurements that are missed, late, wrong ---------------------------------------------------------------
 
 
 def test_a_missed_pose_leaves_a_larger_covariance_and_the_next_one_a_small_error():
@@ -230,7 +249,8 @@ def test_a_missed_pose_leaves_a_larger_covariance_and_the_next_one_a_small_error
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_a_late_pose_is_used_at_its_time(scalar):
-    """Compared with a filter that gets each pose in time; one that takes it for a new one is off by what was driven since."""
+    """Compared with a filter that gets each pose in time; one that takes it for a new one is off by what was
+    driven since."""
     drive, past, filters = Drive(5, {}), [], [make(scalar, memory=30) for _ in range(3)]
     worst = np.zeros(3)
     for k in range(400):
@@ -245,7 +265,9 @@ def test_a_late_pose_is_used_at_its_time(scalar):
             assert filters[1].correct("pose", **fix, age=25 * DT) == "ok"
             filters[2].correct("pose", **fix)
         if k > 100 and k % 40 == 35:
-            worst = np.maximum(worst, [np.linalg.norm(ours.pose[:2] - filters[0].pose[:2]) for ours in filters])
+            worst = np.maximum(
+                worst, [np.linalg.norm(ours.pose[:2] - filters[0].pose[:2]) for ours in filters]
+            )
     assert worst[1] < 0.01 and worst[2] > 0.05, worst
     sd = [np.sqrt(np.diag(ours.covariance)) for ours in filters[:2]]
     assert np.all(sd[1] > 0.97 * sd[0]) and np.all(sd[1] < 1.1 * sd[0])  # the bias over the age is neglected
@@ -265,7 +287,10 @@ def test_a_pose_that_is_too_old_is_refused():
     fix = {"x": 0.0, "y": 0.0, "heading": 0.0, "sd": 0.05, "heading_sd": 0.02}
     assert ours.correct("pose", **fix, age=5.5 * DT) == "bad_parameter"
     assert make().correct("pose", **fix, age=DT) == "bad_parameter"
-    assert make(gate=1e6).correct("pose", **fix) == "ok" and ours.correct("pose", **fix, age=4.5 * DT) == "rejected"
+    assert (
+        make(gate=1e6).correct("pose", **fix) == "ok"
+        and ours.correct("pose", **fix, age=4.5 * DT) == "rejected"
+    )
 
 
 def test_a_late_pose_after_many_turns_is_refused():
@@ -281,7 +306,8 @@ def test_a_late_pose_after_many_turns_is_refused():
 
 
 def test_what_was_driven_before_a_late_pose_turns_with_the_heading():
-    """Straight ahead at 0.5 rad; the heading then becomes 0.8 rad: a late position lies behind in that direction."""
+    """Straight ahead at 0.5 rad; the heading then becomes 0.8 rad:
+    a late position lies behind in that direction."""
     ours = make(memory=5, gate=1e6)
     for _ in range(5):
         ours.tick((0.2, 0.2), DT, 0.0)
@@ -306,25 +332,37 @@ def test_pose_and_covariance_are_those_of_the_filter(scalar):
         ours.c.new("noslip_pose", [9.0, 9.0, 9.0]),
         ours.c.ffi.new(f"{ours.c.scalar.real}[9]", [9.0] * 9),
     )
-    assert c.status(c.function("noslip_ekf_pose")(c.ffi.addressof(ours.self, "filter"), pose, covariance)) == "ok"
+    assert (
+        c.status(c.function("noslip_ekf_pose")(c.ffi.addressof(ours.self, "filter"), pose, covariance))
+        == "ok"
+    )
     assert [pose.x, pose.y, pose.heading] == ours.pose.tolist()
     expected = ours.covariance[:3, :3]
-    assert np.abs(np.reshape(list(covariance), (3, 3)) - expected).max() < (1e-5 if scalar == "float" else 1e-14) * expected.max()
+    assert (
+        np.abs(np.reshape(list(covariance), (3, 3)) - expected).max()
+        < (1e-5 if scalar == "float" else 1e-14) * expected.max()
+    )
     fresh = c.new(f"{c.robot}_ekf")
-    assert c.status(c.function("noslip_ekf_pose")(c.ffi.addressof(fresh, "filter"), pose, covariance)) == "not_ready"
+    assert (
+        c.status(c.function("noslip_ekf_pose")(c.ffi.addressof(fresh, "filter"), pose, covariance))
+        == "not_ready"
+    )
     assert pose.x == pose.y == pose.heading == 0 and list(covariance) == [0.0] * 9
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_a_wrong_pose_is_rejected_and_many_are_told(scalar):
-    """50 m off: not used; after `tolerated` in a row the filter says that it diverged, until a measurement fits or a reset."""
+    """50 m off: not used; after `tolerated` in a row the filter says that it diverged,
+    until a measurement fits or a reset."""
     drive, ours = Drive(7, {}), make(scalar, tolerated=2)
     for k in range(50):
         turned, gyro = drive.tick(k)
         ours.tick(turned, DT, gyro)
     before, wrong = ours.state, drive.fix()
     wrong["x"] += 50
-    assert ours.correct("pose", **wrong) == "rejected" and ours.nis > 1e4 and np.array_equal(ours.state, before)
+    assert (
+        ours.correct("pose", **wrong) == "rejected" and ours.nis > 1e4 and np.array_equal(ours.state, before)
+    )
     assert ours.tick((0.2, 0.2), DT, 0.0) == "ok" and ours.correct("pose", **wrong) == "rejected"
     assert ours.correct("pose", **wrong) == ours.tick((0.2, 0.2), DT, 0.0) == "diverged"
     assert ours.pose[0] > before[0]  # it moves on
@@ -333,7 +371,9 @@ def test_a_wrong_pose_is_rejected_and_many_are_told(scalar):
     for _ in range(3):
         ours.correct("pose", **wrong)
     assert ours.reset((50, 0, 0), (1, 1, 1)) == ours.tick((0, 0), DT, 0.0) == "ok"
-    assert ours.pose == pytest.approx([50, 0, 0], abs=1e-3) and np.diag(ours.covariance)[:2] == pytest.approx([1, 1])
+    assert ours.pose == pytest.approx([50, 0, 0], abs=1e-3) and np.diag(ours.covariance)[:2] == pytest.approx(
+        [1, 1]
+    )
 
 
 def test_whole_turns_of_a_heading_do_not_matter():
@@ -348,7 +388,7 @@ def test_whole_turns_of_a_heading_do_not_matter():
     assert np.array_equal(ours.covariance, covariance)
 
 
-# -- bad input -----------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------------------
 
 REFUSED = {
     "noise of a wheel": {"noise": (0.0, 0.01)},
@@ -397,7 +437,15 @@ def test_a_tick_that_is_refused_changes_nothing(scalar):
     for name, (arguments, status) in WRONG.items():
         assert ours.tick(*arguments) == status and bytes(ours.c.ffi.buffer(ours.self)) == before, name
     fix = {"x": 0.0, "y": 0.0, "heading": 0.0, "range": 1.0, "sd": 0.05, "heading_sd": 0.02}
-    wrong = {"x": math.nan, "y": math.inf, "heading": math.nan, "sd": 0.0, "heading_sd": -1.0, "ahead": math.inf, "age": -1.0}
+    wrong = {
+        "x": math.nan,
+        "y": math.inf,
+        "heading": math.nan,
+        "sd": 0.0,
+        "heading_sd": -1.0,
+        "ahead": math.inf,
+        "age": -1.0,
+    }
     for name, value in wrong.items():
         assert ours.correct("pose", **(fix | {name: value})) in ("bad_parameter", "nonfinite"), name
     assert ours.correct("range", **(fix | {"range": -1.0})) == "bad_parameter"
@@ -419,7 +467,11 @@ def test_any_bits_in_finite_numbers_out(scalar):
 
     ours, seen = make(scalar, memory=5, gate=1e30), set()
     for _ in range(400):
-        seen.add(ours.tick([number(0.2), number(0.2)], abs(number(DT)), number(1.0) if random.integers(2) else None))
+        seen.add(
+            ours.tick(
+                [number(0.2), number(0.2)], abs(number(DT)), number(1.0) if random.integers(2) else None
+            )
+        )
         fields = {
             "x": 1.0,
             "y": 1.0,
@@ -431,7 +483,9 @@ def test_any_bits_in_finite_numbers_out(scalar):
             "left": 0.3,
             "age": 0.02,
         }
-        seen.add(ours.correct(KINDS[random.integers(4)], **{name: number(value) for name, value in fields.items()}))
+        seen.add(
+            ours.correct(KINDS[random.integers(4)], **{name: number(value) for name, value in fields.items()})
+        )
         if abs(ours.pose[2]) > 10:
             assert ours.unwind() == "ok"
         _, D = ours.factors
@@ -446,7 +500,11 @@ def test_float_keeps_the_covariance_positive():
         ours.tick((0.2, 0.2), DT, 0.0)
         assert (
             ours.correct(
-                "range", x=100.0, y=1e-3 * k, range=float(np.hypot(100 - ours.pose[0], 1e-3 * k - ours.pose[1])), sd=1e-4
+                "range",
+                x=100.0,
+                y=1e-3 * k,
+                range=float(np.hypot(100 - ours.pose[0], 1e-3 * k - ours.pose[1])),
+                sd=1e-4,
             )
             == "ok"
         )
@@ -454,7 +512,7 @@ def test_float_keeps_the_covariance_positive():
     assert D.min() > 0 and np.linalg.eigvalsh(ours.covariance).min() > 0
 
 
-# -- in a run, and at the command line -----------------------------------------------------------------------------------
+# -- in a run, and at the command line -----------------------------------------------------------------------
 
 
 def _simulated(tmp_path, estimator: str):
@@ -464,8 +522,11 @@ def _simulated(tmp_path, estimator: str):
 
 
 def test_the_controller_is_given_the_estimated_pose(tmp_path):
-    """With the section of docs/estimator.md the pose seen stays near the true one; by dead reckoning it does not."""
-    (documented,) = re.findall(r"tests/codegen/test_ekf.py -->\n```toml\n(.*?)^```", DOCUMENT.read_text(), re.S | re.M)
+    """With the section of docs/estimator.md the pose seen stays near the true one;
+    by dead reckoning it does not."""
+    (documented,) = re.findall(
+        r"tests/codegen/test_ekf.py -->\n```toml\n(.*?)^```", DOCUMENT.read_text(), re.S | re.M
+    )
     runs = (_simulated(tmp_path, documented), _simulated(tmp_path, ""))
     off = [float(np.hypot(*(run.seen - run.x)[-1, :2])) for run in runs]
     assert off[0] < 0.2 and off[1] > 2 * off[0], off
@@ -473,7 +534,10 @@ def test_the_controller_is_given_the_estimated_pose(tmp_path):
 
 BAD = {
     "nothing": ("[estimator]", "noise"),
-    "with a correction": ("[correction]\nrate = 1.0\n[estimator]\nnoise = 0.1", "does not go with [correction]"),
+    "with a correction": (
+        "[correction]\nrate = 1.0\n[estimator]\nnoise = 0.1",
+        "does not go with [correction]",
+    ),
     "noise of three wheels": ("[estimator]\nnoise = [0.1, 0.1, 0.1]", "it must have 1 or 2"),
     "start": ("[estimator]\nnoise = 0.1\nstart_sd = [0.1]", "it must be [x, y, heading]"),
     "scale of a mass": ("[estimator]\nnoise = 0.1\nscales = { m_c = 0.1 }", "cannot be scaled"),
@@ -508,7 +572,7 @@ def test_generate_refuses(tmp_path, capsys, name):
     assert message in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
-# -- compared with the model before it is written -------------------------------------------------------------------------
+# -- compared with the model before it is written ------------------------------------------------------------
 
 
 def _wrong_coupling(self, U, moved, by_others, original=_FilterBuilder._propagate):
@@ -541,18 +605,35 @@ def test_a_filter_that_is_not_the_model_is_not_written(name, tmp_path, monkeypat
         cached.cache_clear()
     folder = tmp_path / "made"
     try:
-        code = main(["generate", "labmate", "--output", "ekf", "--scale", "b", "--scalar", "double", "-o", str(folder)])
+        code = main(
+            [
+                "generate",
+                "labmate",
+                "--output",
+                "ekf",
+                "--scale",
+                "b",
+                "--scalar",
+                "double",
+                "-o",
+                str(folder),
+            ]
+        )
     finally:
         for cached in (filter_text, filter_program):
             cached.cache_clear()
     err = capsys.readouterr().err
     assert code == 1 and not folder.exists() and "nothing is written" in err
-    assert err.startswith(f"noslip: labmate, ekf, double: {quantity} differs: the C gives ") and "the model gives " in err
+    assert (
+        err.startswith(f"noslip: labmate, ekf, double: {quantity} differs: the C gives ")
+        and "the model gives " in err
+    )
     assert "sensed thetadot_r = " in err
 
 
 def test_what_a_tick_costs():
-    """On a Cortex-M4F in float, as the guarantees counted: 600 instructions without a pose, 512 bytes of stack."""
+    """On a Cortex-M4F in float, as the guarantees counted: 600 instructions without a pose,
+    512 bytes of stack."""
     numbers = json.loads((ROOT / "checks/guarantees/budget.json").read_text())["cortex-m4f"]["modules"]
     assert max(numbers["noslip_ekf_f"][f"most {kind}"] for kind in ("gyro", "wheels")) <= 600
     stack = {name: size for name, size in numbers["runtime_f"].items() if "_ekf_" in name}

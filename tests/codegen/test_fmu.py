@@ -62,7 +62,9 @@ def named(group, quantities, numbers):
 def run():
     """A run of the shipped circle, called at a period, and the values that an FMU of it starts with."""
     spec = read_spec("circle")
-    return started(replace(spec, simulation=replace(spec.simulation, period=PERIOD, duration=DURATION, tolerance=1e-13)))
+    return started(
+        replace(spec, simulation=replace(spec.simulation, period=PERIOD, duration=DURATION, tolerance=1e-13))
+    )
 
 
 def started(spec):
@@ -109,7 +111,8 @@ def test_controller_and_plant_are_the_simulation(opened, run):
     truth, start = run
     controller, plant = opened("controller"), opened("plant")
     state, tau = (
-        [f"{g}.{q.name}" for q in of] for g, of in (("state", truth.law.state), ("tau", truth.law.system.mechanism.inputs))
+        [f"{g}.{q.name}" for q in of]
+        for g, of in (("state", truth.law.state), ("tau", truth.law.system.mechanism.inputs))
     )
     assert controller.start(only(controller, start))
     assert plant.start(only(plant, start))
@@ -143,7 +146,11 @@ def test_fmpy_simulates_the_loop(exported, run):
     truth, start = run
     names = [f"state.{q.name}" for q in truth.law.state]
     values = fmpy.simulate_fmu(
-        str(exported("loop")), stop_time=DURATION, output_interval=PERIOD, start_values=start | {"period": PERIOD}, output=names
+        str(exported("loop")),
+        stop_time=DURATION,
+        output_interval=PERIOD,
+        start_values=start | {"period": PERIOD},
+        output=names,
     )
     compare(truth, values["time"][1:], [list(row)[1:] for row in values[1:]])
 
@@ -154,32 +161,45 @@ def test_every_function_of_the_standard_is_there(opened, tmp_path):
     need("nm")
     opened("loop")
     (binary,) = (tmp_path / "loop" / "binaries").rglob("*_loop.*")
-    symbols = subprocess.run(["nm", "-D", "--defined-only", binary], capture_output=True, text=True, check=True).stdout
+    symbols = subprocess.run(
+        ["nm", "-D", "--defined-only", binary], capture_output=True, text=True, check=True
+    ).stdout
     header = (Path(fmpy.__file__).parent / "c-code" / "fmi3Functions.h").read_text()
-    assert sorted(line.split()[-1] for line in symbols.splitlines()) == sorted(re.findall(r"fmi3FullName\((fmi3\w+)\)", header))
+    assert sorted(line.split()[-1] for line in symbols.splitlines()) == sorted(
+        re.findall(r"fmi3FullName\((fmi3\w+)\)", header)
+    )
 
 
 @pytest.mark.parametrize("robot, law", [("labmate", LAW), ("ball_plate", "ball")])
 def test_controller_is_the_compiled_law(opened, robot, law):
-    """With limits that some inputs exceed, and states at which it is singular or not finite; also without config."""
+    """With limits that some inputs exceed, and states at which it is singular or not finite;
+    also without config."""
     model = law_of(find_robot(robot), law)
     controller = opened("controller", robot, law)
     names = [f"tau.{q.name}" for q in model.system.mechanism.inputs]
     statuses = set()
     for number, plant in enumerate(random_plants(model, 60, 5)):
         fixed = [named(g, model.groups[g], getattr(plant, g)) for g in ("params", "config", "gains")]
-        sizes = np.abs([point.truth.values["tau"].ravel() for point in plant.points] or np.ones((1, len(names))))
+        sizes = np.abs(
+            [point.truth.values["tau"].ravel() for point in plant.points] or np.ones((1, len(names)))
+        )
         mode = ON_LIMIT[number % len(ON_LIMIT) if model.speed_row is not None else 0]
-        limits = Limits(tuple(np.median(sizes, axis=0)), mode, Friction(0.5, 0.1, 0.9, 0.2) if mode == "grip" else None)
+        limits = Limits(
+            tuple(np.median(sizes, axis=0)), mode, Friction(0.5, 0.1, 0.9, 0.2) if mode == "grip" else None
+        )
         own = CompiledController(model, plant.params, plant.config, plant.gains, limits=limits)
         start = {name: value for group in fixed for name, value in group.items()}
-        start |= named("limit", model.system.mechanism.inputs, limits.torque) | {"on_limit": ON_LIMIT.index(mode)}
+        start |= named("limit", model.system.mechanism.inputs, limits.torque) | {
+            "on_limit": ON_LIMIT.index(mode)
+        }
         if limits.friction:
             start |= {f"friction.{name}": value for name, value in asdict(limits.friction).items()}
         assert controller.start(start)
         for k, point in enumerate(plant.points):
             state = np.where(np.arange(len(point.state)) == 0, np.nan, point.state) if k == 7 else point.state
-            controller.set(named("state", model.state, state) | named("reference", model.reference, point.reference))
+            controller.set(
+                named("state", model.state, state) | named("reference", model.reference, point.reference)
+            )
             assert controller.step(k * 0.1, 0.1)
             status, tau = own.step(state, point.reference)
             assert np.array_equal(controller.get(names), tau)
@@ -190,7 +210,8 @@ def test_controller_is_the_compiled_law(opened, robot, law):
 
 EXTENDED = """
 robot = "labmate"
-output = { type = "IV", L = -0.3, extension = true, path = { kind = "circle", x_f = 0.0, y_f = 0.0, R = 2.0 } }
+output = { type = "IV", L = -0.3, extension = true, path = { kind = "circle", x_f = 0.0, y_f = 0.0, R = 2.0 \
+} }
 reference = { speed = 0.5 }
 initial = { point = [2.1, 0.0], heading = 1.7, speed = 0.45, extension = [0.2] }
 simulation = { duration = 2.0, period = 0.01, tolerance = 1e-13 }
@@ -198,12 +219,16 @@ simulation = { duration = 2.0, period = 0.01, tolerance = 1e-13 }
 
 
 def test_extended_laws_are_the_simulation(opened, tmp_path):
-    """The loop, and controller and plant in turn: the states of the extension advance between the calls, from those given."""
+    """The loop, and controller and plant in turn: the states of the extension advance between the calls,
+    from those given."""
     truth, start = started(spec_of(EXTENDED, tmp_path / "spec.toml"))
     law = truth.law
     assert truth.extension[0] == [0.2] and np.abs(np.diff(truth.extension, axis=0)).max() > 1e-4
     loop, controller, plant = (opened(kind, "labmate", law.name) for kind in ("loop", "controller", "plant"))
-    names = [f"state.{q.name}" for q in law.system.state], [f"tau.{q.name}" for q in law.system.mechanism.inputs]
+    names = (
+        [f"state.{q.name}" for q in law.system.state],
+        [f"tau.{q.name}" for q in law.system.mechanism.inputs],
+    )
     for one in (loop, controller, plant):
         assert one.start(only(one, start | {"period": PERIOD}))
     times, states, in_turn = [], [], []
@@ -229,10 +254,15 @@ def test_outputs_before_the_first_step(opened, run):
 
 
 @pytest.mark.parametrize(
-    "law", [LAW, *(pytest.param(law, marks=pytest.mark.nightly) for law in ("type_i", "type_iii", "type_iv_ellipse"))]
+    "law",
+    [
+        LAW,
+        *(pytest.param(law, marks=pytest.mark.nightly) for law in ("type_i", "type_iii", "type_iv_ellipse")),
+    ],
 )
 def test_a_loop_with_its_own_starting_values_stays_at_rest(opened, law):
-    """Also where the law is singular at 0, as Type III with the heading along x, and where the path is far away."""
+    """Also where the law is singular at 0, as Type III with the heading along x,
+    and where the path is far away."""
     loop = opened("loop", "labmate", law)
     assert loop.start({})
     for k in range(200):
@@ -257,7 +287,13 @@ def test_refusals(opened, run):
         with pytest.raises(verification.Mismatch, match=name):
             loop.start(start | {name: value})
     assert loop.start(start)
-    for name, value in (("tau.tau_r", 1.0), ("params.r", 0.1), ("state.x_c", 0.0), ("time", 0.0), ("on_limit", 0)):
+    for name, value in (
+        ("tau.tau_r", 1.0),
+        ("params.r", 0.1),
+        ("state.x_c", 0.0),
+        ("time", 0.0),
+        ("on_limit", 0),
+    ):
         with pytest.raises(verification.Mismatch, match=name):
             loop.set({name: value})
     for time, duration in ((0.0, 0.0), (0.0, -1.0), (0.0, np.nan), (np.nan, 1.0), (0.0, 1e300)):
@@ -275,14 +311,29 @@ def test_sources_compile_without_a_warning(exported, tmp_path, kind, compiler):
     folder = tmp_path / "sources"
     names = re.findall(r'<SourceFile name="([^"]*)"', (folder / "buildDescription.xml").read_text())
     assert sorted(names) == sorted(path.name for path in folder.glob("*.c"))
-    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wmissing-prototypes", "-Werror"]
+    strict = [
+        "-std=c99",
+        "-pedantic",
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Wshadow",
+        "-Wmissing-prototypes",
+        "-Werror",
+    ]
     subprocess.run([compiler, *strict, "-fsyntax-only", *names], cwd=folder, check=True)
 
 
 @pytest.mark.parametrize(
     "kind, wrong",
     [
-        ("controller", ("real.of.tau);", "real.of.tau) + 0 * (self->real.of.tau[0] += 1e-9 * self->real.of.tau[0] > 0);")),
+        (
+            "controller",
+            (
+                "real.of.tau);",
+                "real.of.tau) + 0 * (self->real.of.tau[0] += 1e-9 * self->real.of.tau[0] > 0);",
+            ),
+        ),
         ("plant", ("1.0 / 6.0}", "1.0 / 6.001}")),
     ],
 )

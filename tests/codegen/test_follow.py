@@ -1,4 +1,5 @@
-"""`follow`, the step that is told where P_l is by a path: against the step that is given the pose, and on a path of any shape."""
+"""`follow`, the step that is told where P_l is by a path: against the step that is given the pose,
+and on a path of any shape."""
 
 import math
 from dataclasses import asdict
@@ -22,7 +23,13 @@ from noslip.simulation.controllers.controller import ON_LIMIT, Friction, Limits
 from noslip.simulation.controllers.runtime import runtime
 from noslip.simulation.plant import Plant as Motion
 
-CASES = [("labmate", ""), ("labmate", "_offset"), ("knife_edge", ""), ("rolling_disk", ""), ("four_wheel", "")]
+CASES = [
+    ("labmate", ""),
+    ("labmate", "_offset"),
+    ("knife_edge", ""),
+    ("rolling_disk", ""),
+    ("four_wheel", ""),
+]
 ERROR = {"double": 1e-11, "float": 1e-4}  # of the largest torque at a state
 
 each_law = pytest.mark.parametrize(("robot", "suffix"), CASES)
@@ -35,10 +42,19 @@ class Follower:
     def __init__(self, law, plant, scalar: str, limits: Limits | None = None, on_error: int = 0):
         self.law, self.plant, self.c = law, plant, library(law, scalar)
         name, robot = self.c.name, self.c.robot_name
-        self.own, self.tau = self.c.instance(), self.c.ffi.new(f"{self.c.text.scalar.real}[{self.c.text.inputs}]")
-        self.state, self.reference = (self.c.ffi.new(f"{kind} *") for kind in (robot("state"), name("reference")))
+        self.own, self.tau = (
+            self.c.instance(),
+            self.c.ffi.new(f"{self.c.text.scalar.real}[{self.c.text.inputs}]"),
+        )
+        self.state, self.reference = (
+            self.c.ffi.new(f"{kind} *") for kind in (robot("state"), name("reference"))
+        )
         self.foot = self.c.ffi.new(f"{self.c.text.scalar.name('noslip_foot')} *")
-        structs = [(robot("params"), plant.params), (name("config"), plant.config), (name("gains"), plant.gains)]
+        structs = [
+            (robot("params"), plant.params),
+            (name("config"), plant.config),
+            (name("gains"), plant.gains),
+        ]
         options = self.c.ffi.new(f"{robot('options')} *", {"on_error": on_error})
         if limits:
             options.limit, options.on_limit = list(limits.torque), ON_LIMIT.index(limits.mode)
@@ -64,7 +80,9 @@ class Follower:
 
     def follow(self) -> tuple[str, np.ndarray]:
         self.numbers(self.tau)[:] = math.nan
-        return self.call("follow", self.foot, self.state, self.reference, self.tau), self.numbers(self.tau).astype(float)
+        return self.call("follow", self.foot, self.state, self.reference, self.tau), self.numbers(
+            self.tau
+        ).astype(float)
 
 
 def foot_at(law, config, state) -> tuple[float, float, float, float]:
@@ -124,7 +142,8 @@ def test_limits_as_of_the_step(robot, suffix, mode):
 @each_scalar
 @each_law
 def test_what_it_reads_must_be_finite(robot, suffix, scalar):
-    """Every number that is infinite or NaN is refused, but for those of the state that it does not read; then what is held."""
+    """Every number that is infinite or NaN is refused, but for those of the state that it does not read;
+    then what is held."""
     law, (plant, *_) = made(robot, suffix, 20)
     (body,) = (body for entry, body in law_program(law).entries.items() if entry.name == "follow")
     read = {n.name for n in reachable_leaves(body) if n.group == "state"}
@@ -160,7 +179,9 @@ def test_refusals():
     one.see(plant.points[0])
     given, null = [one.foot, one.state, one.reference, one.tau], one.c.ffi.NULL
     for k in range(4):
-        assert one.call("follow", *[null if i == k else argument for i, argument in enumerate(given)]) == "null"
+        assert (
+            one.call("follow", *[null if i == k else argument for i, argument in enumerate(given)]) == "null"
+        )
         assert k == 3 or list(one.tau) == [0, 0]
     one.foot.cosine, one.foot.sine = 0.0, 1.0  # straight across the path
     assert one.follow()[0] == "singular" and list(one.tau) == [0, 0]
@@ -173,15 +194,23 @@ def test_who_has_it():
     laws = {name: law_of(find_robot("labmate"), name) for name in find_laws(system_of(find_robot("labmate")))}
     assert [name for name, law in laws.items() if has_foot_form(law)] == ["type_iv_segment"]
     assert not has_foot_form(law_of(find_robot("slope_platform"), "type_iv_segment"))  # gravity
-    assert not has_foot_form(law_of(find_robot("car"), "type_iv_segment"))  # its heading is that of the front wheel
+    # Its heading is that of the front wheel
+    assert not has_foot_form(law_of(find_robot("car"), "type_iv_segment"))
 
 
 def skew(askew: bool):
     """A knife edge whose blade is askew of the heading told, or whose heading is turned by an uneven gear."""
-    robot = Mechanism("askew" if askew else "uneven", "a knife edge that is not the same in all directions, or not written so")
+    robot = Mechanism(
+        "askew" if askew else "uneven",
+        "a knife edge that is not the same in all directions, or not written so",
+    )
     x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
     phi, psi = robot.coordinate("phi", "rad"), robot.coordinate("psi", "rad")
-    m, J, a = robot.parameter("m", 10.0, "kg"), robot.parameter("J", 0.2, "kg m^2"), robot.parameter("a", 0.4, "rad", sign="any")
+    m, J, a = (
+        robot.parameter("m", 10.0, "kg"),
+        robot.parameter("J", 0.2, "kg m^2"),
+        robot.parameter("a", 0.4, "rad", sign="any"),
+    )
     heading = phi + a if askew else phi
     forward = ca.cos(heading) * robot.rate(x) + ca.sin(heading) * robot.rate(y)
     motor = robot.rate(psi)
@@ -211,7 +240,9 @@ def test_one_foot_in_both(scalar):
     """What Python declares is the C runtime's struct."""
     law = law_of(find_robot("labmate"), "type_iv_segment")
     name = library(law, scalar).text.scalar.name("noslip_foot")
-    ours, theirs = (ffi.typeof(name).fields for ffi in (library(law, scalar).ffi, runtime("noslip_path.h").ffi))
+    ours, theirs = (
+        ffi.typeof(name).fields for ffi in (library(law, scalar).ffi, runtime("noslip_path.h").ffi)
+    )
     assert [(n, f.offset, f.type.cname) for n, f in ours] == [(n, f.offset, f.type.cname) for n, f in theirs]
     assert [n for n, _ in ours] == [q.name for q in FOOT]
 
@@ -221,7 +252,9 @@ def test_a_path_of_any_shape():
     law = law_of(find_robot("labmate"), "type_iv_segment")
     names = [q.name for q in law.state]
     kp, kd, h = 4.0, 5.0, 1e-3
-    plant = RandomPlant(tuple(q.default for q in law.parameters), (0.3, 0.0, 0.0, 0.0, 0.0), (kp, kd, 2.0), ())
+    plant = RandomPlant(
+        tuple(q.default for q in law.parameters), (0.3, 0.0, 0.0, 0.0, 0.0), (kp, kd, 2.0), ()
+    )
     one, motion = Follower(law, plant, "double"), Motion(law.system, plant.params)
     x = np.zeros(len(names))
     x[names.index("x_c")], x[names.index("y_c")], x[names.index("phi")] = 4.3, -0.3, math.pi / 2
@@ -245,7 +278,8 @@ def test_a_path_of_any_shape():
 
 
 def ellipse_foot(x, names, s: float) -> tuple[float, tuple[float, float, float, float]]:
-    """The nearest point of the ellipse (4 cos s, 2.5 sin s), from the last one on, and P_l seen from there."""
+    """The nearest point of the ellipse (4 cos s, 2.5 sin s), from the last one on,
+    and P_l seen from there."""
     a, b = 4.0, 2.5
     heading = x[names.index("phi")]
     point = complex(x[names.index("x_c")], x[names.index("y_c")]) + 0.3 * np.exp(1j * heading)

@@ -1,4 +1,5 @@
-"""Functions beyond sine and cosine: what a robot's file may use, its C beside CasADi, and what is refused where it is written."""
+"""Functions beyond sine and cosine: what a robot's file may use, its C beside CasADi,
+and what is refused where it is written."""
 
 from functools import cache, partial
 
@@ -56,7 +57,8 @@ JUMPING = {
 
 
 def rover(name: str, force=None, rows=None, preferred=0.0) -> Mechanism:
-    """A unicycle with a force of forward speed and yaw rate on each motion; `rows`: an output map of its own."""
+    """A unicycle with a force of forward speed and yaw rate on each motion; `rows`:
+    an output map of its own."""
     robot = Mechanism(name, "a unicycle with friction")
     x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
     m, inertia = robot.parameter("m", 12.0, "kg"), robot.parameter("I_z", 0.8, "kg m^2")
@@ -95,7 +97,8 @@ def states(count: int = 40):
 
 
 def agree(law) -> None:
-    """The C, in both precisions, beside CasADi at random states; and the steps beside the model's own expressions, exactly."""
+    """The C, in both precisions, beside CasADi at random states;
+    and the steps beside the model's own expressions, exactly."""
     controllers = [CompiledController(law, *numbers(law), scalar=scalar) for scalar in ("double", "float")]
     truth = CasadiController(law, *numbers(law))
     compared = 0
@@ -109,12 +112,17 @@ def agree(law) -> None:
             compared += 1
             for quantity in ("h", "ydot", "Phi", "Phidot", "u", "tau"):
                 size = max(1.0, np.abs(right.values[quantity]).max())
-                assert np.abs(own.values[quantity].ravel() - right.values[quantity].ravel()).max() <= tolerance * size, quantity
+                assert (
+                    np.abs(own.values[quantity].ravel() - right.values[quantity].ravel()).max()
+                    <= tolerance * size
+                ), quantity
     assert compared > 40
     short, plain = law_program(law), compile_law(law, optimize=False)
     for entry, body in plain.entries.items():
         values = [
-            evaluate(program.entries[entry].roots[len(b.singular) + (b.margin is not None) :], random_leaves(3))
+            evaluate(
+                program.entries[entry].roots[len(b.singular) + (b.margin is not None) :], random_leaves(3)
+            )
             for program, b in ((short, short.entries[entry]), (plain, body))
         ]
         assert relative_error(*values) <= EXACT, entry.name
@@ -162,7 +170,9 @@ def test_in_the_dynamics():
     symbols = [*system.mechanism.parameters, *system.state]
     groups = ["params"] * len(system.mechanism.parameters) + ["state"] * len(system.state)
     bias = ca.Function("bias", [ca.vertcat(*[q.symbol for q in symbols])], [system.bias])
-    truth = np.asarray(bias([float(leaf_value(leaf, g, q.name)) for g, q in zip(groups, symbols, strict=True)])).ravel()
+    truth = np.asarray(
+        bias([float(leaf_value(leaf, g, q.name)) for g, q in zip(groups, symbols, strict=True)])
+    ).ravel()
     assert relative_error(biases[plain], biases[short]) <= EXACT
     assert np.abs(truth - np.array([float(v) for v in biases[short]])).max() <= DOUBLE * np.abs(truth).max()
 
@@ -171,7 +181,7 @@ def leaf_value(leaf, group: str, name: str) -> mpmath.mpf:
     return leaf(Graph().leaf(group, name))
 
 
-# -- outside a domain ----------------------------------------------------------------------------------------------------
+# -- outside a domain ----------------------------------------------------------------------------------------
 
 OUTSIDE = {  # a force of the forward speed that has no value at some speed
     "log": (lambda x, y: ca.log(x), -0.5),
@@ -187,7 +197,10 @@ OUTSIDE = {  # a force of the forward speed that has no value at some speed
     "within a sign": (lambda x, y: ca.sign(ca.log(x)), -0.5),
     "within tanh": (lambda x, y: ca.tanh(ca.asin(x)), 1.5),
     "within atan2": (lambda x, y: ca.atan2(ca.log(x), ca.log(x)), -0.5),
-    "within not": (lambda x, y: ca.if_else(ca.logic_not(ca.logic_or(ca.log(x) == 1, ca.log(x) < 0)), 1, 2), -0.5),
+    "within not": (
+        lambda x, y: ca.if_else(ca.logic_not(ca.logic_or(ca.log(x) == 1, ca.log(x) < 0)), 1, 2),
+        -0.5,
+    ),
 }
 
 
@@ -204,7 +217,11 @@ def test_outside_a_domain_is_a_status(name, scalar):
     controller = CompiledController(law, *numbers(law), scalar=scalar)
     state, reference = np.array([1.0, 0.5, 0.4, speed, 0.3]), np.arange(6) / 7
     status, tau = controller.step(state, reference)
-    assert status == "nonfinite" and not tau.any() and controller.evaluate(state, reference).status == "nonfinite"
+    assert (
+        status == "nonfinite"
+        and not tau.any()
+        and controller.evaluate(state, reference).status == "nonfinite"
+    )
     state[3:] = 0.4, 0.5
     assert controller.step(state, reference)[0] == "ok"
 
@@ -224,7 +241,8 @@ def test_a_bounded_function_hides_its_argument(hides):
 
 
 def test_an_angle_that_is_checked_shows_its_arguments():
-    """The difference of two headings is in range only if both are finite; what a quotient divides by may be infinite."""
+    """The difference of two headings is in range only if both are finite;
+    what a quotient divides by may be infinite."""
     graph = Graph()
     x, y, z = (graph.leaf("state", name) for name in "xyz")
     angle = graph.apply("sub", x, graph.apply("div", y, z))
@@ -242,7 +260,7 @@ def test_an_infinite_reference_in_tanh_is_noticed(value):
         assert status == "nonfinite" and not tau.any()
 
 
-# -- what is refused, and where --------------------------------------------------------------------------------------------
+# -- what is refused, and where ------------------------------------------------------------------------------
 
 
 def test_every_supported_operation_has_c():
@@ -258,7 +276,10 @@ def test_every_supported_operation_has_c():
 def test_kinks():
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     assert kinks(ca.fabs(x) + ca.sign(y), x) == ["fabs"] and kinks(ca.tanh(x), x) == []
-    assert kinks(ca.if_else(x > 1, y, 2), x) == ["<", "if_else", "not"] and kinks(ca.if_else(x > 1, y, 2), ca.SX()) == []
+    assert (
+        kinks(ca.if_else(x > 1, y, 2), x) == ["<", "if_else", "not"]
+        and kinks(ca.if_else(x > 1, y, 2), ca.SX()) == []
+    )
 
 
 HEAD = """import casadi as ca
@@ -297,7 +318,8 @@ REFUSED = {  # a definition, and what is said of it
     "r.output('o', '', [('a', 'm', ca.sign(x))])": "output 'o', a: uses sign, which jumps",
     "r.rolls('edge', r.rate(y - ca.floor(x)))": "rate of an expression: uses floor, which jumps",
     "r.kinetic_energy(p * r.rate(ca.if_else(x > 0, x, 0))**2)": "rate of an expression: uses <, which jumps",
-    "r.body('b', p, p, ca.floor(x) * r.rate(x), r.rate(y), r.rate(z))": "body 'b', forward: floor is not supported",
+    "r.body('b', p, p, ca.floor(x) * r.rate(x), r.rate(y), "
+    "r.rate(z))": "body 'b', forward: floor is not supported",
 }
 
 
@@ -309,7 +331,11 @@ def test_refused_where_it_is_written(line, tmp_path):
     with pytest.raises(BadInput) as error:
         find_robot(f"{file}:robot")
     text = str(error.value)
-    assert text.startswith(f"{file}:{HEAD.count(chr(10)) + 1}: made: ") and REFUSED[line] in text and "\n" not in text
+    assert (
+        text.startswith(f"{file}:{HEAD.count(chr(10)) + 1}: made: ")
+        and REFUSED[line] in text
+        and "\n" not in text
+    )
 
 
 def test_a_force_may_jump_and_nothing_else():

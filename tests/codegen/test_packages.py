@@ -1,4 +1,5 @@
-"""Packages: those that can be built here are built in a fresh folder; the others are compared with what their formats ask for."""
+"""Packages: those that can be built here are built in a fresh folder;
+the others are compared with what their formats ask for."""
 
 import io
 import json
@@ -51,7 +52,9 @@ def exported(tmp_path_factory):
 
 
 def run(*command, **options):
-    return subprocess.run([str(word) for word in command], check=True, capture_output=True, text=True, timeout=120, **options)
+    return subprocess.run(
+        [str(word) for word in command], check=True, capture_output=True, text=True, timeout=120, **options
+    )
 
 
 def cmake(source, build, *options):
@@ -61,7 +64,8 @@ def cmake(source, build, *options):
 
 @pytest.fixture(scope="module")
 def built(exported, tmp_path_factory):
-    """A folder with the CMake package built in `build`, after its self-test passed, and installed in `prefix`."""
+    """A folder with the CMake package built in `build`, after its self-test passed,
+    and installed in `prefix`."""
     need("cmake")
     folder = tmp_path_factory.mktemp("built")
     shutil.copytree(exported("cmake"), folder / "copy")
@@ -81,7 +85,9 @@ def installed(built):
 def test_cmake_finds_a_wrong_bit(built):
     """The digest of the self-test is that of the C on this machine."""
     source = built / "copy" / "selftest" / "selftest.c"
-    text, count = re.subn(r"digest != 0x([0-9a-f]{8})u", lambda m: f"digest != 0x{int(m[1], 16) ^ 1:08x}u", source.read_text())
+    text, count = re.subn(
+        r"digest != 0x([0-9a-f]{8})u", lambda m: f"digest != 0x{int(m[1], 16) ^ 1:08x}u", source.read_text()
+    )
     assert count == 1
     source.write_text(text)
     run("cmake", "--build", built / "build")
@@ -105,24 +111,30 @@ def test_cmake_in_a_users_project(way, exported, installed, tmp_path):
     assert [word for word in own if word.startswith("-") and not word.startswith(includes)] == ["-o", "-c"]
     assert not any("selftest" in entry["file"] for entry in commands)
     assert (
-        subprocess.run(["cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "p"], capture_output=True).returncode
+        subprocess.run(
+            ["cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "p"], capture_output=True
+        ).returncode
         == 0
     )
     assert not (tmp_path / "p").exists()
 
 
 def test_cmake_says_which_robot_is_missing(installed, tmp_path):
-    (tmp_path / "CMakeLists.txt").write_text(USER.format("find_package(noslip REQUIRED COMPONENTS labmate car)"))
+    (tmp_path / "CMakeLists.txt").write_text(
+        USER.format("find_package(noslip REQUIRED COMPONENTS labmate car)")
+    )
     (tmp_path / "yours.c").write_text(USES)
     done = subprocess.run(
-        ["cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={installed}"], capture_output=True, text=True
+        ["cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={installed}"],
+        capture_output=True,
+        text=True,
     )
     assert done.returncode != 0 and "the robot car is not installed" in " ".join(done.stderr.split())
 
 
 def test_pkg_config(installed, exported, tmp_path):
-    """The file works where it is, also after the folder was moved; read by hand, since pkg-config may be missing. The library has
-    the bits of the C where it was written.
+    """The file works where it is, also after the folder was moved; read by hand, since pkg-config may be
+    missing. The library has the bits of the C where it was written.
     """
     shutil.copytree(installed, tmp_path / "moved")
     (file,) = (tmp_path / "moved").rglob("noslip-labmate.pc")
@@ -152,7 +164,8 @@ static struct {
 
 
 def test_arduino_sketch(exported, tmp_path):
-    """Compiled as C++ with a stub of the core, linked with the C of src/, and run; the self-test finds the same bits."""
+    """Compiled as C++ with a stub of the core, linked with the C of src/, and run;
+    the self-test finds the same bits."""
     need("g++")
     folder = exported("arduino")
     (tmp_path / "Arduino.h").write_text(STUB)
@@ -178,16 +191,48 @@ def test_arduino_sketch(exported, tmp_path):
     assert status in ("ok", "singular") and len(tau) == 2
     objects = sorted(tmp_path.glob("*.o"))
     source = folder / "selftest" / "selftest.c"
-    run("g++", "-std=gnu++17", f"-I{folder / 'src'}", "-x", "c++", source, "-x", "none", *objects, "-o", "t", cwd=tmp_path)
+    run(
+        "g++",
+        "-std=gnu++17",
+        f"-I{folder / 'src'}",
+        "-x",
+        "c++",
+        source,
+        "-x",
+        "none",
+        *objects,
+        "-o",
+        "t",
+        cwd=tmp_path,
+    )
     assert "selftest: pass" in run(tmp_path / "t").stdout
 
 
 def test_arduino_headers_on_a_board(exported, tmp_path):
     need("arm-none-eabi-g++")
     sources = exported("arduino") / "src"
-    (tmp_path / "x.cpp").write_text("".join(f'#include "{path.name}"\n' for path in sorted(sources.glob("*.h"))))
-    flags = ["-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-ffreestanding", "-std=gnu++17"]
-    run("arm-none-eabi-g++", *flags, "-Wall", "-Wextra", "-Werror", f"-I{sources}", "-c", "x.cpp", cwd=tmp_path)
+    (tmp_path / "x.cpp").write_text(
+        "".join(f'#include "{path.name}"\n' for path in sorted(sources.glob("*.h")))
+    )
+    flags = [
+        "-mcpu=cortex-m4",
+        "-mthumb",
+        "-mfpu=fpv4-sp-d16",
+        "-mfloat-abi=hard",
+        "-ffreestanding",
+        "-std=gnu++17",
+    ]
+    run(
+        "arm-none-eabi-g++",
+        *flags,
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        f"-I{sources}",
+        "-c",
+        "x.cpp",
+        cwd=tmp_path,
+    )
 
 
 def test_arduino_properties(exported):
@@ -195,9 +240,21 @@ def test_arduino_properties(exported):
     folder = exported("arduino")
     lines = (folder / "library.properties").read_text().splitlines()
     values = dict(line.split("=", 1) for line in lines)
-    needed = {"name", "version", "author", "maintainer", "sentence", "paragraph", "category", "url", "architectures"}
+    needed = {
+        "name",
+        "version",
+        "author",
+        "maintainer",
+        "sentence",
+        "paragraph",
+        "category",
+        "url",
+        "architectures",
+    }
     assert needed <= set(values) and len(values) == len(lines)
-    assert re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_. -]{0,62}", values["name"]) and values["version"] == __version__
+    assert (
+        re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_. -]{0,62}", values["name"]) and values["version"] == __version__
+    )
     assert values["category"] == "Device Control" and values["architectures"] == "*"
     assert all((folder / "src" / header).is_file() for header in values["includes"].split(","))
     assert (folder / "examples" / "Step" / "Step.ino").is_file()
@@ -237,7 +294,8 @@ def test_platformio_description(exported):
 
 
 def test_platformio_reads_it(exported):
-    """PlatformIO's own parser and schema, where it is installed; the list of licenses would come from the network."""
+    """PlatformIO's own parser and schema, where it is installed;
+    the list of licenses would come from the network."""
     parser = pytest.importorskip("platformio.package.manifest.parser")
     schema = pytest.importorskip("platformio.package.manifest.schema")
 
@@ -253,7 +311,8 @@ def test_platformio_reads_it(exported):
 
 
 def test_the_zip_has_the_same_bytes_everywhere(tmp_path):
-    """`make dist` in two clones, umasks and time zones; it has the C of git, for users, and that builds in a fresh folder."""
+    """`make dist` in two clones, umasks and time zones; it has the C of git, for users,
+    and that builds in a fresh folder."""
     need("git"), need("make")
     zips = []
     for zone, umask in (("Asia/Tokyo", 0o022), ("America/New_York", 0o077)):
@@ -266,15 +325,34 @@ def test_the_zip_has_the_same_bytes_everywhere(tmp_path):
     with ZipFile(io.BytesIO(zips[0])) as packed:
         packed.extractall(tmp_path / "fresh")
     folder = tmp_path / f"fresh/noslip-c-{__version__}"
-    assert {each.name for each in folder.iterdir()} == {"LICENSE", "README.md", "docs", "generated", "runtime_c"}
+    assert {each.name for each in folder.iterdir()} == {
+        "LICENSE",
+        "README.md",
+        "docs",
+        "generated",
+        "runtime_c",
+    }
     assert {path.name for path in (folder / "runtime_c").iterdir()} == runtime_files().keys()
     for file in [path.relative_to(folder) for path in folder.rglob("*.[ch]")]:
         text = runtime_files()[file.name] if file.parent.name == "runtime_c" else (clone / file).read_text()
         assert (folder / file).read_text() == text
     robot = folder / "generated/labmate"
     (tmp_path / "x.c").write_text(USES)
-    sources = [robot / "labmate_f.c", robot / "labmate_type_iv_circle_f.c", folder / "runtime_c/noslip_status.c"]
-    program = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{folder / 'runtime_c'}", f"-I{robot}", tmp_path / "x.c"]
+    sources = [
+        robot / "labmate_f.c",
+        robot / "labmate_type_iv_circle_f.c",
+        folder / "runtime_c/noslip_status.c",
+    ]
+    program = [
+        "cc",
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        f"-I{folder / 'runtime_c'}",
+        f"-I{robot}",
+        tmp_path / "x.c",
+    ]
     run(*program, *sources, "-o", tmp_path / "x")
     run(tmp_path / "x")
 
@@ -286,11 +364,20 @@ def test_from_python(tmp_path):
     shell, program = (re.search(rf"```{kind}\n(.*?)```", page, re.S) for kind in ("sh", "python"))
     assert shell and program
     (tmp_path / "noslip").symlink_to(Path(sys.executable).parent / "noslip")
-    run("sh", "-e", "-c", shell[1], cwd=tmp_path, env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"})
+    run(
+        "sh",
+        "-e",
+        "-c",
+        shell[1],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+    )
     status, *tau = run(sys.executable, "-c", program[1], cwd=tmp_path).stdout.split()
     law = law_of(system_of(find_robot("labmate")), LAW)
     believed = law.system.mechanism.parameter_values({})
-    model = make_controller("casadi", law, np.array(believed), np.array([0.0, 20.0, 20.0, 10.0]), np.array([1.0, 2.5, 2.0]))
+    model = make_controller(
+        "casadi", law, np.array(believed), np.array([0.0, 20.0, 20.0, 10.0]), np.array([1.0, 2.5, 2.0])
+    )
     expected = model.step(np.array([30.0, 15.0, 1.2, 0, 0, 0, 0]), np.array([0.0, 0.0, 0.0, 1.0, 0.0]))
     assert status == expected[0] == "ok" and list(map(float, tau)) == pytest.approx(expected[1], rel=1e-9)
 
@@ -345,29 +432,54 @@ def test_zephyr_module(exported):
     assert (folder / found["build"]["cmake"] / "CMakeLists.txt").is_file()
     kconfig = (folder / found["build"]["kconfig"]).read_text().splitlines()
     assert "config NOSLIP_LABMATE" in kconfig
-    assert all(re.match(r"(#|config \w+$|\t(bool \".*\"|imply \w+ if \w+|help)$|\t  \S)", line) for line in kconfig)
-    assert all(f"CONFIG_{line.split()[1]}" in (folder / "README.md").read_text() for line in kconfig if line.startswith("config"))
+    assert all(
+        re.match(r"(#|config \w+$|\t(bool \".*\"|imply \w+ if \w+|help)$|\t  \S)", line) for line in kconfig
+    )
+    assert all(
+        f"CONFIG_{line.split()[1]}" in (folder / "README.md").read_text()
+        for line in kconfig
+        if line.startswith("config")
+    )
 
 
 def test_esp_idf_component(exported):
     yaml = pytest.importorskip("yaml")
     found = yaml.safe_load((exported("esp-idf") / "idf_component.yml").read_text())
     assert found["version"] == __version__ and found["dependencies"] == {"idf": ">=4.4"}
-    assert set(found) <= {"version", "description", "license", "dependencies", "targets", "url", "tags", "files", "examples"}
+    assert set(found) <= {
+        "version",
+        "description",
+        "license",
+        "dependencies",
+        "targets",
+        "url",
+        "tags",
+        "files",
+        "examples",
+    }
 
 
 @pytest.mark.parametrize("manager", PACKAGES)
 def test_what_all_packages_have(manager, exported, tmp_path):
-    """The C of the other exports, a self-test, a page with the manager's commands, an example that compiles."""
+    """The C of the other exports, a self-test, a page with the manager's commands,
+    an example that compiles."""
     folder = exported(manager)
     plain = tmp_path / "plain"
     assert main(["export", "labmate", "--output", LAW, "--scalar", "float", "-o", str(plain)]) == 0
     own = {"Makefile", "README.md", "example.c"}
     assert {path.name for path in (folder / "src").iterdir()} == {path.name for path in plain.iterdir()} - own
     assert all(path.read_bytes() == (plain / path.name).read_bytes() for path in (folder / "src").iterdir())
-    assert (folder / "selftest/selftest.c").read_bytes() == (exported("arduino") / "selftest/selftest.c").read_bytes()
+    assert (folder / "selftest/selftest.c").read_bytes() == (
+        exported("arduino") / "selftest/selftest.c"
+    ).read_bytes()
     page = (folder / "README.md").read_text()
-    command = {"cmake": "cmake", "platformio": "pio", "arduino": "arduino-cli", "zephyr": "west", "esp-idf": "idf.py"}
+    command = {
+        "cmake": "cmake",
+        "platformio": "pio",
+        "arduino": "arduino-cli",
+        "zephyr": "west",
+        "esp-idf": "idf.py",
+    }
     assert [name for name, word in command.items() if f"\n{word} " in page] == [manager]
     for loop in folder.rglob("loop.c"):
         run("cc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{folder / 'src'}", "-fsyntax-only", loop)

@@ -20,7 +20,8 @@ from noslip.tests.tools import HOST_CC, need, skip_without
 
 LAWS = ("type_iv_circle", "type_i")
 NUMBER = r"(-?\d+\.\d+(?:e[-+]?\d+)?)f"
-TAU = re.compile(rf"\{{{NUMBER}, {NUMBER}\}}, {NUMBER}, ([01])\}},")  # of a good step, and how far off it may be
+# Of a good step, and how far off it may be
+TAU = re.compile(rf"\{{{NUMBER}, {NUMBER}\}}, {NUMBER}, ([01])\}},")
 DIGEST = re.compile(r"digest != 0x([0-9a-f]{8})u")
 
 
@@ -33,7 +34,8 @@ def exported(tmp_path_factory):
         folder = tmp_path_factory.mktemp("export") / "robot"
         outputs = [word for law in LAWS for word in ("--output", law)]
         assert main(["export", "labmate", *outputs, "--firmware", target, "-o", str(folder)]) == 0
-        assert not any(path.suffix in (".o", ".su", ".elf", ".a") for path in folder.rglob("*"))  # measured, then cleaned
+        # Measured, then cleaned
+        assert not any(path.suffix in (".o", ".su", ".elf", ".a") for path in folder.rglob("*"))
         return folder, make(folder)
 
     return exported
@@ -50,7 +52,9 @@ def make(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
     """`make` with nothing of this process's environment but the path to the tools."""
     environment = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
     command = ["make", "-s", "-C", str(folder), *arguments]
-    return subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, env=environment)
+    return subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, env=environment
+    )
 
 
 def test_builds_and_passes(project, exported):
@@ -77,7 +81,8 @@ def changed(folder: Path, place: Path, pattern: re.Pattern, new) -> subprocess.C
     assert count == 1
     source.write_text(text)
     tried = make(place, "test")
-    assert tried.returncode == 2 and tried.stdout.endswith("selftest: FAIL\n")  # make's own code for a recipe that failed
+    # make's own code for a recipe that failed
+    assert tried.returncode == 2 and tried.stdout.endswith("selftest: FAIL\n")
     assert f"labmate_{LAWS[1]}_f: pass" in tried.stdout
     return tried
 
@@ -111,10 +116,15 @@ def test_golden_vectors_are_the_models(scalar, monkeypatch):
     monkeypatch.setattr(CompiledController, "step", lambda *_: ("ok", np.ones(2)))
     again = _golden(law, scalar)
     assert again.digest != right.digest and len(right.steps) == STEPS + 1
-    model = make_controller("casadi", law, right.params, right.config, right.gains, Limits(tuple(right.limits)))
+    model = make_controller(
+        "casadi", law, right.params, right.config, right.gains, Limits(tuple(right.limits))
+    )
     for step, other in zip(right.steps[:-1], again.steps, strict=False):
         status, truth = model.step(np.array(step.state), np.array(step.reference))
-        assert np.array_equal(step.tau, other.tau) and step.status == other.status == ("ok", "saturated").index(status)
+        assert np.array_equal(step.tau, other.tau) and step.status == other.status == (
+            "ok",
+            "saturated",
+        ).index(status)
         assert np.abs(step.tau - truth).max() <= 1e-12 * np.abs(truth).max()
         assert step.within <= (0.001 if scalar == "float" else 1e-9) * np.abs(truth).max()
 
@@ -129,7 +139,15 @@ def test_cpp_includes_it(project, tmp_path):
     used = "labmate_params_f p; labmate_type_i_f law; (void)labmate_default_params_f(&p); "
     used += "return labmate_type_i_init_f(&law, &p, 0, 0, 0);"
     robot.write_text("".join(f'#include "{name}"\n' for name in headers) + f"int main() {{ {used} }}\n")
-    command = ["g++", "-Wall", "-Wextra", "-Werror", f"-I{folder / 'noslip'}", str(robot), str(folder / "liblabmate.a")]
+    command = [
+        "g++",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        f"-I{folder / 'noslip'}",
+        str(robot),
+        str(folder / "liblabmate.a"),
+    ]
     subprocess.run([*command, "-o", str(tmp_path / "robot")], check=True)
     assert subprocess.run([tmp_path / "robot"]).returncode == 256 - 1  # NOSLIP_NULL: there is no config
 
@@ -151,7 +169,8 @@ def test_unknown_target(capsys):
 def test_golden_steps_meet_limits(project):
     """Some are cut or slowed down, some are not."""
     text = (project[0] / "selftest" / "selftest.c").read_text()
-    assert text.count(".on_limit = NOSLIP_SLOW") == text.count(".on_limit = NOSLIP_CUT") == 1  # of type_iv_circle and of type_i
+    # Of type_iv_circle and of type_i
+    assert text.count(".on_limit = NOSLIP_SLOW") == text.count(".on_limit = NOSLIP_CUT") == 1
     for law in text.split("static int test_")[1:]:
         statuses = [row[4] for row in TAU.finditer(law)]
         assert statuses.count("0") >= 3 and statuses.count("1") >= 3
@@ -178,10 +197,14 @@ int main(void)
     return 0;
 }
 """)
-    sources = [str(tmp_path / "route.c"), *(str(folder / "noslip" / name) for name in ("noslip_path_f.c", "noslip_status.c"))]
+    sources = [
+        str(tmp_path / "route.c"),
+        *(str(folder / "noslip" / name) for name in ("noslip_path_f.c", "noslip_status.c")),
+    ]
     include = [f"-I{folder / name}" for name in ("noslip", "selftest")]
     subprocess.run([HOST_CC, "-std=c99", *include, *sources, "-o", str(tmp_path / "route")], check=True)
-    assert subprocess.run([tmp_path / "route"], capture_output=True, text=True).stdout == "0 4 1 1\n"  # 3 and the extension
+    # 3 and the extension
+    assert subprocess.run([tmp_path / "route"], capture_output=True, text=True).stdout == "0 4 1 1\n"
 
 
 def cmake(*arguments: str | Path) -> None:
@@ -203,12 +226,15 @@ def test_cmake_runs_the_selftest_where_it_belongs(project, tmp_path):
     source = copy / "selftest" / "selftest.c"
     source.write_text(TAU.sub(too_far_off, source.read_text(), count=1))
     cmake("--build", build)
-    done = subprocess.run(["ctest", "-V"], cwd=build, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    done = subprocess.run(
+        ["ctest", "-V"], cwd=build, stdin=subprocess.DEVNULL, capture_output=True, text=True
+    )
     assert done.returncode != 0 and "FAIL at step" in done.stdout
 
 
 def test_cmake_leaves_the_users_flags_alone(project, tmp_path):
-    """add_subdirectory in a project for this machine: the library is built for it too, and the application gets no option."""
+    """add_subdirectory in a project for this machine: the library is built for it too,
+    and the application gets no option."""
     need("cmake")
     folder, _ = project
     (tmp_path / "CMakeLists.txt").write_text(
@@ -228,7 +254,8 @@ def test_cmake_leaves_the_users_flags_alone(project, tmp_path):
 
 @pytest.mark.parametrize("off", [1e-9, 1e-3])
 def test_limits_of_the_selftest_are_beside_all_inputs(off):
-    """Half of the inputs exceed them, where they differ; one that is always zero, or the same, has its limit above."""
+    """Half of the inputs exceed them, where they differ; one that is always zero, or the same,
+    has its limit above."""
     sizes = np.abs(np.random.default_rng(5).normal(size=(40, 3))) * [1.0, 0.0, 100.0]
     limits = _limits(np.hstack([sizes, np.full((40, 1), 7.0)]), off)
     assert (np.abs(sizes - limits[:3]) > off).all() and (limits > 0).all()

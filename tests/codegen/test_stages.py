@@ -1,4 +1,5 @@
-"""The table of stages says what goes together: read against the keys of a SPEC, the columns of runs, and what really happens."""
+"""The table of stages says what goes together: read against the keys of a SPEC, the columns of runs,
+and what really happens."""
 
 import copy
 import itertools
@@ -28,7 +29,13 @@ BASE = {
     "reference": {"speed": 0.5},
     "initial": {"point": [0.0, 0.1], "heading": 0.1, "speed": 0.3},
     "limits": {"torque": 8.0},
-    "simulation": {"duration": 0.1, "period": 0.01, "output_step": 0.05, "backend": "casadi", "tolerance": 1e-6},
+    "simulation": {
+        "duration": 0.1,
+        "period": 0.01,
+        "output_step": 0.05,
+        "backend": "casadi",
+        "tolerance": 1e-6,
+    },
 }
 COURSE = {"speed": 0.5, "lengths": [2.0], "curvatures": [0.0, 0.1]}
 ARC = [{"kind": "line", "from": [0, 0], "to": [3, 0]}, {"kind": "arc", "radius": 1.2, "angle": 1.57}]
@@ -46,8 +53,16 @@ OPTIONS = {  # an option -> entries of a SPEC that make it hold; None removes on
     "cut": {"limits": {"mode": "cut"}},
     "grip": {"limits": {"mode": "grip"}, "contact": {"mu": 0.6}},
     "no friction": {"limits": {"mode": "grip"}, "contact": None},
-    "notice slip": {"limits": {"mode": "grip", "notice_slip": {}}, "contact": {"mu": 0.6}, "sensors": {"gyro": {}}},
-    "no gyro": {"limits": {"mode": "grip", "notice_slip": {}}, "contact": {"mu": 0.6}, "sensors": {"gyro": None}},
+    "notice slip": {
+        "limits": {"mode": "grip", "notice_slip": {}},
+        "contact": {"mu": 0.6},
+        "sensors": {"gyro": {}},
+    },
+    "no gyro": {
+        "limits": {"mode": "grip", "notice_slip": {}},
+        "contact": {"mu": 0.6},
+        "sensors": {"gyro": None},
+    },
     "delay": {"simulation": {"delay": 0.005}},
     "long delay": {"simulation": {"delay": 0.02}},
     "velocity": {"drive": {"kind": "velocity", "bandwidth": 5.0}},
@@ -63,7 +78,15 @@ OPTIONS = {  # an option -> entries of a SPEC that make it hold; None removes on
     "switch": {"output": {"reversing": "switch"}},
     "extension": {"output": {"extension": True, "L": -0.3}, "limits": {"mode": "cut"}},
     "composite": {"output": {"path": {"kind": "composite", "segments": ARC}}},
-    "fastest": {"reference": {"speed": "fastest", "lateral": 0.5, "acceleration": 0.5, "deceleration": 0.5, "angular": 1.0}},
+    "fastest": {
+        "reference": {
+            "speed": "fastest",
+            "lateral": 0.5,
+            "acceleration": 0.5,
+            "deceleration": 0.5,
+            "angular": 1.0,
+        }
+    },
     "lateral": {"reference": {"lateral": 0.5}},
     "creep": {"reference": {"creep": 0.02, "deceleration": 0.3}},
     "course": {"output": {"path": {"kind": "course"}}, "reference": {"course": COURSE, "speed": None}},
@@ -100,7 +123,8 @@ def merged(table, entries):
     return table
 
 
-REFUSED_ALTHOUGH_IT_RUNS = (  # as the run would be another one than is asked for, which nothing else would tell
+# As the run would be another one than is asked for, which nothing else would tell
+REFUSED_ALTHOUGH_IT_RUNS = (
     "[reference] velocity requires",
     "[reference] oscillation requires",
     "[reference] approach requires",
@@ -161,7 +185,9 @@ PAIRS = random.Random(1992).sample(list(itertools.combinations(OPTIONS, 2)), 6)
 
 
 @pytest.mark.parametrize(
-    "pairs", [PAIRS, pytest.param(list(itertools.combinations(OPTIONS, 2)), marks=pytest.mark.nightly)], ids=["some", "all"]
+    "pairs",
+    [PAIRS, pytest.param(list(itertools.combinations(OPTIONS, 2)), marks=pytest.mark.nightly)],
+    ids=["some", "all"],
 )
 def test_what_is_refused_and_what_runs_is_what_the_table_says(pairs, monkeypatch):
     found = {pair: contradiction(pair, RULES, monkeypatch) for pair in pairs}
@@ -178,7 +204,9 @@ def test_a_planted_row_and_a_missing_one_are_found(monkeypatch):
 
 def keys(kind):
     """The entries of a section, and its properties."""
-    return {e.name for e in fields(kind)} | {name for name in dir(kind) if isinstance(getattr(kind, name, None), property)}
+    return {e.name for e in fields(kind)} | {
+        name for name in dir(kind) if isinstance(getattr(kind, name, None), property)
+    }
 
 
 def section_of(kind, name):
@@ -187,7 +215,8 @@ def section_of(kind, name):
 
 
 def test_options_name_keys_of_a_spec():
-    """Each option, and each word, is a path of keys or properties, and each stage names signals and modules that there are."""
+    """Each option, and each word, is a path of keys or properties,
+    and each stage names signals and modules that there are."""
     options = {Option(text) for stage in STAGES for text in stage.where} | {Option(word) for word in WORDS}
     options |= {option for rule in RULES for option in (*rule.options, *rule.others)}
     for option in options:
@@ -211,7 +240,11 @@ OF_LAWS = {
     ("tricycle", "type_iv_line"): {
         *("a steered wheel", "outputs that begin with no point", "outputs without an angle"),
     },
-    ("balancer", "upright"): {"fewer inputs than quasi-velocities", "outputs that begin with no point", "an output in rad"},
+    ("balancer", "upright"): {
+        "fewer inputs than quasi-velocities",
+        "outputs that begin with no point",
+        "an output in rad",
+    },
 }
 
 
@@ -222,7 +255,14 @@ def test_what_follows_from_a_law(robot, law):
     assert not any(Option(option).holds(None) for option in OF_LAW)
 
 
-COLUMNS = (("sampled",), ("noise", "correction"), ("estimator", "noise"), ("notice slip",), ("adaptation",), ("velocity",))
+COLUMNS = (
+    ("sampled",),
+    ("noise", "correction"),
+    ("estimator", "noise"),
+    ("notice slip",),
+    ("adaptation",),
+    ("velocity",),
+)
 COLUMNS += (("ki", "ko"), ("composite",), ("course",), ("extension", "ki"))
 
 
@@ -231,10 +271,20 @@ def test_columns_are_those_of_the_stages(options):
     run = happens(*options)
     stages_here = [stage for stage in STAGES if any(Option(text).holds(run.spec) for text in stage.where)]
     patterns = {re.sub("<[A-Z]+>", ".+", column) for stage in stages_here for column in stage.columns}
-    assert [name for name in run.columns if not any(re.fullmatch(pattern, name) for pattern in patterns)] == []
-    assert [pattern for pattern in patterns if not any(re.fullmatch(pattern, name) for name in run.columns)] == []
+    assert [
+        name for name in run.columns if not any(re.fullmatch(pattern, name) for pattern in patterns)
+    ] == []
+    assert [
+        pattern for pattern in patterns if not any(re.fullmatch(pattern, name) for name in run.columns)
+    ] == []
     assert all(line.count(",") == len(run.columns) - 1 for line in run.csv().splitlines())
-    others = {column for stage in STAGES if stage not in stages_here for column in stage.columns if "<" not in column}
+    others = {
+        column
+        for stage in STAGES
+        if stage not in stages_here
+        for column in stage.columns
+        if "<" not in column
+    }
     assert not (others - patterns) & set(run.columns)
 
 

@@ -1,4 +1,5 @@
-"""The follower of vehicles with a steered wheel, beside `noslip simulate` on the same SPEC, and what it refuses."""
+"""The follower of vehicles with a steered wheel, beside `noslip simulate` on the same SPEC,
+and what it refuses."""
 
 import json
 import math
@@ -59,9 +60,24 @@ class SteeredLoop:
         self.segments = ffi.new(f"noslip_segment{SUFFIX[scalar]}[3]", [{"length": 4.0}, arc, line])
         self.config, self.follower = self.c.new("config"), self.c.new("")
         config = self.config
-        config.period, config.counts_per_turn, config.counter_bits, config.straight = period, [COUNTS, -COUNTS], 24, STRAIGHT
-        config.steering, config.fastest, config.start = 1.2, [100.0, 20.0], dict(zip(("x", "y", "heading"), START, strict=True))
-        config.segments, config.count, config.path.speed, config.path.L, config.astray = self.segments, 3, SPEED, [1.0, 0.0], 2.0
+        config.period, config.counts_per_turn, config.counter_bits, config.straight = (
+            period,
+            [COUNTS, -COUNTS],
+            24,
+            STRAIGHT,
+        )
+        config.steering, config.fastest, config.start = (
+            1.2,
+            [100.0, 20.0],
+            dict(zip(("x", "y", "heading"), START, strict=True)),
+        )
+        config.segments, config.count, config.path.speed, config.path.L, config.astray = (
+            self.segments,
+            3,
+            SPEED,
+            [1.0, 0.0],
+            2.0,
+        )
         config.gains, config.limits.limit, config.watchdog.tolerated = GAINS, [1e4, 1e4], 3
         config.velocity = [{"speed": 100.0, "acceleration": 50.0, "band": 10.0}] * 2
         for name, value in changes.items():
@@ -78,7 +94,9 @@ class SteeredLoop:
     def by_angles(self, angle: float | None = None) -> str:
         self.turned[0], self.turned[1] = self.x[4] - self.rolled, self.x[3] if angle is None else angle
         self.rolled = self.x[4]
-        return self.c.status(self.c.call("tick_angles", self.follower, self.turned, self.period, self.command))
+        return self.c.status(
+            self.c.call("tick_angles", self.follower, self.turned, self.period, self.command)
+        )
 
     def by_counts(self, angle: float | None = None) -> str:
         at = self.x[4], self.x[3] if angle is None else angle
@@ -125,7 +143,8 @@ def simulated(tmp_path: Path, period: float) -> np.ndarray:
 
 
 def test_it_drives_as_simulate_does(tmp_path):
-    """The same path, but for the rates, which are means over a tick: the difference is of first order in the period.
+    """The same path, but for the rates, which are means over a tick: the difference is of first order in the
+    period.
 
     At the ends of segments, which are noticed at a tick, it is not smooth in the period.
     """
@@ -136,7 +155,8 @@ def test_it_drives_as_simulate_does(tmp_path):
         apart = np.abs(every[:, :4] - reference[: len(every), :4]).max(1)
         first.append(apart[:100].max())
         largest.append(apart.max())
-        assert error < 0.4 * period**2  # of the second order: the axle moves at the mean of two steering angles
+        # Of the second order: the axle moves at the mean of two steering angles
+        assert error < 0.4 * period**2
     assert largest[1] < 0.012 and first[0] / first[1] == pytest.approx(2.0, abs=0.1)
 
 
@@ -149,7 +169,8 @@ def test_reverse_is_refused(tmp_path):
 
 
 def test_counts_are_angles():
-    """Within their resolution, with a steering counter that counts backwards from any count straight ahead, in float too."""
+    """Within their resolution, with a steering counter that counts backwards from any count straight ahead,
+    in float too."""
     for scalar in SUFFIX:
         loop = SteeredLoop(scalar=scalar)
         _, error = drive(loop, 12.0, "by_counts")
@@ -157,9 +178,12 @@ def test_counts_are_angles():
         assert loop.follower.steering.angle == pytest.approx(loop.x[3], abs=0.02)
 
 
-@pytest.mark.parametrize(("ticks", "bound"), [(20_000, 1e-3), pytest.param(8_640_000, 1e-2, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    ("ticks", "bound"), [(20_000, 1e-3), pytest.param(8_640_000, 1e-2, marks=pytest.mark.nightly)]
+)
 def test_reckoning_in_float(ticks, bound):
-    """Beside the same sums in double, on a way that winds: 10 mm after 24 h at 100 Hz, 86 km. It goes on after a stop."""
+    """Beside the same sums in double, on a way that winds: 10 mm after 24 h at 100 Hz,
+    86 km. It goes on after a stop."""
     loop = SteeredLoop(scalar="float")
     function, follower, per_count = loop.c.lib.car_follower_tick_f, loop.follower, 2 * math.pi / COUNTS
     r, wheelbase, at = follower.params.r, follower.params.l, follower.odometry.now.at
@@ -177,7 +201,9 @@ def test_reckoning_in_float(ticks, bound):
             x, y = x + chord * math.cos(heading + turn / 2), y + chord * math.sin(heading + turn / 2)
             heading += turn
         before = angle
-    assert math.hypot(at[0] - x, at[1] - y) < bound and abs(math.remainder(at[2] - heading, 2 * math.pi)) < 1e-6
+    assert (
+        math.hypot(at[0] - x, at[1] - y) < bound and abs(math.remainder(at[2] - heading, 2 * math.pi)) < 1e-6
+    )
 
 
 @pytest.mark.nightly
@@ -199,7 +225,9 @@ def test_velocity_drives():
         assert loop.c.call("twist", loop.follower, twist) == 0
         rate, angle = loop.command[0], loop.x[3] + loop.command[1] * loop.period
         r, wheelbase = loop.config.params.r or 0.3, 2.6
-        assert list(twist) == pytest.approx([r * rate, r * rate * math.tan(angle) / wheelbase], rel=1e-9, abs=1e-12)
+        assert list(twist) == pytest.approx(
+            [r * rate, r * rate * math.tan(angle) / wheelbase], rel=1e-9, abs=1e-12
+        )
         loop.roll()
     assert abs(loop.distance) < 0.02 and abs(loop.follower.speed - SPEED) < 0.05
     assert SteeredLoop().c.call("twist", SteeredLoop().follower, twist) < 0 and list(twist) == [0, 0]
@@ -218,7 +246,8 @@ def test_an_approach_is_bounded():
 @pytest.mark.parametrize(
     "changes",
     [
-        *({"steering": bad} for bad in (0.0, -1.0, math.nan, 1.6)),  # of a car: beyond a right angle its front wheel is locked
+        # Of a car: beyond a right angle its front wheel is locked
+        *({"steering": bad} for bad in (0.0, -1.0, math.nan, 1.6)),
         *({"fastest": bad} for bad in ([0.0, 1.0], [1.0, 0.0], [1.0, math.inf])),
         {"stuck_torque": [-1.0, 0.0]},
         {"counter_bits": 16},  # half of its range is less than the steering angle
@@ -234,7 +263,8 @@ def test_init_refuses(changes):
 
 
 def test_impossible_angles_are_errors():
-    """A steering angle beyond its limit or out of reach within a tick: held, then stopped; a single one is survived."""
+    """A steering angle beyond its limit or out of reach within a tick: held, then stopped;
+    a single one is survived."""
     for wrong in (1.3, math.nan, 0.9):  # 0.9 rad: too far for 20 rad/s in 10 ms
         loop = SteeredLoop()
         drive(loop, 1.0)
@@ -255,7 +285,8 @@ def test_impossible_angles_are_errors():
 
 @pytest.mark.parametrize("tick", ["by_angles", "by_counts"])
 def test_an_impossible_angle_that_stays_is_never_followed(tick):
-    """0.9 rad, within the limit but reached in no time: held as long as tolerated, then stopped, the pose unchanged."""
+    """0.9 rad, within the limit but reached in no time: held as long as tolerated, then stopped,
+    the pose unchanged."""
     loop = SteeredLoop()
     drive(loop, 1.0, tick)
     before, held = loop.reckoned, list(loop.command)
@@ -281,7 +312,8 @@ def test_an_impossible_roll_that_stays_is_never_followed():
 
 @pytest.mark.parametrize("late", [1, 2, 3])
 def test_a_steering_angle_may_change_in_rejected_time(late):
-    """At 20 rad/s it is 0.2 rad farther after each tick of 10 ms, rejected or not; no more. Its rate is the mean since then."""
+    """At 20 rad/s it is 0.2 rad farther after each tick of 10 ms, rejected or not;
+    no more. Its rate is the mean since then."""
     for beyond in (-1e-6, 1e-6):
         loop = SteeredLoop()
         drive(loop, 1.0)
@@ -301,9 +333,13 @@ def test_parameters_change_between_ticks():
     assert loop.by_angles() == other.by_angles() == "ok" and list(loop.command) == list(other.command)
     params = loop.c.ffi.new("car_params *", loop.follower.params)
     params.l = 2.5
-    assert loop.c.call("update", loop.follower, params, null, null) == 0 and loop.follower.steering.reach == 2.5
+    assert (
+        loop.c.call("update", loop.follower, params, null, null) == 0 and loop.follower.steering.reach == 2.5
+    )
     params.l = 0.0
-    assert loop.c.call("update", loop.follower, params, null, null) < 0 and loop.follower.steering.reach == 2.5
+    assert (
+        loop.c.call("update", loop.follower, params, null, null) < 0 and loop.follower.steering.reach == 2.5
+    )
 
 
 def test_telemetry_of_a_steered_vehicle(tmp_path, capsys):
@@ -339,13 +375,23 @@ def test_telemetry_of_a_steered_vehicle(tmp_path, capsys):
 
 
 def test_which_vehicles_are_steered():
-    names = ("car", "tricycle", "f1tenth", "forklift", "labmate", "tractor_trailer:1", "four_wheel", "rolling_disk")
+    names = (
+        "car",
+        "tricycle",
+        "f1tenth",
+        "forklift",
+        "labmate",
+        "tractor_trailer:1",
+        "four_wheel",
+        "rolling_disk",
+    )
     assert [name for name in names if steered_axle(system_of(find_robot(name)))] == list(names[:4])
 
 
 @pytest.mark.parametrize("name", ["car", "tricycle"])
 def test_the_pose_is_found_in_any_order_of_the_coordinates(name, monkeypatch):
-    """Turning the heading of the body turns the motion, the steering angle does not; the gyro measures the former."""
+    """Turning the heading of the body turns the motion, the steering angle does not;
+    the gyro measures the former."""
     declared = Mechanism.coordinate
 
     def at_the_front(robot: Mechanism, *given: str) -> ca.SX:
@@ -369,7 +415,8 @@ def test_the_pose_is_found_in_any_order_of_the_coordinates(name, monkeypatch):
 
 
 def test_a_pose_that_cannot_be_told_is_refused():
-    """A wheel that turns freely under the point that it carries: which of the two angles is the heading, no motion tells."""
+    """A wheel that turns freely under the point that it carries: which of the two angles is the heading,
+    no motion tells."""
     robot = Mechanism("ambiguous")
     x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
     body, wheel = robot.coordinate("body", "rad"), robot.coordinate("wheel", "rad")

@@ -1,4 +1,5 @@
-"""The firmware of the vehicle of a SPEC: its numbers are those of the SPEC, and it drives as `noslip simulate` says."""
+"""The firmware of the vehicle of a SPEC: its numbers are those of the SPEC,
+and it drives as `noslip simulate` says."""
 
 import csv
 import math
@@ -41,14 +42,23 @@ sensors = { counts = 4096, pose = "reckoned" }
 limits = { torque = 8.0, mode = "slow" }
 simulation = { duration = 7.0, period = 0.01, output_step = 0.01 }
 """
-VELOCITY = 'drive = { kind = "velocity", bandwidth = 4.0, delay = 0.013, most_speed = 20.0, most_acceleration = 30.0 }'
+VELOCITY = (
+    'drive = { kind = "velocity", bandwidth = 4.0, delay = 0.013, most_speed = 20.0, '
+    "most_acceleration = 30.0 }"
+)
 VARIANTS = {  # what is replaced, or added before the first line
     "torque": {},
     "late": {"period = 0.01, output": "period = 0.01, delay = 0.006, output"},
     "cut": {'mode = "slow"': 'mode = "cut"'},
-    "integral": {"kv = 2.0 }": "kv = 2.0, ki_distance = 0.8, ki_speed = 0.5 }", "torque = 8.0": "torque = 8.0, integral = 0.4"},
+    "integral": {
+        "kv = 2.0 }": "kv = 2.0, ki_distance = 0.8, ki_speed = 0.5 }",
+        "torque = 8.0": "torque = 8.0, integral = 0.4",
+    },
     "grip": {'mode = "slow"': 'mode = "grip"', "robot =": "contact = { mu = 0.4, height = 0.2 }\nrobot ="},
-    "noise": {"counts = 4096": "counts = 4096, noise = { mean = [0.02, -0.01], sd = [0.1, 0.2] }, seed = 5, period = 0.03"},
+    "noise": {
+        "counts = 4096": "counts = 4096, noise = { mean = [0.02, -0.01], sd = [0.1, 0.2] }, seed = 5, period "
+        "= 0.03"
+    },
     "rows between ticks": {"output_step = 0.01": "output_step = 0.007"},
     "late velocity": {
         'limits = { torque = 8.0, mode = "slow" }': VELOCITY,
@@ -56,7 +66,8 @@ VARIANTS = {  # what is replaced, or added before the first line
     },
     "velocity": {'limits = { torque = 8.0, mode = "slow" }': VELOCITY},
     "in reverse": {
-        '{ kind = "line", length = 1.0 }': '{ kind = "line", length = 1.0 }, { kind = "line", length = 0.8, backward = true }',
+        '{ kind = "line", length = 1.0 }': '{ kind = "line", length = 1.0 }, { kind = "line", length = 0.8, '
+        "backward = true }",
         "L = 0.21": 'L = 0.21, reversing = "switch"',
     },
 }
@@ -97,7 +108,9 @@ def project(tmp_path_factory) -> Path:
 
 def driven(folder: Path) -> list[dict[str, str]]:
     """The rows of the drive of a project."""
-    done = subprocess.run(["make", "-s", "-C", folder, "test"], capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        ["make", "-s", "-C", folder, "test"], capture_output=True, text=True, stdin=subprocess.DEVNULL
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""  # no warning
     with (folder / "build/run.csv").open() as file:
@@ -112,10 +125,13 @@ def same_as_simulated(folder: Path, text: str) -> Run:
 
 
 def off(rows: list[dict[str, str]], text: str, names: tuple[str, str] = ("x_c", "y_c")) -> float:
-    """How far the vehicle is, at most, from where the loop of `noslip simulate` in double has it, stage by stage in Python, m."""
+    """How far the vehicle is, at most, from where the loop of `noslip simulate` in double has it,
+    stage by stage in Python, m."""
     run = simulate(spec_of(text, "agv.toml"), "c")
     assert len(rows) == len(run.t) and np.ptp(run.q[:, 0]) > 2.5  # it has driven
-    return max(math.dist([float(row[name]) for name in names], q[:2]) for row, q in zip(rows, run.q, strict=True))
+    return max(
+        math.dist([float(row[name]) for name in names], q[:2]) for row, q in zip(rows, run.q, strict=True)
+    )
 
 
 def of_variant(project: Path, folder: Path, text: str) -> Path:
@@ -159,7 +175,19 @@ def test_a_steered_vehicle_drives_as_simulated(robot, drives, tmp_path):
     kinds = {"torque": TORQUES.format(*torques), "velocity": VELOCITY}
     text = STEERED.format(robot=robot, mass=mass, radius=radius, drives=kinds[drives])
     (tmp_path / "vehicle.toml").write_text(text)
-    assert main(["export", str(tmp_path / "vehicle.toml"), "--firmware", "generic", "-o", str(tmp_path / "vehicle")]) == 0
+    assert (
+        main(
+            [
+                "export",
+                str(tmp_path / "vehicle.toml"),
+                "--firmware",
+                "generic",
+                "-o",
+                str(tmp_path / "vehicle"),
+            ]
+        )
+        == 0
+    )
     assert off(driven(tmp_path / "vehicle"), text, ("x", "y")) < WITHIN
     shows_the_model(same_as_simulated(tmp_path / "vehicle", text))
 
@@ -167,7 +195,9 @@ def test_a_steered_vehicle_drives_as_simulated(robot, drives, tmp_path):
 def test_a_vehicle_that_is_stopped(project, tmp_path):
     text = AGV.replace("torque = 8.0", "torque = 0.02").replace("0.08, speed = 0.0", "1.2, speed = 0.6")
     folder = of_variant(project, tmp_path / "agv", text)
-    done = subprocess.run(["make", "-s", "-C", folder, "test"], capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        ["make", "-s", "-C", folder, "test"], capture_output=True, text=True, stdin=subprocess.DEVNULL
+    )
     assert done.returncode != 0 and "astray" in done.stdout
     run = same_as_simulated(folder, text)
     assert run.stopped == "astray" and run.t[-1] < 1 and not run.tau[-1].any()
@@ -176,7 +206,15 @@ def test_a_vehicle_that_is_stopped(project, tmp_path):
 def test_the_numbers_are_those_of_the_spec(project):
     text = (project / "vehicle.c").read_text()
     members = dict(re.findall(r"\.(\w+) = (-?[\d.e-]+)f?\b", text))
-    for name, value in {"b": 0.29, "d": 0.07, "r": 0.085, "m_c": 41.0, "I_c": 3.1, "period": 0.01, "kp_distance": 2.0}.items():
+    for name, value in {
+        "b": 0.29,
+        "d": 0.07,
+        "r": 0.085,
+        "m_c": 41.0,
+        "I_c": 3.1,
+        "period": 0.01,
+        "kp_distance": 2.0,
+    }.items():
         assert float(members[name]) == pytest.approx(value, rel=1e-6)
     assert ".counts_per_turn = {4096.0f, 4096.0f}" in text and ".limit = {8.0f, 8.0f}" in text
     assert text.count("Assumed:") == 4
@@ -200,7 +238,9 @@ def test_a_wrong_number_is_found(old, new, project, tmp_path):
 def test_the_same_rows_on_every_target(target, project, tmp_path):
     skip_without(FIRMWARE[target].missing("make"))
     (tmp_path / "agv.toml").write_text(AGV)
-    assert main(["export", str(tmp_path / "agv.toml"), "--firmware", target, "-o", str(tmp_path / "agv")]) == 0
+    assert (
+        main(["export", str(tmp_path / "agv.toml"), "--firmware", target, "-o", str(tmp_path / "agv")]) == 0
+    )
     driven(tmp_path / "agv")
     run = same_as_simulated(tmp_path / "agv", AGV)
     (backend,) = [name for name, on in ON_TARGET.items() if on.startswith(target)]
@@ -214,11 +254,14 @@ def test_the_same_rows_on_every_target(target, project, tmp_path):
         ('pose = "reckoned"', 'pose = "true"', "set pose"),
         ("period = 0.01, ", "", "period"),
         ("kv = 2.0 }", "kv = 2.0, ko_speed = 1.0 }", "a follower does not have it"),
-        ("speed = 0.7", 'speed = "fastest", lateral = 1.0, acceleration = 1.0, angular = 2.0', "a follower does not have it"),
+        ("speed = 0.7", 'speed = "fastest", lateral = 1.0, acceleration = 1.0, '
+                        'angular = 2.0', "a follower does not have it"),
         ("L = 0.21", "L = 0.21, W = 0.05", "a follower does not have it"),
-        ("deceleration = 0.6", "deceleration = 0.6, approach = { acceleration = 0.4 }", "a follower leads the distance alone"),
+        ("deceleration = 0.6", "deceleration = 0.6, approach = { "
+                               "acceleration = 0.4 }", "a follower leads the distance alone"),
         ('limits = { torque = 8.0, mode = "slow" }', "", "requires [limits] torque"),
-        ("plant =", 'push = [{ time = 1.0, on = "thetadot_r", impulse = 0.05 }]\nplant =', "does not push the vehicle"),
+        ("plant =", 'push = [{ time = 1.0, on = "thetadot_r", impulse = 0.05 '
+                    '}]\nplant =', "does not push the vehicle"),
     ],
 )  # fmt: skip
 def test_what_a_follower_does_not_have_is_refused(old, new, says):
@@ -229,9 +272,15 @@ def test_what_a_follower_does_not_have_is_refused(old, new, says):
 
 def test_what_a_follower_does_not_have_is_run_stage_by_stage():
     pushed = f'{AGV}[[push]]\ntime = 1.0\non = "thetadot_r"\nimpulse = 0.05\n'
-    for text, as_firmware in ((AGV, True), (pushed, False), (AGV.replace("L = 0.21", "L = 0.21, W = 0.05"), False)):
+    for text, as_firmware in (
+        (AGV, True),
+        (pushed, False),
+        (AGV.replace("L = 0.21", "L = 0.21, W = 0.05"), False),
+    ):
         spec = spec_of(text, "agv.toml")
-        assert runs_as_firmware(replace(spec, simulation=replace(spec.simulation, backend="cf"))) == as_firmware
+        assert (
+            runs_as_firmware(replace(spec, simulation=replace(spec.simulation, backend="cf"))) == as_firmware
+        )
         assert not runs_as_firmware(spec)  # in double
 
 
@@ -252,5 +301,7 @@ def test_the_command_line_says_what_is_wrong(bad_input, tmp_path):
     assert spec in bad_input(["export", spec, "--firmware", "generic", *out])
     assert "--firmware" in bad_input(["export", spec, *out])
     assert "--firmware" in bad_input(["export", spec, "--fmu", "loop", "-o", str(tmp_path / "x.fmu")])
-    assert "leave it out" in bad_input(["export", spec, "--firmware", "generic", "--output", "follower", *out])
+    assert "leave it out" in bad_input(
+        ["export", spec, "--firmware", "generic", "--output", "follower", *out]
+    )
     assert "absent.toml" in bad_input(["export", "absent.toml", "--firmware", "generic", *out])

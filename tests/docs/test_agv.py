@@ -1,4 +1,5 @@
-"""docs/agv.md: its commands, one after the other, give a SPEC, a run, margins and firmware that drives the vehicle."""
+"""docs/agv.md: its commands, one after the other, give a SPEC, a run,
+margins and firmware that drives the vehicle."""
 
 import csv
 import json
@@ -19,7 +20,11 @@ LINES = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S) for line i
 COMMANDS = [line for line in LINES if re.match("noslip|make -C|cmp", line)]
 (OPTIONS,) = re.findall(r"`noslip new truck.toml (--kind tricycle counts=\d+)`", PAGE)
 OF_A_TRUCK = [f"noslip new truck.toml {OPTIONS}", *(line.replace("agv", "truck") for line in COMMANDS[1:])]
-VEHICLES = {"agv": COMMANDS, "tricycle": OF_A_TRUCK, "car": [line.replace("tricycle", "car") for line in OF_A_TRUCK]}
+VEHICLES = {
+    "agv": COMMANDS,
+    "tricycle": OF_A_TRUCK,
+    "car": [line.replace("tricycle", "car") for line in OF_A_TRUCK],
+}
 TARGET = "cortex-m4f" if not FIRMWARE["cortex-m4f"].missing("make") else "generic"
 
 
@@ -27,7 +32,14 @@ TARGET = "cortex-m4f" if not FIRMWARE["cortex-m4f"].missing("make") else "generi
 def test_the_commands(vehicle, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     commands = [shlex.split(line) for line in VEHICLES[vehicle]]
-    assert [command[1] for command in commands[:-1]] == ["new", "simulate", "outer-loop", "export", "-C", "simulate"]
+    assert [command[1] for command in commands[:-1]] == [
+        "new",
+        "simulate",
+        "outer-loop",
+        "export",
+        "-C",
+        "simulate",
+    ]
     for command in commands:
         if command[0] == "noslip":
             argv = [TARGET if word == "cortex-m4f" else word for word in command[1:]]
@@ -42,7 +54,8 @@ def test_the_commands(vehicle, tmp_path, monkeypatch, capsys):
     assert picture.stat().st_size > 10_000
     with (tmp_path / commands[-1][-1]).open() as file:
         *_, last = csv.DictReader(file)
-    assert last["status"] == "ok" and last["piece"] == "2" and abs(float(last["y2"])) < 0.01  # it stands on the last segment
+    # It stands on the last segment
+    assert last["status"] == "ok" and last["piece"] == "2" and abs(float(last["y2"])) < 0.01
 
 
 def test_its_velocity_drives(tmp_path):

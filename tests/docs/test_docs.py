@@ -26,7 +26,8 @@ def file_of(name: str) -> Path:
 
 @cache
 def defined(path: Path) -> frozenset[str]:
-    """Functions and classes of a Python file, methods and fields as Class.name; the words of any other file."""
+    """Functions and classes of a Python file, methods and fields as Class.name;
+    the words of any other file."""
     if path.suffix != ".py":
         return frozenset(re.findall(r"\w+", path.read_text(encoding="utf-8")))
     names = set()
@@ -42,7 +43,9 @@ def defined(path: Path) -> frozenset[str]:
 def rows(page: str) -> list[list[str]]:
     """The cells of the tables of a page, but for their heads."""
     lines = (ROOT / page).read_text().splitlines()
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if re.match(r"\|[^-]", line)]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in lines if re.match(r"\|[^-]", line)
+    ]
 
 
 def missing(cell: str) -> list[str]:
@@ -76,7 +79,9 @@ def test_ideas_of_the_derivation():
         assert set(names) <= defined(stages) | defined(taylor), row
 
 
-@pytest.mark.parametrize("page", [path.relative_to(ROOT) for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"))], ids=str)
+@pytest.mark.parametrize(
+    "page", [path.relative_to(ROOT) for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"))], ids=str
+)
 def test_links(page):
     """Relative links lead somewhere."""
     for target in re.findall(r"\]\(([\w./-]+)\)", (ROOT / page).read_text()):
@@ -84,7 +89,8 @@ def test_links(page):
 
 
 def test_the_recipe_for_a_pass(monkeypatch, capsys):
-    """The pass that the recipe writes, entered in the file as it says, finds the root in the recipe's expression."""
+    """The pass that the recipe writes, entered in the file as it says,
+    finds the root in the recipe's expression."""
     page = (ROOT / "docs/extending.md").read_text()
     blocks = re.findall(r"tests/docs/test_docs.py -->\n```python\n(.*?)^```", page, re.S | re.M)
     methods, entry, tried = blocks
@@ -104,11 +110,14 @@ def test_the_recipe_for_a_pass(monkeypatch, capsys):
 
 
 def test_the_layout_is_that_of_the_tree():
-    """Every folder with files in git has a row, and every row a folder; no folder but the tests imports one of bench."""
+    """Every folder with files in git has a row, and every row a folder;
+    no folder but the tests imports one of bench."""
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
     if tracked.returncode:
         pytest.skip("no git checkout")
-    folders = {name.split("/")[0] for name in tracked.stdout.splitlines() if "/" in name and not name.startswith(".")}
+    folders = {
+        name.split("/")[0] for name in tracked.stdout.splitlines() if "/" in name and not name.startswith(".")
+    }
     table = (ROOT / "CONTRIBUTING.md").read_text().partition("## How it is laid out")[2].partition("## ")[0]
     rows = "".join(row.split("|")[1] for row in table.splitlines() if row.startswith("| `"))
     assert set(re.findall(r"`(\w+)/`", rows)) == folders
@@ -119,7 +128,8 @@ def test_the_layout_is_that_of_the_tree():
 
 
 def test_the_operations_that_the_pages_name():
-    """Of the circle's law: the model's, those after the derivation, and those of the C, as `generate --explain` prints them."""
+    """Of the circle's law: the model's, those after the derivation, and those of the C,
+    as `generate --explain` prints them."""
     from noslip.codegen.explain import explain
     from noslip.readers.robots import find_robot, law_of
 
@@ -128,5 +138,8 @@ def test_the_operations_that_the_pages_name():
     pages = ("docs/method.md", "codegen/derivation/README.md")
     method, derivation = (" ".join((ROOT / page).read_text().split()) for page in pages)
     assert f"takes {sums[0]} operations; the C that ships takes {sums[-1]}." in method
-    assert f"{sums[0]} operations for `type_iv_circle`; after this derivation there are {sums[1]}, and" in derivation
+    assert (
+        f"{sums[0]} operations for `type_iv_circle`; after this derivation there are {sums[1]}, and"
+        in derivation
+    )
     assert f"passes leave {sums[-1]}." in derivation

@@ -1,4 +1,5 @@
-"""Each block of code in the pages is run, compiled or read by a test: by one that a comment before it names, or by one here."""
+"""Each block of code in the pages is run, compiled or read by a test:
+by one that a comment before it names, or by one here."""
 
 import re
 import subprocess
@@ -17,14 +18,19 @@ from noslip.simulation.specification.vary import read_varied
 ROOT = Path(noslip.__file__).parent
 FURTHER = (ROOT / "checks/guarantees/README.md", ROOT / "examples/playground/README.md")
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *FURTHER]
-WHOLE = {"docs/your_robot.md", "docs/api.md", "docs/agv.md"}  # run as a whole by test_tutorial, test_api and test_agv
-OTHERS = r"make\b|cmake\b|pip |dask |platformio |west |idf.py |\.venv/bin/|cc |cd |sh "  # commands besides noslip in sh blocks
+# Run as a whole by test_tutorial, test_api and test_agv
+WHOLE = {"docs/your_robot.md", "docs/api.md", "docs/agv.md"}
+# Commands besides noslip in sh blocks
+OTHERS = r"make\b|cmake\b|pip |dask |platformio |west |idf.py |\.venv/bin/|cc |cd |sh "
 DECLARED = {  # what a piece of C takes for granted
     "docs/estimator.md": """#include "labmate_ekf_f.h"
-        extern labmate_ekf_f ekf; extern float turned[2], gyro, dt; extern noslip_pose_f pose; extern noslip_fix_f fix;""",
+        extern labmate_ekf_f ekf; extern float turned[2], gyro, dt; extern noslip_pose_f pose; extern \
+noslip_fix_f fix;""",
     "docs/extension.md": """#include "labmate_type_i_extended.h"
-        extern labmate_params params; extern labmate_type_i_extended_config config; extern labmate_type_i_extended_gains gains;
-        extern labmate_options options; extern labmate_state state; extern labmate_type_i_extended_reference reference;
+        extern labmate_params params; extern labmate_type_i_extended_config config; extern \
+labmate_type_i_extended_gains gains;
+        extern labmate_options options; extern labmate_state state; extern \
+labmate_type_i_extended_reference reference;
         extern double tau[2];""",
     "docs/underactuated.md": '#include "balancer_lqr.h"',
     "docs/grip.md": """#include "labmate_type_iv_line_f.h"
@@ -36,7 +42,9 @@ GENERATED = {  # by `noslip generate`
     "docs/underactuated.md": "balancer --lqr pitch=10 x=40 phi=20 speed=1 pitch_rate=0.1 yaw_rate=0.5",
 }
 
-FENCED = re.compile(r"(?:<!-- (?:run|compiled) by (tests/\w+/\w+\.py) -->\n)?^```(\w*)\n(.*?)^```$", re.S | re.M)
+FENCED = re.compile(
+    r"(?:<!-- (?:run|compiled) by (tests/\w+/\w+\.py) -->\n)?^```(\w*)\n(.*?)^```$", re.S | re.M
+)
 
 
 class Block(NamedTuple):
@@ -99,7 +107,9 @@ def test_settings_are_valid(block):
     if "robot" in table:
         assert read_varied("line", table)
         return
-    before = [tomllib.loads(other.text) for other in HERE if (other.page, other.language) == (block.page, "toml")]
+    before = [
+        tomllib.loads(other.text) for other in HERE if (other.page, other.language) == (block.page, "toml")
+    ]
     shown = before[: before.index(table) + 1]
     changes = {key: value for each in shown for key, value in settings(each).items()}
     assert read_varied("waypoints", changes)
@@ -116,10 +126,17 @@ def test_c_compiles(page, tmp_path):
     for number, piece in enumerate(pieces):
         file = tmp_path / f"page{number}.c"
         declared = "" if "int status" in piece.text else "int status = 0;\n"
-        file.write_text(f"{DECLARED[page]}\nint page(void);\nint page(void)\n{{\n{declared}{piece.text}return status;\n}}\n")
-        folders = [f"-I{folder}" for folder in (tmp_path / "labmate", tmp_path / "balancer", ROOT / "generated/labmate", RUNTIME)]
+        file.write_text(
+            f"{DECLARED[page]}\nint page(void);\nint page(void)\n{{\n{declared}{piece.text}return "
+            "status;\n}\n"
+        )
+        folders = [
+            f"-I{folder}"
+            for folder in (tmp_path / "labmate", tmp_path / "balancer", ROOT / "generated/labmate", RUNTIME)
+        ]
         run = subprocess.run(
-            ["cc", "-std=c99", "-Wall", "-Wno-unused", "-Werror", "-fsyntax-only", *folders, file], capture_output=True
+            ["cc", "-std=c99", "-Wall", "-Wno-unused", "-Werror", "-fsyntax-only", *folders, file],
+            capture_output=True,
         )
         assert run.returncode == 0, f"{piece}\n{run.stderr.decode()}"
 
@@ -129,7 +146,10 @@ def test_statements_about_a_robot(block):
     """On a robot that has what the piece names."""
     robot = Mechanism("page", "a body with a wheel")
     names: dict[str, Any] = {name: robot.coordinate(name, "m") for name in ("x", "y", "theta_f")}
-    names |= {name: robot.parameter(name, 1.0, "kg", "a mass or a length") for name in ("mass", "mass_on_castor", "b")}
+    names |= {
+        name: robot.parameter(name, 1.0, "kg", "a mass or a length")
+        for name in ("mass", "mass_on_castor", "b")
+    }
     names |= {"robot": robot, "slip": robot.rate(names["x"]), "sideways": robot.rate(names["y"])}
     before = [len(robot.inputs), len(robot.contacts), len(robot.outputs)]
     exec(block.text, names)

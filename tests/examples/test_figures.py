@@ -40,7 +40,7 @@ ROOT = Path(noslip.__file__).parent
 SHORT = {"simulation.duration": 0.2}
 
 
-# -- specs with entries changed ------------------------------------------------------------------------------------------
+# -- specs with entries changed ------------------------------------------------------------------------------
 
 
 def test_changed_entries_are_as_if_the_file_said_so(tmp_path):
@@ -53,7 +53,9 @@ def test_changed_entries_are_as_if_the_file_said_so(tmp_path):
 
 
 def test_a_table_takes_the_place_of_the_whole_table():
-    spec = read_varied(SPECS / "figure_9a.toml", {"plant": {}, "output.path": {"kind": "ellipse", "a": 3.0, "b": 2.0}})
+    spec = read_varied(
+        SPECS / "figure_9a.toml", {"plant": {}, "output.path": {"kind": "ellipse", "a": 3.0, "b": 2.0}}
+    )
     assert spec.plant == {} and spec.output.path.parameters == {"a": 3.0, "b": 2.0}
 
 
@@ -85,7 +87,7 @@ def test_what_is_no_key_and_value(text):
         change(text)
 
 
-# -- specs of the figures ------------------------------------------------------------------------------------------------
+# -- specs of the figures ------------------------------------------------------------------------------------
 
 FILES = sorted(path.name for path in SPECS.glob("*.toml"))
 
@@ -113,7 +115,7 @@ def test_every_case_is_a_spec(figure):
     assert figure.title and figure.paper
 
 
-# -- measures ------------------------------------------------------------------------------------------------------------
+# -- measures ------------------------------------------------------------------------------------------------
 
 
 def test_sign_changes():
@@ -143,8 +145,12 @@ def test_true_distance_from_an_ellipse():
             return np.hypot(a * np.cos(s) - point[0], b * np.sin(s) - point[1])
 
         coarse = min(np.linspace(0, 2 * np.pi, 400), key=far)
-        least = minimize_scalar(far, bounds=(coarse - 0.02, coarse + 0.02), method="bounded", options={"xatol": 1e-12}).fun
-        assert abs(abs(found) - least) < 1e-9 and (found > 0) == ((point[0] / a) ** 2 + (point[1] / b) ** 2 > 1)
+        least = minimize_scalar(
+            far, bounds=(coarse - 0.02, coarse + 0.02), method="bounded", options={"xatol": 1e-12}
+        ).fun
+        assert abs(abs(found) - least) < 1e-9 and (found > 0) == (
+            (point[0] / a) ** 2 + (point[1] / b) ** 2 > 1
+        )
 
 
 def test_the_points_of_the_robot_move_as_their_velocities_say():
@@ -157,7 +163,7 @@ def test_the_points_of_the_robot_move_as_their_velocities_say():
     assert np.abs(np.gradient(run.heading, run.t)[1:-1] - run.yaw_rate[1:-1]).max() < 1e-2
 
 
-# -- runs ----------------------------------------------------------------------------------------------------------------
+# -- runs ----------------------------------------------------------------------------------------------------
 
 
 def test_a_run_tells_what_it_is_made_of():
@@ -188,7 +194,7 @@ def test_a_stopped_run_is_compared_as_far_as_it_goes():
     assert run.stopped == "singular" and run.agreement < 1e-8
 
 
-# -- all figures, and claims that can fail -------------------------------------------------------------------------------
+# -- all figures, and claims that can fail -------------------------------------------------------------------
 
 
 FOUND_WRONG = {  # the sentence of the paper, by figure: how it begins
@@ -213,7 +219,9 @@ def with_arrays(run, **changed):
     """A run with other arrays; refused ones stay."""
     if run.refused:
         return run
-    return dataclasses.replace(run, arrays={**run.arrays, **{name: value(run) for name, value in changed.items()}})
+    return dataclasses.replace(
+        run, arrays={**run.arrays, **{name: value(run) for name, value in changed.items()}}
+    )
 
 
 def beside(run):
@@ -229,7 +237,9 @@ def trembling(run):
 
 def away(run):
     """Leaves for good half-way."""
-    return with_arrays(run, q=lambda r: r.q + np.maximum(0, r.t - r.t[-1] / 2)[:, None] * [1.0, -2.0, 0, 0, 0])
+    return with_arrays(
+        run, q=lambda r: r.q + np.maximum(0, r.t - r.t[-1] / 2)[:, None] * [1.0, -2.0, 0, 0, 0]
+    )
 
 
 def backward(run):
@@ -267,7 +277,8 @@ def other(run):
     return dataclasses.replace(run, refused="no such path") if run.refused else run
 
 
-OURS = [*line.FIGURES, *circle.FIGURES, *masses.FIGURES, *beyond.FIGURES]  # the others are doctored in test_figures_more
+# The others are doctored in test_figures_more
+OURS = [*line.FIGURES, *circle.FIGURES, *masses.FIGURES, *beyond.FIGURES]
 DOCTORED = [beside, trembling, away, backward, still, across, slow, weak, wrong, other]
 
 
@@ -275,13 +286,15 @@ DOCTORED = [beside, trembling, away, backward, still, across, slow, weak, wrong,
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("name", [figure.name for figure in OURS])
 def test_every_claim_can_fail(name):
-    """Of runs that were tampered with, or that stand under one another's labels, some make each claim come out otherwise."""
+    """Of runs that were tampered with, or that stand under one another's labels,
+    some make each claim come out otherwise."""
     made = figure_of(name)
     labels = list(made.runs)
     first = made.runs[labels[0]]
     variants = [{label: doctor(run) for label, run in made.runs.items()} for doctor in DOCTORED]
     variants += [
-        {label: doctor(run) if k % 2 else run for k, (label, run) in enumerate(made.runs.items())} for doctor in DOCTORED
+        {label: doctor(run) if k % 2 else run for k, (label, run) in enumerate(made.runs.items())}
+        for doctor in DOCTORED
     ]
     variants += [dict(zip(labels, reversed(made.runs.values()), strict=True)), dict.fromkeys(labels, first)]
     otherwise = {claim.text: 0 for claim in made.claims}
@@ -291,7 +304,7 @@ def test_every_claim_can_fail(name):
     assert [text for text, count in otherwise.items() if not count] == []
 
 
-# -- making figures, and the report --------------------------------------------------------------------------------------
+# -- making figures, and the report --------------------------------------------------------------------------
 
 
 def draw_tiny(runs):
@@ -308,7 +321,10 @@ def claims_tiny(runs):
 
 
 def claims_of_a_wrong_sentence(runs):
-    return [Claim("it flies", "no", False, note="it has wheels", paper=True, expected=False), *claims_tiny(runs)]
+    return [
+        Claim("it flies", "no", False, note="it has wheels", paper=True, expected=False),
+        *claims_tiny(runs),
+    ]
 
 
 def claims_that_fail(runs):
@@ -320,14 +336,20 @@ def claims_found_wrong_that_hold(runs):
 
 
 def tiny(claims=claims_tiny, name="tiny", **cases) -> Figure:
-    cases = cases or {"slow": Case("figure_8.toml", SHORT), "fast": Case("figure_8.toml", {**SHORT, "initial.speed": 6.0})}
-    return Figure(name, f"{name}: a <small> one", "Says & shows little.", "nearly all", cases, draw_tiny, claims)
+    cases = cases or {
+        "slow": Case("figure_8.toml", SHORT),
+        "fast": Case("figure_8.toml", {**SHORT, "initial.speed": 6.0}),
+    }
+    return Figure(
+        name, f"{name}: a <small> one", "Says & shows little.", "nearly all", cases, draw_tiny, claims
+    )
 
 
 @pytest.mark.nightly
 def test_the_same_bytes_each_time_and_each_spec_once(monkeypatch):
     done = []
-    figures = [tiny(), tiny(name="again", one=Case("figure_8.toml", {**SHORT, "initial.speed": 5.0}))]  # what the file says
+    # What the file says
+    figures = [tiny(), tiny(name="again", one=Case("figure_8.toml", {**SHORT, "initial.speed": 5.0}))]
     with runs_here():
         first = produce(figures, 1, done.append)
     second = produce(figures, 2, done.append)  # in two other processes
@@ -369,7 +391,9 @@ def test_a_spec_that_cannot_be_run_is_bad_input():
 
 
 def test_a_process_that_dies_is_said(monkeypatch):
-    monkeypatch.setattr(production, "WORKER", (sys.executable, "-c", "import sys; sys.stdin.buffer.read(1); sys.exit(3)"))
+    monkeypatch.setattr(
+        production, "WORKER", (sys.executable, "-c", "import sys; sys.stdin.buffer.read(1); sys.exit(3)")
+    )
     with pytest.raises(RuntimeError, match="ended with code 3"):
         produce([tiny()], 1, lambda made: None)
 
@@ -413,7 +437,10 @@ def test_claims_of_several_figures_are_folded_where_they_hold(small):
 
 
 def test_outcomes_are_counted(small):
-    own = [dataclasses.replace(made, claims=[c for c in made.claims if "every run" not in c.text]) for made in small]
+    own = [
+        dataclasses.replace(made, claims=[c for c in made.claims if "every run" not in c.text])
+        for made in small
+    ]
     assert [summary([made]) for made in own] == [
         "1 claim holds",
         "1 claim holds, 1 does not (as found here)",
@@ -426,10 +453,14 @@ def test_outcomes_are_counted(small):
         "claims of this project: 0 claims hold, 1 FAILS: it is fast",
     ]
     top = report(small).split("<table>")[0]
-    assert "It flies" not in top and "it flies: does not hold (as found here)" in top and "it is fast: FAILS" in top
+    assert (
+        "It flies" not in top
+        and "it flies: does not hold (as found here)" in top
+        and "it is fast: FAILS" in top
+    )
 
 
-# -- command line --------------------------------------------------------------------------------------------------------
+# -- command line --------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -442,19 +473,30 @@ def test_figures_are_written(catalogued, tmp_path, capsys):
     catalogued(tiny(), tiny(claims_of_a_wrong_sentence, "wrong"))
     target = tmp_path / "new" / "figures"
     assert main(["figures", "-o", str(target), "--jobs", "1"]) == 0
-    files = {f"figure_{name}.{kind}" for name in ("tiny", "wrong") for kind in ("csv", "png", "svg")} | {"report.html"}
+    files = {f"figure_{name}.{kind}" for name in ("tiny", "wrong") for kind in ("csv", "png", "svg")} | {
+        "report.html"
+    }
     assert {path.name for path in target.iterdir()} == files
     out, err = capsys.readouterr()
-    counted = "claims of the paper: 2 claims hold, 1 does not (as found here); claims of this project: 6 claims hold"
+    counted = (
+        "claims of the paper: 2 claims hold, 1 does not (as found here); claims of this project: 6 "
+        "claims hold"
+    )
     assert out == f"{target}/report.html: 2 figures; {counted}\n"
     lines = err.splitlines()
-    assert lines[0].startswith("[ 1/2] figure tiny: 4 claims hold") and lines[1].startswith("[ 2/2] figure wrong: ")
+    assert lines[0].startswith("[ 1/2] figure tiny: 4 claims hold") and lines[1].startswith(
+        "[ 2/2] figure wrong: "
+    )
     (target / "mine.txt").write_text("mine")
     with runs_here():
         assert main(["figures", "-o", str(target), "--only", "tiny", "--json"]) == 0
     assert {path.name for path in target.iterdir()} == files | {"mine.txt"}
     (answer,) = json.loads(capsys.readouterr().out)
-    assert answer["figure"] == "tiny" and answer["claims"][0]["holds"] is True and answer["runs"]["slow"]["slip"] < 1e-11
+    assert (
+        answer["figure"] == "tiny"
+        and answer["claims"][0]["holds"] is True
+        and answer["runs"]["slow"]["slip"] < 1e-11
+    )
 
 
 @pytest.mark.parametrize("claims", [claims_that_fail, claims_found_wrong_that_hold])
@@ -500,12 +542,16 @@ def test_where_nothing_can_be_written(bad_input):
 
 @pytest.mark.parametrize("wait", [0.5, 2.0])
 def test_ctrl_c_leaves_nothing(wait, tmp_path):
-    process = subprocess.Popen([*NOSLIP, "figures", "-o", str(tmp_path / "new" / "out")], stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [*NOSLIP, "figures", "-o", str(tmp_path / "new" / "out")], stderr=subprocess.PIPE
+    )
     time.sleep(wait)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode in (130, -signal.SIGINT)
-    assert err.decode().splitlines()[-1:] in (["noslip: interrupted"], []) or "KeyboardInterrupt" in err.decode()
+    assert (
+        err.decode().splitlines()[-1:] in (["noslip: interrupted"], []) or "KeyboardInterrupt" in err.decode()
+    )
     assert not list(tmp_path.iterdir())
 
 

@@ -24,7 +24,7 @@ MODULES = (composite, sensing, limits, reversing, rolling, planned)
 FIGURES = [figure for module in MODULES for figure in module.FIGURES]
 
 
-# -- claims can fail -----------------------------------------------------------------------------------------------------
+# -- claims can fail -----------------------------------------------------------------------------------------
 
 
 def changed(run: FigureRun, **arrays) -> FigureRun:
@@ -37,11 +37,16 @@ def with_segments(run: FigureRun, change) -> FigureRun:
     if not (path and path.segments):
         return run
     segments = tuple(change(k, segment) for k, segment in enumerate(path.segments))
-    return replace(run, spec=replace(run.spec, output=replace(run.spec.output, path=replace(path, segments=segments))))
+    return replace(
+        run, spec=replace(run.spec, output=replace(run.spec.output, path=replace(path, segments=segments)))
+    )
 
 
 def with_forces(run: FigureRun, factor: float) -> FigureRun:
-    contacts = [replace(c, longitudinal=factor * c.longitudinal, lateral=factor * c.lateral) for c in run.grip.contacts]
+    contacts = [
+        replace(c, longitudinal=factor * c.longitudinal, lateral=factor * c.lateral)
+        for c in run.grip.contacts
+    ]
     return replace(run, grip=replace(run.grip, contacts=tuple(contacts)))
 
 
@@ -58,7 +63,9 @@ DOCTORS = {
         r, q=lambda r: r.q + r.t[:, None] ** 2 * [1, 1, 0, 0, 0], y=lambda r: r.y + 0.01 * r.t[:, None]
     ),
     "turned": lambda r: changed(r, q=lambda r: r.q + [0, 0, 1.0, 0, 0]),
-    "swaying": lambda r: changed(r, nu=lambda r: r.nu * (1 + 0.1 * (np.arange(len(r.t)) % 100 == 1))[:, None]),
+    "swaying": lambda r: changed(
+        r, nu=lambda r: r.nu * (1 + 0.1 * (np.arange(len(r.t)) % 100 == 1))[:, None]
+    ),
     "jumping": lambda r: changed(r, q=lambda r: r.q + 0.3 * (np.arange(len(r.t)) // 100)[:, None]),
     "rushing": lambda r: changed(r, nu=lambda r: r.nu + 1.0),
     "still": lambda r: changed(r, q=lambda r: np.tile(r.q[0], (len(r.t), 1)), nu=lambda r: 0 * r.nu),
@@ -73,9 +80,13 @@ DOCTORS = {
     "one piece": lambda r: changed(r, piece=lambda r: 0 * r.piece),
     "late L": lambda r: changed(r, place=lambda r: np.roll(r.place, 1, axis=0)),
     "behind": lambda r: changed(r, place=lambda r: -1 - r.place),
-    "bent": lambda r: with_segments(r, lambda k, s: replace(s, heading=s.heading + 0.01 * k, curvature=s.curvature + 3.0)),
+    "bent": lambda r: with_segments(
+        r, lambda k, s: replace(s, heading=s.heading + 0.01 * k, curvature=s.curvature + 3.0)
+    ),
     "apart": lambda r: with_segments(r, lambda k, s: replace(s, x=s.x + 0.2, y=s.y + 0.01 * k)),
-    "tight at first": lambda r: with_segments(r, lambda k, s: replace(s, curvature=s.curvature / (0.1 if k == 0 else 1))),
+    "tight at first": lambda r: with_segments(
+        r, lambda k, s: replace(s, curvature=s.curvature / (0.1 if k == 0 else 1))
+    ),
     "off after a join": lambda r: changed(r, y=lambda r: r.y + 0.01 * (r.piece > 0)[:, None] * [1, 0]),
     "eased": second_join_eased,
     "icy": lambda r: with_forces(r, 30.0),
@@ -86,13 +97,17 @@ DOCTORS = {
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("name", [figure.name for figure in FIGURES])
 def test_every_claim_can_fail(name):
-    """Of runs that were tampered with, all of a figure or every other one, some make each claim come out otherwise."""
+    """Of runs that were tampered with, all of a figure or every other one,
+    some make each claim come out otherwise."""
     made = figure_of(name)
     otherwise = {claim.text: set() for claim in made.claims}
     for doctor, tamper in DOCTORS.items():
         for every in (1, 2):
             try:
-                runs = {label: run if k % every else tamper(run) for k, (label, run) in enumerate(made.runs.items())}
+                runs = {
+                    label: run if k % every else tamper(run)
+                    for k, (label, run) in enumerate(made.runs.items())
+                }
                 doctored = made.figure.all_claims(runs)
             except (IndexError, ValueError):  # nothing left to measure
                 continue
@@ -102,11 +117,12 @@ def test_every_claim_can_fail(name):
     assert [text for text, doctors in otherwise.items() if not doctors] == []
 
 
-# -- what claims are measured against ------------------------------------------------------------------------------------
+# -- what claims are measured against ------------------------------------------------------------------------
 
 
 def test_torque_jump_is_that_of_the_law():
-    """The law of line and arc, asked in the state of steady motion before the join, jumps as the closed form says."""
+    """The law of line and arc, asked in the state of steady motion before the join,
+    jumps as the closed form says."""
     random = np.random.default_rng(10)
     law = law_of(find_robot("labmate"), "type_iv_segment")
     parameters = {p.name: p.default for p in law.parameters}
@@ -126,7 +142,9 @@ def test_torque_jump_is_that_of_the_law():
             tau.append(controller.step(state, wanted)[1])
         jump = tau[1] - tau[0]
         assert jump[1] == pytest.approx(-jump[0], abs=1e-9)
-        assert composite.expected_jump(parameters, v, other - before, s) == pytest.approx(jump[0], rel=1e-9, abs=1e-9)
+        assert composite.expected_jump(parameters, v, other - before, s) == pytest.approx(
+            jump[0], rel=1e-9, abs=1e-9
+        )
 
 
 def test_sampled_runs_start_on_the_arc_within_one_period():
@@ -134,7 +152,9 @@ def test_sampled_runs_start_on_the_arc_within_one_period():
     for label in composite.SAMPLED:
         spec = composite.CASES[label].spec()
         x, y, direction = arc.pose(arc.progress(*spec.initial.point))
-        assert math.dist((x, y), spec.initial.point) < 1e-12 and direction == pytest.approx(spec.initial.heading, abs=1e-12)
+        assert math.dist((x, y), spec.initial.point) < 1e-12 and direction == pytest.approx(
+            spec.initial.heading, abs=1e-12
+        )
         assert 0 <= arc.progress(*spec.initial.point) < spec.reference.speed * spec.simulation.period
         assert 1 / arc.curvature == composite.RADIUS and spec.reference.speed == composite.SPEED
 
@@ -162,9 +182,16 @@ def test_singular_time_in_closed_form_is_that_of_the_integrated_equation():
         initial = {"q": [0.0, offset, heading, 0.0, 0.0], "nu": [rate, rate]}
         spec = Case("reversing.toml", {"initial": initial, "reference.speed": v}).spec()
         q = np.array([[*initial["q"]]])
-        begin = changed(run, q=lambda r, q=q: q, nu=lambda r, rate=rate: np.array([[rate, rate]]), place=lambda r: r.place[:1])
+        begin = changed(
+            run,
+            q=lambda r, q=q: q,
+            nu=lambda r, rate=rate: np.array([[rate, rate]]),
+            place=lambda r: r.place[:1],
+        )
         verdict = certify(make_loop(spec), spec)
-        assert verdict.kind == "singular" and reversing.singular_at(begin) == pytest.approx(verdict.t, abs=1e-7)
+        assert verdict.kind == "singular" and reversing.singular_at(begin) == pytest.approx(
+            verdict.t, abs=1e-7
+        )
 
 
 def test_refused_reversing_says_what_to_do():
@@ -191,7 +218,9 @@ def test_friction_needed_on_a_circle_is_that_of_the_constraint_forces():
 def test_distance_from_a_path_is_that_to_its_nearest_place():
     random = np.random.default_rng(13)
     segments = (Segment(0, 0, 0, 0.5, 2.0), Segment(*Segment(0, 0, 0, 0.5, 2.0).end, 0.0, 3.0))
-    dense = np.array([segment.pose(s)[:2] for segment in segments for s in np.linspace(0, segment.length, 20001)])
+    dense = np.array(
+        [segment.pose(s)[:2] for segment in segments for s in np.linspace(0, segment.length, 20001)]
+    )
     points = random.uniform(-1, 4, (30, 2))
     nearest = np.array([np.hypot(*(dense - place).T).min() for place in points])
     assert planned.off_path(points, segments) == pytest.approx(nearest, abs=1e-6)
@@ -226,5 +255,8 @@ def test_diagrams_need_no_runs():
 @pytest.mark.parametrize("name", ["7", "12"])
 def test_pictures_are_the_same_every_time(name):
     made = figure_of(name)
-    first, second = (pictures(lambda: made.figure.draw(made.runs), made.figure.title, made.figure.assumed) for _ in range(2))
+    first, second = (
+        pictures(lambda: made.figure.draw(made.runs), made.figure.title, made.figure.assumed)
+        for _ in range(2)
+    )
     assert first == second and first["svg"] == made.pictures["svg"]

@@ -35,25 +35,33 @@ def runs():
 
 @pytest.mark.nightly
 def test_the_table_is_made_from_runs(runs, monkeypatch):
-    """A claim is one that holds where the wheels roll, is lost where its run ended, and else is judged as in its own figure."""
+    """A claim is one that holds where the wheels roll, is lost where its run ended,
+    and else is judged as in its own figure."""
     monkeypatch.setattr(floor, "PAPERS", (SPEEDS,))
     monkeypatch.setattr(floor, "SURVIVE", FLOORS)
     monkeypatch.setattr(floor, "SHOWN", "IV")
     table = floor.survivors(runs)
     assert len(table) == 4
-    rolling, bare, limited, led = ([by_floor[each] for by_floor in table.values()] for each in (floor.ROLLING, *FLOORS))
+    rolling, bare, limited, led = (
+        [by_floor[each] for by_floor in table.values()] for each in (floor.ROLLING, *FLOORS)
+    )
     assert all(holds for holds, _ in rolling)
     assert not any(holds for holds, _ in bare)
     ends = [said.partition(": ")[2] for _, said in bare]
     assert all(end.startswith(("range at 0.0", "overturned at 0.0")) for end in ends)
     assert [holds for holds, _ in limited] == [True, False, False, True]  # at 4 s it is still 2 cm/s too slow
-    own = SPEEDS.claims({label: runs[floor._label(SPEEDS, label, (0.7, floor.LED))] for label in SPEEDS.cases})
+    own = SPEEDS.claims(
+        {label: runs[floor._label(SPEEDS, label, (0.7, floor.LED))] for label in SPEEDS.cases}
+    )
     assert led == [(claim.holds, claim.measured) for claim in own if claim.paper]
     *_, rolls = floor.claims_papers(runs)
     assert [claim.holds for claim in floor.claims_papers(runs)] == [True] * 4
     slides = {label: dataclasses.replace(run, floor=run.floor and slid(run)) for label, run in runs.items()}
     assert rolls.holds and not floor.claims_papers(slides)[-1].holds
-    standing = {label: runs[floor._label(SPEEDS, "IV", floor.ROLLING)] if not run.floor else run for label, run in runs.items()}
+    standing = {
+        label: runs[floor._label(SPEEDS, "IV", floor.ROLLING)] if not run.floor else run
+        for label, run in runs.items()
+    }
     assert len(floor.survivors(standing)) < 4  # what does not hold where the wheels roll is not in the table
     data = plotted(floor.draw_papers(runs))
     for on, by_floor in zip((floor.ROLLING, *FLOORS), (rolling, bare, limited, led), strict=True):
@@ -75,7 +83,8 @@ def test_runs_on_a_floor_in_the_report(runs):
     assert report([made]).count('<td class="number">–</td>' * 4) == len(there)
     (said,) = as_json([made])
     bare, limited, led = (
-        [one["slipping"] for k, one in said["runs"].items() if k.endswith(f", {limits}")] for _, limits in FLOORS
+        [one["slipping"] for k, one in said["runs"].items() if k.endswith(f", {limits}")]
+        for _, limits in FLOORS
     )
     assert min(bare) > 100 and 0 < max(*limited, *led) < 0.01
 
@@ -86,18 +95,28 @@ def test_the_robots_are_those_that_the_engine_takes():
 
 
 def test_without_the_engine_they_are_left_out(monkeypatch, capsys):
-    assert catalogue.left_out() == [] and {*NAMES} < {figure.name for figure in catalogue.chosen([], every=True)}
-    assert not {*NAMES} & {figure.name for figure in catalogue.chosen([])} and "fastest" in [f.name for f in catalogue.chosen([])]
+    assert catalogue.left_out() == [] and {*NAMES} < {
+        figure.name for figure in catalogue.chosen([], every=True)
+    }
+    assert not {*NAMES} & {figure.name for figure in catalogue.chosen([])} and "fastest" in [
+        f.name for f in catalogue.chosen([])
+    ]
     monkeypatch.setattr(catalogue, "find_spec", lambda name: None)
-    assert catalogue.left_out() == NAMES and not {*NAMES} & {figure.name for figure in catalogue.chosen([], every=True)}
-    with pytest.raises(BadInput, match=r"--only: figure 'floor' is made in a physics engine; `make -C .* setup` installs it"):
+    assert catalogue.left_out() == NAMES and not {*NAMES} & {
+        figure.name for figure in catalogue.chosen([], every=True)
+    }
+    with pytest.raises(
+        BadInput, match=r"--only: figure 'floor' is made in a physics engine; `make -C .* setup` installs it"
+    ):
         catalogue.chosen(["6", "floor"])
 
 
 def test_reckoning_is_off_by_what_it_says(runs):
     run = runs[floor._label(SPEEDS, "I", (0.7, floor.LIMITED))]
     assert floor.reckoning_error(run) < 1e-2
-    moved = dataclasses.replace(run, floor=dataclasses.replace(run.floor, reckoned=run.floor.reckoned + [3.0, 4.0, 0.0]))
+    moved = dataclasses.replace(
+        run, floor=dataclasses.replace(run.floor, reckoned=run.floor.reckoned + [3.0, 4.0, 0.0])
+    )
     assert floor.reckoning_error(moved) == pytest.approx(5.0, abs=1e-2)
     assert floor.reckoning_error(runs[floor._label(SPEEDS, "I", floor.ROLLING)]) is None
 
@@ -108,7 +127,9 @@ def test_every_claim_of_a_floor_is_as_expected_and_can_fail(name):
     made = figure_of(name)
     assert [claim.text for claim in made.claims if not claim.as_expected] == []
     on_floor = {label: run for label, run in made.runs.items() if run.floor}
-    worst, best = (f(on_floor.values(), key=lambda run: (run.stopped is not None, run.slipping)) for f in (max, min))
+    worst, best = (
+        f(on_floor.values(), key=lambda run: (run.stopped is not None, run.slipping)) for f in (max, min)
+    )
     otherwise = np.zeros(len(made.figure.claims(made.runs)), int)
     for same in (worst, best):
         runs = {label: same if run.floor else run for label, run in made.runs.items()}

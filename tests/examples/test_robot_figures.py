@@ -38,16 +38,26 @@ def test_claims_hold_and_can_fail(name):
 
     def doctored(**arrays) -> list[bool]:
         """Which claims hold of the run with other arrays."""
-        return [c.holds for c in made.figure.all_claims({robots.RUN: dataclasses.replace(run, arrays={**run.arrays, **arrays})})]
+        return [
+            c.holds
+            for c in made.figure.all_claims(
+                {robots.RUN: dataclasses.replace(run, arrays={**run.arrays, **arrays})}
+            )
+        ]
 
     wheels = name in WHEELS  # their angles tell the heading
-    assert doctored() == [True] * (4 + wheels)  # what comes to rest, energy, constraints, heading, C and model
+    # What comes to rest, energy, constraints, heading, C and model
+    assert doctored() == [True] * (4 + wheels)
     late = (run.t > run.t[-1] / 2)[:, None]
     assert doctored(y=run.y + late * np.abs(run.error).max())[0] is False
     assert doctored(power=1.001 * run.power)[1] is False
     assert doctored(energy=run.energy + 1e-3 * run.t * np.ptp(run.energy))[1] is False
     slips = dataclasses.replace(run, slip=1e-6, agreement=1e-6)
-    assert [c.holds for c in made.figure.all_claims({robots.RUN: slips})][2:] == [False, *[True] * wheels, False]
+    assert [c.holds for c in made.figure.all_claims({robots.RUN: slips})][2:] == [
+        False,
+        *[True] * wheels,
+        False,
+    ]
 
 
 @pytest.mark.nightly
@@ -61,8 +71,12 @@ def test_a_report_has_robots_without_contacts_and_without_the_labmates_integral(
 def test_every_shipped_robot_draws_lines_that_are_finite():
     for name in ROBOTS:
         robot = find_robot(name)
-        lines = outlines(robot, np.zeros((1, len(robot.coordinates))), np.array([p.default for p in robot.parameters]))
-        assert robot.lines and len(lines) == len(robot.lines) and all(np.isfinite(line).all() for line in lines)
+        lines = outlines(
+            robot, np.zeros((1, len(robot.coordinates))), np.array([p.default for p in robot.parameters])
+        )
+        assert (
+            robot.lines and len(lines) == len(robot.lines) and all(np.isfinite(line).all() for line in lines)
+        )
 
 
 def test_the_labmate_is_drawn_to_scale_where_it_is():
@@ -75,14 +89,18 @@ def test_the_labmate_is_drawn_to_scale_where_it_is():
         places = [wheel[k] @ (1, 1j) for wheel in wheels]
         middles = sorted([(place.mean() - axle) / left for place in places], key=lambda z: z.real)
         np.testing.assert_allclose(middles, [-p["b"], p["b"]], atol=1e-12)
-        np.testing.assert_allclose([np.diff(place)[0] for place in places], 2 * p["r"] * np.exp(1j * phi), atol=1e-12)
+        np.testing.assert_allclose(
+            [np.diff(place)[0] for place in places], 2 * p["r"] * np.exp(1j * phi), atol=1e-12
+        )
         assert is_outline(body[k]) and abs((body[k, :4] @ (1, 1j)).mean() - (x + 1j * y)) < 1e-12
         assert not any(is_outline(wheel[k]) for wheel in wheels)
 
 
 def test_a_robot_that_draws_nothing_is_a_small_box():
     robot = unicycle()
-    ((box,),) = outlines(robot, np.array([[1.0, 2.0, np.pi / 2]]), np.array([p.default for p in robot.parameters]))
+    ((box,),) = outlines(
+        robot, np.array([[1.0, 2.0, np.pi / 2]]), np.array([p.default for p in robot.parameters])
+    )
     np.testing.assert_allclose([box.min(axis=0), box.max(axis=0)], [[0.75, 1.5], [1.25, 2.5]], atol=1e-12)
 
 

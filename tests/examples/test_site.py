@@ -19,7 +19,9 @@ from noslip.tests.browser import Page, browser
 from noslip.tests.tools import need
 
 ROOT = Path(noslip.__file__).parent
-LOADED = re.compile(r"<(?:script|img|iframe|source)\b[^>]*\bsrc=\"(?:https?:)?//|<link\b[^>]*\bhref=\"(?:https?:)?//")
+LOADED = re.compile(
+    r"<(?:script|img|iframe|source)\b[^>]*\bsrc=\"(?:https?:)?//|<link\b[^>]*\bhref=\"(?:https?:)?//"
+)
 
 
 def run(*command: object) -> str:
@@ -36,22 +38,38 @@ def site(tmp_path_factory) -> Path:
     pytest.importorskip("myst_parser", reason="the extra `site` is not installed")
     folder = tmp_path_factory.mktemp("site")
     run(sys.executable, "docs/site/pages.py", folder / "pages")
-    run(sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", "docs/site", folder / "pages", folder / "site")
+    run(
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-c",
+        "docs/site",
+        folder / "pages",
+        folder / "site",
+    )
     return folder / "site"
 
 
 @pytest.mark.nightly
 def test_site(site):
-    """Every page of the repository's documentation is there and leads to the glossary; functions and commands are described."""
+    """Every page of the repository's documentation is there and leads to the glossary;
+    functions and commands are described."""
     pages = {str(path.relative_to(site)): path.read_text() for path in site.rglob("*.html")}
-    pages = {name: text for name, text in pages.items() if not name.startswith("_")}  # linked, not written by Sphinx
+    # Linked, not written by Sphinx
+    pages = {name: text for name, text in pages.items() if not name.startswith("_")}
     written = {"index", *(f"docs/{path.stem}" for path in ROOT.glob("docs/*.md"))}
-    written |= {f"lessons/{path.stem}" for path in ROOT.glob("docs/lessons/*.py")}  # each has run without an error
+    # Each has run without an error
+    written |= {f"lessons/{path.stem}" for path in ROOT.glob("docs/lessons/*.py")}
     assert {f"{name}.html" for name in written} <= pages.keys()
     for name, text in pages.items():
         assert not LOADED.search(text), name
         assert "glossary.html" in text or name == "readers/glossary.html", name
-    declared = re.findall(r"^int (labmate_\w+)\(", "".join(p.read_text() for p in ROOT.glob("generated/labmate/*[!f].h")), re.M)
+    declared = re.findall(
+        r"^int (labmate_\w+)\(", "".join(p.read_text() for p in ROOT.glob("generated/labmate/*[!f].h")), re.M
+    )
     assert len(declared) > 50
     for name in declared:
         assert f'id="c.{name}"' in pages["reference/c_labmate.html"], name
@@ -63,7 +81,7 @@ def test_site(site):
         assert name in text, name
 
 
-# -- in a browser --------------------------------------------------------------------------------------------------------
+# -- in a browser --------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -84,7 +102,8 @@ def test_search_needs_no_server(site, tab):
 
 @pytest.mark.nightly
 def test_paper(site, tab):
-    """Method, guarantees, evidence and how to cite, with every claim of the guarantees, on four printed pages."""
+    """Method, guarantees, evidence and how to cite, with every claim of the guarantees,
+    on four printed pages."""
     paper = (site / "paper.html").read_text()
     for name in ("Method", "Guarantees", "Evidence", "Assumptions", "How to cite", "Repository"):
         assert name in paper, name
@@ -120,11 +139,12 @@ def test_address_holds_the_run(settings, status, page, tab):
     tab.until(f"document.getElementById('status').textContent.includes({json.dumps(status)})")
 
 
-# -- playground ----------------------------------------------------------------------------------------------------------
+# -- playground ----------------------------------------------------------------------------------------------
 
 RUN = """
 const follow = async (given) => {
-  const drawn = arcsThrough(given.points || [], given.closed), s = { ...defaultsOf(given.robot || "labmate"), ...given, drawn };
+  const drawn = arcsThrough(given.points || [], given.closed), s = { ...defaultsOf(given.robot || \
+"labmate"), ...given, drawn };
   const loop = await Loop.of(s.robot), rows = [];
   for (let good = loop.start(s); good && rows.length <= 1000; good = loop.step()) {
     const { t, x, tau, use, forces } = loop.now;
@@ -141,7 +161,10 @@ IN_NODE = """
 })();
 """
 AHEAD = {"x": [0.0, 2.0, 0.3, 0.0, 0.0, 3.0, 3.0]}
-POINTS = {"points": [[0, 0], [4, 1], [8, 0], [10, -4], [6, -6], [2, -4]], "x": [0.0, -0.5, 0.4, 0.0, 0.0, 1.0, 1.0]}
+POINTS = {
+    "points": [[0, 0], [4, 1], [8, 0], [10, -4], [6, -6], [2, -4]],
+    "x": [0.0, -0.5, 0.4, 0.0, 0.0, 1.0, 1.0],
+}
 CAR = {"robot": "car", "x": [17.0, -5.0, 1.4, 0.1, 0.0, 9.0, 0.0]}
 TRAIN = {"robot": "tractor_trailer:3", "x": [5.5, -3.0, 1.5, 0.0, 0.0, 1.4, 1.3, 1.1, 2.0, 2.5]}
 WIDE = [[3 * x, 3 * y] for x, y in POINTS["points"]]
@@ -160,13 +183,36 @@ RUNS = {
     "car": {"mass": 1500, **CAR},
     "car, ellipse": {"law": "IV ellipse", "mu": 0.3, "mode": "grip", **CAR},
     "car, type II": {"law": "II", "angle": 10, **CAR, "x": [0.0, 2.0, 0.2, 0.1, 0.0, 9.0, 0.0]},
-    "tractor, drawn path": {"robot": "tractor_trailer:0", "law": "IV path", "L": 0.5, "closed": True, **POINTS},
-    "a trailer, limits": {"robot": "tractor_trailer:1", "limit": 20, "mode": "slow", "trailers": 120, "L": 0.5},
+    "tractor, drawn path": {
+        "robot": "tractor_trailer:0",
+        "law": "IV path",
+        "L": 0.5,
+        "closed": True,
+        **POINTS,
+    },
+    "a trailer, limits": {
+        "robot": "tractor_trailer:1",
+        "limit": 20,
+        "mode": "slow",
+        "trailers": 120,
+        "L": 0.5,
+    },
     "two trailers": {"robot": "tractor_trailer:2", "law": "I", "angle": 70, "L": 0.5},
-    "car, drawn path": {**CAR, "law": "IV path", "closed": True, "x": [0, -1, 0.3, 0.1, 0, 3, 0], "points": WIDE},
+    "car, drawn path": {
+        **CAR,
+        "law": "IV path",
+        "closed": True,
+        "x": [0, -1, 0.3, 0.1, 0, 3, 0],
+        "points": WIDE,
+    },
     "forklift": {"robot": "forklift", "x": [7.0, -2.0, 1.4, 0.2, 0.0, 2.0, 0.0]},
     "mecanum platform": {"robot": "mecanum", "limit": 1},
-    "mecanum platform, grip": {"robot": "mecanum", "mode": "grip", "mu": 0.05, "x": [2, -0.4, 0.3, 0, 0, 0, 0, 0.1, 0.1, 0]},
+    "mecanum platform, grip": {
+        "robot": "mecanum",
+        "mode": "grip",
+        "mu": 0.05,
+        "x": [2, -0.4, 0.3, 0, 0, 0, 0, 0.1, 0.1, 0],
+    },
     "balancer": {"robot": "balancer", "believed": 4},
     "three trailers": {"trailers": 100, "believedTrailers": 60, **TRAIN},
     "three trailers, drawn path": {
@@ -187,14 +233,16 @@ def model(page) -> str:
 
 @pytest.fixture(scope="module")
 def playground(model, tmp_path_factory) -> dict[str, dict]:
-    """What the page's own scripts compute, run by Node: name -> its SPEC, a row for each period, the last status."""
+    """What the page's own scripts compute, run by Node: name -> its SPEC, a row for each period,
+    the last status."""
     file = tmp_path_factory.mktemp("playground") / "run.js"
     file.write_text(model + RUN + IN_NODE)
     return dict(zip(RUNS, json.loads(run("node", file, json.dumps(list(RUNS.values())))), strict=True))
 
 
 def check_same(page: dict, name: str) -> None:
-    """Fails unless times, states and torques of the page have the same bits in `noslip simulate` of the SPEC that it gives."""
+    """Fails unless times, states and torques of the page have the same bits in `noslip simulate` of the SPEC
+    that it gives."""
     there = simulate(varied(page["spec"], name, {}))
     rows = {key: np.array([row[key] for row in page["rows"]]) for key in ("x", "y", "use", "forces")}
     stopped, count = there.stopped is not None, len(page["rows"])
@@ -209,7 +257,9 @@ def check_same(page: dict, name: str) -> None:
     use = np.column_stack(list(there.use.values()))[kept]  # up to thousands beside the singular set
     assert np.max(np.abs(rows["use"] - use) / (1 + use)) <= 1e-11
     contacts = grip(there).contacts
-    forces = np.column_stack([part[kept] for contact in contacts for part in (contact.longitudinal, contact.lateral)])
+    forces = np.column_stack(
+        [part[kept] for contact in contacts for part in (contact.longitudinal, contact.lateral)]
+    )
     assert np.max(np.abs(rows["forces"] - forces) / (1 + np.abs(forces))) <= 1e-10
 
 
@@ -242,7 +292,8 @@ LEAVES = """
 
 @pytest.mark.nightly
 def test_another_law_goes_on(model, tmp_path):
-    """Wherever a robot is and whatever it drives at, the page finds a start near it from which another law has torques."""
+    """Wherever a robot is and whatever it drives at, the page finds a start near it from which another law
+    has torques."""
     file = tmp_path / "run.js"
     file.write_text(model + LEAVES)
     turned, stopped = zip(*json.loads(run("node", file)), strict=True)
@@ -262,8 +313,10 @@ new Promise((done) => {
 """
 CARRY = """
 (() => {
-  const floor = element("floor"), { left, top, width, height } = floor.getBoundingClientRect(), [x, y] = now.x;
-  const carry = (kind, clientX, clientY) => floor.dispatchEvent(new PointerEvent(kind, { clientX, clientY, buttons: 1 }));
+  const floor = element("floor"), { left, top, width, height } = floor.getBoundingClientRect(), [x, y] = \
+now.x;
+  const carry = (kind, clientX, clientY) => floor.dispatchEvent(new PointerEvent(kind, { clientX, clientY, \
+buttons: 1 }));
   const [u, v] = [left + width / 2 + x * scale, top + height / 2 - y * scale];
   floor.setPointerCapture = () => {}; // there is no pointer to capture
   carry("pointerdown", u, v);
@@ -276,11 +329,14 @@ CARRY = """
 
 @pytest.mark.nightly
 def test_browser_is_simulate(page, tab):
-    """10 s of three trailers, computed by the page's worker in a browser, have the bits of `noslip simulate`."""
+    """10 s of three trailers, computed by the page's worker in a browser,
+    have the bits of `noslip simulate`."""
     tab.open(page.as_uri())
     found = tab.value(IN_BROWSER)
     there = simulate(varied(found["spec"], "page", {}))
-    assert (np.array(found["rows"]) == np.column_stack([there.t, there.x, there.tau])).all() and len(there.t) == 1001
+    assert (np.array(found["rows"]) == np.column_stack([there.t, there.x, there.tau])).all() and len(
+        there.t
+    ) == 1001
 
 
 @pytest.mark.nightly
@@ -317,7 +373,8 @@ NUDGE = 'element("floor").dispatchEvent(new KeyboardEvent("keydown", { key: "Arr
 
 @pytest.mark.nightly
 def test_stopped_robot_goes_on(page, tab):
-    """A robot that stands at a singular heading goes on after an arrow key, and one that drives after a change of law."""
+    """A robot that stands at a singular heading goes on after an arrow key,
+    and one that drives after a change of law."""
     settings = {"law": "II", "x": [0, 2, np.pi / 2, 0, 0, 0, 0]}
     tab.open(f"{page.as_uri()}#{quote(json.dumps(settings))}")
     stuck = tab.until("now && !going", "regular.filter((value) => Math.abs(value) < FORBIDDEN).length")
@@ -327,7 +384,9 @@ def test_stopped_robot_goes_on(page, tab):
     tab.until("going && now.t > 3 && now.t < 8")
     tab.value(CHOOSE)
     assert stuck and tab.until("settings.law === 'II' && !waiting && now.t > 3", "going")
-    lateral = float(re.findall(r"lateral error (-?\d+\.\d\d) m", tab.value("element('measures').textContent"))[0])
+    lateral = float(
+        re.findall(r"lateral error (-?\d+\.\d\d) m", tab.value("element('measures').textContent"))[0]
+    )
     assert abs(lateral - tab.value("lateralError()")) < 0.5  # m; it goes on
 
 

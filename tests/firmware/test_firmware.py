@@ -29,9 +29,11 @@ NAN, INF = math.nan, math.inf
 SETTINGS = {  # a change of the settings that must be refused -> the status
     "period": (("period",), (0.0, -PERIOD, NAN, INF, 1e-45)),
     "counts per turn": (("counts_per_turn", 1), (0.0, 0.5, NAN, INF)),
-    "counter bits": (("counter_bits",), (1, 33, -16, 12)),  # 12: half a round is less than four ticks at the fastest
+    # 12: half a round is less than four ticks at the fastest
+    "counter bits": (("counter_bits",), (1, 33, -16, 12)),
     "smoothing": (("smoothing",), (-0.01, -PERIOD / 2, NAN, INF)),
-    "fastest": (("fastest",), (0.0, -1.0, NAN, INF, 1e30, 130.0)),  # 130 rad/s: half a round in less than four ticks
+    # 130 rad/s: half a round in less than four ticks
+    "fastest": (("fastest",), (0.0, -1.0, NAN, INF, 1e30, 130.0)),
     "start": (("start", "x"), (NAN, INF)),
     "heading": (("start", "heading"), (NAN, 1e5)),
     "no path": (("count",), (0, -1)),
@@ -61,7 +63,7 @@ def c(tmp_path_factory) -> Firmware:
     return Firmware(tmp_path_factory.mktemp("headers"))
 
 
-# -- the watchdog ----------------------------------------------------------------------------------------------------------
+# -- the watchdog --------------------------------------------------------------------------------------------
 
 
 class Rules:
@@ -93,12 +95,21 @@ class Rules:
 def test_the_watchdog_keeps_its_rules(c):
     random, lib = np.random.default_rng(4), c.lib
     passing = (lib.NOSLIP_NONFINITE, lib.NOSLIP_RANGE, lib.NOSLIP_SINGULAR)
-    statuses = [lib.NOSLIP_OK] * 12 + [lib.NOSLIP_SATURATED, lib.NOSLIP_ARRIVED, *passing] * 2 + [lib.NOSLIP_UNSTABLE]
+    statuses = (
+        [lib.NOSLIP_OK] * 12
+        + [lib.NOSLIP_SATURATED, lib.NOSLIP_ARRIVED, *passing] * 2
+        + [lib.NOSLIP_UNSTABLE]
+    )
     seen = set()
     for _ in range(400):
         tolerated, forgiven, stuck = (int(n) for n in random.integers(0, [5, 6, 4]))
         watchdog, rules = c.used("noslip_watchdog"), Rules(tolerated, forgiven, stuck, passing)
-        assert lib.noslip_watchdog_init(watchdog, c.new("noslip_watchdog_settings", (tolerated, forgiven, stuck))) == 0
+        assert (
+            lib.noslip_watchdog_init(
+                watchdog, c.new("noslip_watchdog_settings", (tolerated, forgiven, stuck))
+            )
+            == 0
+        )
         for _ in range(60):
             status, missed = int(random.choice(statuses)), int(random.choice([0, 0, 0, 0, 0, 0, 1, 9]))
             standing = int(random.random() < 0.3)
@@ -113,14 +124,18 @@ def test_the_watchdog_keeps_its_rules(c):
 
 def test_a_watchdog_that_is_not_ready_stops(c):
     watchdog = c.new("noslip_watchdog")
-    assert c.lib.noslip_watchdog_step(c.ffi.NULL, 0, 0, 0) == STOP == c.lib.noslip_watchdog_step(watchdog, 0, 0, 0)
+    assert (
+        c.lib.noslip_watchdog_step(c.ffi.NULL, 0, 0, 0)
+        == STOP
+        == c.lib.noslip_watchdog_step(watchdog, 0, 0, 0)
+    )
     assert c.lib.noslip_watchdog_reset(watchdog) == c.lib.NOSLIP_NOT_READY
     missed = 2**32 - 1
     assert c.lib.noslip_watchdog_init(watchdog, c.new("noslip_watchdog_settings", (5, 0, 0))) == 0
     assert c.lib.noslip_watchdog_step(watchdog, c.lib.NOSLIP_RANGE, missed, 0) == STOP
 
 
-# -- the vehicle -----------------------------------------------------------------------------------------------------------
+# -- the vehicle ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -132,7 +147,9 @@ def test_bad_settings_are_refused(c, name):
         change(settings, place, value)
         assert c.lib.labmate_follower_init_f(vehicle, settings) < 0, value
         told[0] = told[1] = NAN
-        assert c.lib.labmate_follower_tick_f(vehicle, counts, 0, told) == c.lib.NOSLIP_NOT_READY and list(told) == [0, 0]
+        assert c.lib.labmate_follower_tick_f(vehicle, counts, 0, told) == c.lib.NOSLIP_NOT_READY and list(
+            told
+        ) == [0, 0]
         assert c.lib.labmate_follower_reset_f(vehicle) == c.lib.NOSLIP_NOT_READY
 
 
@@ -150,7 +167,11 @@ def test_null_is_refused(c):
 def test_null_parts_are_refused(c):
     null, lib = c.ffi.NULL, c.lib
     init = lib.noslip_watchdog_init
-    assert init(null, c.new("noslip_watchdog_settings")) == init(c.used("noslip_watchdog"), null) == lib.NOSLIP_NULL
+    assert (
+        init(null, c.new("noslip_watchdog_settings"))
+        == init(c.used("noslip_watchdog"), null)
+        == lib.NOSLIP_NULL
+    )
     assert lib.noslip_watchdog_reset(null) == lib.labmate_follower_reset_f(null) == lib.NOSLIP_NULL
 
 
@@ -166,7 +187,8 @@ def feed(c, vehicle, counts) -> np.ndarray:
 
 @pytest.mark.parametrize("smoothing", [0.0, 0.004, 0.02, 0.1])
 def test_wheel_rates(c, smoothing):
-    """Gain 1; behind an even growth by the time constant and half a tick; a count shows by its share, within the quantization."""
+    """Gain 1; behind an even growth by the time constant and half a tick; a count shows by its share,
+    within the quantization."""
     settings = c.settings()
     settings.smoothing = smoothing
     count = TURN / settings.counts_per_turn[0]
@@ -175,7 +197,9 @@ def test_wheel_rates(c, smoothing):
     assert np.abs(even[-1] / (np.array([37, 91]) * count / PERIOD) - 1).max() < 1e-5
 
     growth = 3.0  # rad/s^2: 18 rad/s at the end
-    grown = feed(c, c.vehicle(settings), np.outer(np.round(growth * (ticks * PERIOD) ** 2 / 2 / count), (1, -1)))
+    grown = feed(
+        c, c.vehicle(settings), np.outer(np.round(growth * (ticks * PERIOD) ** 2 / 2 / count), (1, -1))
+    )
     lag = ticks[-100:] * PERIOD - grown[-100:].mean(axis=1) / growth
     assert abs(lag.mean() - (smoothing + PERIOD / 2)) < 1e-5 + count / PERIOD / growth / 100
 
@@ -188,7 +212,12 @@ def test_wheel_rates_over_missed_ticks(c):
     random, settings = np.random.default_rng(7), c.settings()
     settings.watchdog.tolerated = 20
     settings.fastest = 10.0
-    vehicle, told, at, count = c.vehicle(settings), c.ffi.new("float[2]"), 0, TURN / settings.counts_per_turn[0]
+    vehicle, told, at, count = (
+        c.vehicle(settings),
+        c.ffi.new("float[2]"),
+        0,
+        TURN / settings.counts_per_turn[0],
+    )
     assert c.lib.labmate_follower_tick_f(vehicle, c.ffi.new("uint32_t[2]"), 0, told) >= 0
     rate = 0.0
     for _ in range(200):
@@ -258,7 +287,8 @@ def test_the_simulated_vehicle_is_the_model(c):
         wanted = plant.rate(np.array([*centre, before[2], 0, 0, *before[3:]]), np.array(tau))
         lib.move(dt)
         moved = (np.array([lib.x, lib.y, lib.heading, *lib.rate]) - before) / dt
-        assert np.abs(moved[3:] - wanted[5:]).max() < 1e-2 + 1e-3 * np.abs(wanted[5:]).max()  # float differences over dt
+        # Float differences over dt
+        assert np.abs(moved[3:] - wanted[5:]).max() < 1e-2 + 1e-3 * np.abs(wanted[5:]).max()
         turning, forward = wanted[2], (rates @ [1, 1]) * params[2] / 2
         along = forward * np.array([math.cos(before[2]), math.sin(before[2])])
         accelerated = np.abs(wanted[5:]).max() * dt  # the step is midway
@@ -267,7 +297,8 @@ def test_the_simulated_vehicle_is_the_model(c):
 
 
 def test_the_speed_loop_is_the_linear_recursion(c):
-    """On a straight line from rest: hold, mean rate of a tick, filter and gain; nothing else is between speed and torque."""
+    """On a straight line from rest: hold, mean rate of a tick, filter and gain;
+    nothing else is between speed and torque."""
     loop = FirmwareLoop(c, smoothing=0.05, limits__on_limit=c.lib.NOSLIP_CUT)
     loop.settings.limits.limit = [1e6, 1e6]
     for motor in (*loop.settings.motors, *c.lib.robot.motors):
@@ -288,7 +319,8 @@ def test_the_speed_loop_is_the_linear_recursion(c):
 def test_back_emf_made_up_for_late_feels_like_inertia(c):
     """With a voltage: e E^2 dt / R more than with a torque, as its header says.
 
-    The simulated motor itself makes up for an eighth: in each of its four steps its rate is that of the step's beginning.
+    The simulated motor itself makes up for an eighth: in each of its four steps its rate is that of the
+    step's beginning.
     """
     felt = []
     for mode in (TORQUE, VOLTAGE):
@@ -308,7 +340,7 @@ def test_back_emf_made_up_for_late_feels_like_inertia(c):
     assert abs((felt[1] - felt[0]) / (7 / 8 * wanted) - 1) < 0.02 and wanted > 0.05 * felt[0]
 
 
-# -- what goes wrong -------------------------------------------------------------------------------------------------------
+# -- what goes wrong -----------------------------------------------------------------------------------------
 
 
 def started(c, **changes) -> FirmwareLoop:
@@ -334,7 +366,8 @@ def test_a_count_that_is_misread_costs_nothing(c):
 
 @pytest.mark.parametrize("missed", [1, 2])
 def test_a_misread_count_after_missed_ticks_costs_nothing(c, missed):
-    """The tick that is misread waits with those that were missed: the next one has the way and the time of all of them."""
+    """The tick that is misread waits with those that were missed:
+    the next one has the way and the time of all of them."""
     loop = started(c)
     before = list(loop.pose())
     assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), missed) == c.lib.NOSLIP_RANGE
@@ -346,7 +379,8 @@ def test_a_misread_count_after_missed_ticks_costs_nothing(c, missed):
 
 
 def test_a_misread_count_too_long_after_the_last_good_one_is_where_it_goes_on(c):
-    """With as many missed as are tolerated the tick is lost, and the pose goes on from the counts that it saw."""
+    """With as many missed as are tolerated the tick is lost,
+    and the pose goes on from the counts that it saw."""
     loop = started(c)
     lost = loop.pose()
     assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), 3) == c.lib.NOSLIP_RANGE
@@ -360,7 +394,9 @@ def test_counts_misread_twice_are_given_up_together(c):
     assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), 1) == c.lib.NOSLIP_RANGE
     assert (loop.state, loop.vehicle.waited) == (HOLD, 2)
     assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), 1) == c.lib.NOSLIP_RANGE
-    assert loop.vehicle.waited == 0 and [encoder.last for encoder in loop.vehicle.encoders] == list(loop.counts)
+    assert loop.vehicle.waited == 0 and [encoder.last for encoder in loop.vehicle.encoders] == list(
+        loop.counts
+    )
 
 
 def test_init_forgets_what_the_memory_held(c):
@@ -383,7 +419,9 @@ def test_missed_ticks_are_made_up_for(c):
 def test_a_period_ten_times_too_long_stops(c):
     loop = started(c)
     assert loop.tick(missed=9) < 0
-    assert (loop.state, loop.vehicle.watchdog.reason) == (STOP, c.lib.NOSLIP_WATCHDOG_STRIKES) and list(loop.command) == [0, 0]
+    assert (loop.state, loop.vehicle.watchdog.reason) == (STOP, c.lib.NOSLIP_WATCHDOG_STRIKES) and list(
+        loop.command
+    ) == [0, 0]
 
 
 @pytest.mark.parametrize("wheel", [0, 1])
@@ -426,18 +464,26 @@ def test_a_stop_is_for_good_until_somebody_resets(c):
 
 
 def test_whatever_it_sees_the_command_is_finite_and_within_the_supply(c):
-    """Counters, missed ticks and the state at random, NaN and infinities too; each is an error or a good command."""
+    """Counters, missed ticks and the state at random, NaN and infinities too;
+    each is an error or a good command."""
     random, stopped = np.random.default_rng(6), 0
     hard = [NAN, INF, -INF, 3e38, -1e30, 1e-45, 0.0]
     loop = started(c)
     for _ in range(3000):
-        counts = [int(n) for n in random.integers(0, 2**32, 2)] if random.random() < 0.2 else list(loop.counts)
-        state, place = loop.vehicle.state, random.choice(["x_c", "y_c", "phi", "thetadot_r", "thetadot_l", "theta_r"])
+        counts = (
+            [int(n) for n in random.integers(0, 2**32, 2)] if random.random() < 0.2 else list(loop.counts)
+        )
+        state, place = (
+            loop.vehicle.state,
+            random.choice(["x_c", "y_c", "phi", "thetadot_r", "thetadot_l", "theta_r"]),
+        )
         if random.random() < 0.2:
             setattr(state, place, hard[random.integers(len(hard))])
         missed = int(random.choice([0, 0, 0, 0, 1, 2**32 - 1]))
         loop.command[0] = loop.command[1] = NAN
-        status = c.lib.labmate_follower_tick_f(loop.vehicle, c.ffi.new("uint32_t[2]", counts), missed, loop.command)
+        status = c.lib.labmate_follower_tick_f(
+            loop.vehicle, c.ffi.new("uint32_t[2]", counts), missed, loop.command
+        )
         assert max(map(abs, loop.command)) <= 24.0
         if loop.state == STOP:
             assert status < 0 and list(loop.command) == [0, 0]
@@ -468,7 +514,8 @@ ROUND = [(700, -300, 10000)]
 
 @pytest.mark.parametrize("pieces", [EIGHT, ROUND], ids=["eight", "round"])
 def test_ten_hours_of_dead_reckoning(c, pieces):
-    """In float at 100 Hz, 42 km, beside the exact figure: off by 1.2e-7 of the way and of the turns (or 1 rad) at most, 5 mm."""
+    """In float at 100 Hz, 42 km, beside the exact figure: off by 1.2e-7 of the way and of the turns (or 1
+    rad) at most, 5 mm."""
     settings = c.settings()
     settings.counter_bits = 32
     vehicle = c.vehicle(settings)
@@ -486,16 +533,20 @@ def test_ten_hours_of_dead_reckoning(c, pieces):
     assert abs(reckoned) < TURN  # it was unwound
 
 
-# -- the images ------------------------------------------------------------------------------------------------------------
+# -- the images ----------------------------------------------------------------------------------------------
 
 
-PLATFORM = {"netduinoplus2": "cortex-m4f", "stm32f405": "cortex-m4f"}  # targets of firmware/Makefile -> of controllers.targets
+# Targets of firmware/Makefile -> of controllers.targets
+PLATFORM = {"netduinoplus2": "cortex-m4f", "stm32f405": "cortex-m4f"}
 MACHINE = {"netduinoplus2": "netduinoplus2", "stm32f405": "netduinoplus2"}  # of QEMU
-CLOCK = ("-icount", "shift=5,sleep=off")  # time passes with the instructions, and at once while the processor sleeps
+# Time passes with the instructions, and at once while the processor sleeps
+CLOCK = ("-icount", "shift=5,sleep=off")
 CONSOLE = ("-chardev", "stdio,id=console", "-semihosting-config", "enable=on,target=native,chardev=console")
 
 
-def build(folder: Path, target: str, compiler: str = "gcc", source: Path = FIRMWARE, defines: str = "") -> Path:
+def build(
+    folder: Path, target: str, compiler: str = "gcc", source: Path = FIRMWARE, defines: str = ""
+) -> Path:
     """The image, by the firmware's own Makefile."""
     platform = TARGETS[PLATFORM.get(target, target)]
     need("make", *(["clang", "ld.lld"] if compiler == "clang" else [platform.compiler]), platform.machine[0])
@@ -508,7 +559,14 @@ def build(folder: Path, target: str, compiler: str = "gcc", source: Path = FIRMW
 
 def emulate(target: str, image: Path, dump: Path | None = None) -> tuple[int, str]:
     """QEMU's exit code, and what the image said; its telemetry goes into a dump."""
-    command = [*TARGETS[PLATFORM.get(target, target)].machine, *QUIET, *CONSOLE, *CLOCK, "-kernel", str(image)]
+    command = [
+        *TARGETS[PLATFORM.get(target, target)].machine,
+        *QUIET,
+        *CONSOLE,
+        *CLOCK,
+        "-kernel",
+        str(image),
+    ]
     if dump:
         command[command.index(CONSOLE[-1])] += f",arg=telemetry,arg={dump}"
     command[2] = MACHINE.get(target, command[2])
@@ -522,7 +580,13 @@ def built(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("firmware")
 
 
-IMAGES = [("cortex-m4f", "gcc"), ("cortex-m4f", "clang"), ("netduinoplus2", "gcc"), ("rv32imafc", "gcc"), ("rv32imac", "gcc")]
+IMAGES = [
+    ("cortex-m4f", "gcc"),
+    ("cortex-m4f", "clang"),
+    ("netduinoplus2", "gcc"),
+    ("rv32imafc", "gcc"),
+    ("rv32imac", "gcc"),
+]
 
 
 @pytest.mark.parametrize(("target", "compiler"), IMAGES)
@@ -531,7 +595,9 @@ def test_an_image_arrives(built, target, compiler):
     code, said = emulate(target, build(built, target, compiler))
     assert code == 0, said
     assert re.match(
-        r"status arrived, watchdog 0, ticks \d+, missed 0, x 2\.\d+, y 0\.\d+, .* error 0\.00\d, drift 0\.000\n$", said
+        r"status arrived, watchdog 0, ticks \d+, missed 0, x 2\.\d+, y 0\.\d+, "
+        r".* error 0\.00\d, drift 0\.000\n$",
+        said,
     )
 
 
@@ -581,7 +647,8 @@ BROKEN = {  # a change of robot.c -> the exit code
 
 
 @pytest.mark.parametrize(
-    ("target", "name"), [*(("cortex-m4f", name) for name in BROKEN), ("rv32imafc", "refused"), ("rv32imafc", "fault")]
+    ("target", "name"),
+    [*(("cortex-m4f", name) for name in BROKEN), ("rv32imafc", "refused"), ("rv32imafc", "fault")],
 )
 def test_exit_codes(built, tmp_path, target, name):
     """An image that is broken ends with the code that says how."""
@@ -601,7 +668,8 @@ def test_exit_codes(built, tmp_path, target, name):
 
 @pytest.mark.nightly
 def test_the_real_board_checks_itself(built):
-    """QEMU has no encoders at the timers of an STM32F405: they count by themselves, or not, and the vehicle stops."""
+    """QEMU has no encoders at the timers of an STM32F405: they count by themselves, or not,
+    and the vehicle stops."""
     code, said = emulate("stm32f405", build(built, "stm32f405", defines="-DHAS_HOST"))
     assert code == 2, said
 
@@ -611,23 +679,32 @@ def test_the_makefile_has_the_targets_of_the_table(built):
     assert (FIRMWARE / "targets.mk").read_text() == makefile()
     for target in ("cortex-m4f", "cortex-m7", "rv32imafc", "rv32imac"):
         made = subprocess.run(
-            ["make", "-n", "-B", "-C", str(FIRMWARE), "run", f"TARGET={target}"], capture_output=True, text=True, check=True
+            ["make", "-n", "-B", "-C", str(FIRMWARE), "run", f"TARGET={target}"],
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout
         for wanted in (TARGETS[target].flags, TARGETS[target].machine, CLOCK, (TARGETS[target].script,)):
             assert set(wanted) <= set(made.replace("boards/", "").split()), target
 
 
 def test_no_heap_no_library_no_memory_of_its_own(built):
-    """Follower and watchdog have no data, and call nothing but each other, the law, the dynamics and the path."""
+    """Follower and watchdog have no data, and call nothing but each other, the law,
+    the dynamics and the path."""
     objects = build(built, "cortex-m4f").parent
     for name in ("labmate_follower_f", "noslip_watchdog"):
         command = ["arm-none-eabi-nm", str(objects / f"{name}.o")]
         rows = [
-            line.split()[-2:] for line in subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+            line.split()[-2:]
+            for line in subprocess.run(
+                command, capture_output=True, text=True, check=True
+            ).stdout.splitlines()
         ]
         assert not [symbol for kind, symbol in rows if kind in "DdBbCGgSs"]
         needed = [symbol for kind, symbol in rows if kind == "U"]
-        ours = r"(noslip_watchdog|noslip_path|labmate_(type_iv_segment|dynamics|check_params|default_params))_"
+        ours = (
+            r"(noslip_watchdog|noslip_path|labmate_(type_iv_segment|dynamics|check_params|default_params))_"
+        )
         assert all(re.match(ours, symbol) for symbol in needed), needed
 
 

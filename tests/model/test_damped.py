@@ -1,4 +1,5 @@
-"""Type IV near the normal to the path: the damped law against its closed form, its edge, sign and bound, and where it ends."""
+"""Type IV near the normal to the path: the damped law against its closed form, its edge, sign and bound,
+and where it ends."""
 
 import json
 import math
@@ -32,7 +33,9 @@ KP, KD, KV = 1.0, 2.5, 2.0
 def controller(name: str, backend: str = "c", band: float | None = BAND, **changed: float):
     law = law_of(find_robot("labmate"), name)
     given = {"band": band} | changed
-    values = [[given.get(q.name, q.default) for q in group] for group in (law.parameters, law.config, law.gains)]
+    values = [
+        [given.get(q.name, q.default) for q in group] for group in (law.parameters, law.config, law.gains)
+    ]
     return make_controller(backend, law, *values)
 
 
@@ -40,8 +43,15 @@ def state(rng: np.random.Generator, x: float, y: float, heading: float) -> np.nd
     return np.array([x, y, heading, *rng.uniform(-20, 20, 2), *rng.uniform(-10, 10, 2)])
 
 
-def closed_form(heading: float, nu: np.ndarray, y: float, reference: np.ndarray, l: float = LOOKAHEAD) -> tuple[float, ...]:  # noqa: E741
-    """Forward and yaw acceleration on the line y = 0, distance y of P_l, by hand; e, and the part that is lost."""
+def closed_form(
+    heading: float,
+    nu: np.ndarray,
+    y: float,
+    reference: np.ndarray,
+    l: float = LOOKAHEAD,  # noqa: E741
+) -> tuple[float, ...]:
+    """Forward and yaw acceleration on the line y = 0, distance y of P_l, by hand; e,
+    and the part that is lost."""
     r, b = 0.15, 0.75
     v, omega = r * (nu[0] + nu[1]) / 2, r * (nu[0] - nu[1]) / (2 * b)
     s, c = math.sin(heading), math.cos(heading) * math.copysign(1, l)
@@ -95,7 +105,10 @@ def test_outside_the_band_every_bit_is_that_of_the_law_without_one(path, backend
     fixed = [[q.default for q in group] for group in (damped.law.parameters, damped.law.config)]
     outside = differ = 0
     for _ in range(300):
-        at, reference = state(rng, *rng.uniform(-5, 5, 2), rng.uniform(-math.pi, math.pi)), rng.uniform(-2, 2, 5)
+        at, reference = (
+            state(rng, *rng.uniform(-5, 5, 2), rng.uniform(-math.pi, math.pi)),
+            rng.uniform(-2, 2, 5),
+        )
         x = float(x_of(at, *fixed))
         same = damped.step(at, reference)[1].tobytes() == plain.step(at, reference)[1].tobytes()
         assert same or abs(x) < 1 + 1e-5
@@ -135,13 +148,17 @@ def test_the_yaw_acceleration_turns_the_way_that_is_asked_and_is_bounded():
             aside = LOOKAHEAD * 0.15 * (u[0] - u[1]) / 1.5 + v * omega
             if not nu.any():
                 assert aside * asked * x >= 0
-            assert abs(aside + KD * LOOKAHEAD * omega) <= STEEPEST * abs(asked) / BAND + ASIDE * KD * abs(v) + 1e-9
+            assert (
+                abs(aside + KD * LOOKAHEAD * omega)
+                <= STEEPEST * abs(asked) / BAND + ASIDE * KD * abs(v) + 1e-9
+            )
     grid = np.linspace(-1, 1, 100_001)
     assert STEEPEST == pytest.approx((grid * (2 - grid**2)).max(), rel=1e-8)
 
 
 def test_in_the_middle_it_turns_towards_the_side_of_its_motion():
-    """Exactly normal and driving: forward with P_l ahead, in reverse with P_l behind, towards the path or away from it."""
+    """Exactly normal and driving: forward with P_l ahead, in reverse with P_l behind,
+    towards the path or away from it."""
     for L, v in ((0.0, 1.0), (-0.6, -1.0)):
         law = controller("type_iv_line_damped", "casadi", A=0.0, B=1.0, C=0.0, L=L)
         for sign in (-1.0, 1.0):
@@ -154,7 +171,11 @@ def test_in_the_middle_it_turns_towards_the_side_of_its_motion():
 
 SPEC = {
     "robot": "labmate",
-    "output": {"type": "IV", "near_singular": "damped", "path": {"kind": "line", "A": 0.0, "B": 1.0, "C": 0.0}},
+    "output": {
+        "type": "IV",
+        "near_singular": "damped",
+        "path": {"kind": "line", "A": 0.0, "B": 1.0, "C": 0.0},
+    },
     "reference": {"speed": 1.0},
     "initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 1.0},
     "simulation": {"duration": 20.0, "period": 0.01},
@@ -174,7 +195,8 @@ def test_starts_at_exactly_the_normal_reach_the_path(y, heading, speed):
     initial = {"point": [0.0, y], "heading": math.radians(heading), "speed": speed}
     made = run(initial)
     assert made.stopped is None and abs(made.error[-1, 0]) < 1e-2
-    assert made.q[-1, 0] > made.q[0, 0] or (y, heading, speed) == (-4.0, -90.0, 0.0)  # there it turns past the line, and back
+    # There it turns past the line, and back
+    assert made.q[-1, 0] > made.q[0, 0] or (y, heading, speed) == (-4.0, -90.0, 0.0)
     with pytest.raises(BadInput, match='set \\[output\\] near_singular = "damped"'):
         run(initial, near_singular="refuse")
 
@@ -188,10 +210,15 @@ def test_starts_normal_to_a_circle_reach_it(angle):
 
 @pytest.mark.nightly
 def test_a_composite_path_is_followed_from_the_normal_and_swept_alike(tmp_path, capsys):
-    """`follow` in C against the model, and the simulator of sweeps against `simulate`, with a band of their own."""
+    """`follow` in C against the model, and the simulator of sweeps against `simulate`,
+    with a band of their own."""
     text = (Path(__file__).parents[2] / "examples/specs/figures/figure_11.toml").read_text()
     text = re.sub(r"(?m)^type = .*$", 'type = "IV"\nnear_singular = "damped"\nband = 0.3', text)
-    text = re.sub(r"(?s)\[initial\].*?(?=\n\[)", '[initial]\npoint = [0.0, 1.0]\nheading = "-90 deg"\nspeed = 1.0\n', text)
+    text = re.sub(
+        r"(?s)\[initial\].*?(?=\n\[)",
+        '[initial]\npoint = [0.0, 1.0]\nheading = "-90 deg"\nspeed = 1.0\n',
+        text,
+    )
     text = re.sub(r"(?m)^(duration|period|backend) = .*$", "", text).replace(
         "[simulation]", "[simulation]\nduration = 8.0\nperiod = 0.01"
     )
@@ -200,7 +227,9 @@ def test_a_composite_path_is_followed_from_the_normal_and_swept_alike(tmp_path, 
     assert main(["sweep", str(spec), "--samples", "4", "-o", str(out), "--verify", "4"]) == 0
     assert "4 ok" in capsys.readouterr().out
     spec.write_text(text)
-    in_c, exact = (simulate(read_varied(str(spec), {"simulation.backend": backend})) for backend in ("c", "casadi"))
+    in_c, exact = (
+        simulate(read_varied(str(spec), {"simulation.backend": backend})) for backend in ("c", "casadi")
+    )
     assert in_c.stopped is None and np.abs(in_c.q - exact.q).max() < 1e-7
     assert abs(in_c.error[-1, 0]) < 0.02
 
@@ -233,7 +262,10 @@ def test_what_cannot_be_damped_is_refused_with_the_reason(capsys):
     labmate = system_of(find_robot("labmate"))
     with pytest.raises(ModelError, match="only laws of Type IV can be damped"):
         output_map(labmate, "type_i_damped")
-    for name, says in (("damped_extended", "cannot be extended"), ("damped_kinematic", "cannot be kinematic")):
+    for name, says in (
+        ("damped_extended", "cannot be extended"),
+        ("damped_kinematic", "cannot be kinematic"),
+    ):
         with pytest.raises(BadInput, match=says):
             law_of(find_robot("labmate"), f"type_iv_line_{name}")
     car = system_of(find_robot("car"))
@@ -279,7 +311,8 @@ def test_a_wrong_damped_inverse_is_found_before_it_is_written(monkeypatch, tmp_p
 
 @pytest.mark.nightly
 def test_the_picture_of_the_page_is_drawn():
-    """docs/normal.py, with short runs: eight paths and the line; of the inverse three bands and both branches."""
+    """docs/normal.py, with short runs: eight paths and the line;
+    of the inverse three bands and both branches."""
     draw = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "normal.py"))["draw"]
     paths, inverse = draw(0.1).axes
     assert len(paths.get_lines()) == 10 and len(inverse.get_lines()) == 5

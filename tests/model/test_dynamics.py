@@ -1,4 +1,5 @@
-"""The reduced dynamics: recursion over bodies and generated C against the textbook's matrices, SymPy and mechanics."""
+"""The reduced dynamics: recursion over bodies and generated C against the textbook's matrices,
+SymPy and mechanics."""
 
 import subprocess
 from dataclasses import dataclass
@@ -32,17 +33,18 @@ from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
 TOLERANCE = {"double": 1e-12, "float": 2e-5}  # of the largest entry
 EPS = {"double": np.finfo(np.float64).eps, "float": np.finfo(np.float32).eps}
 STRICT = (
-    "-std=c99 -O2 -ffp-contract=off -fno-math-errno -ffreestanding -pedantic -Wall -Wextra -Wconversion -Wsign-conversion "
-    "-Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow -Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes "
-    "-Wvla -Werror"
+    "-std=c99 -O2 -ffp-contract=off -fno-math-errno -ffreestanding -pedantic -Wall -Wextra -Wconversion "
+    "-Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow -Wundef -Wcast-qual "
+    "-Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
 ).split()
 
 
-# -- robots that the shipped ones do not cover ------------------------------------------------------------------------
+# -- robots that the shipped ones do not cover ---------------------------------------------------------------
 
 
 def off_axle(name: str = "off_axle", quasi: bool = True) -> Mechanism:
-    """Two trailers hitched behind the axle before, on a slope, with air drag and a spring between the bodies."""
+    """Two trailers hitched behind the axle before, on a slope,
+    with air drag and a spring between the bodies."""
     robot = Mechanism(name)
     x, y, phi = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("phi", "rad")
     defaults = {"m": 9, "inertia": 2, "d": 0.3, "h": 0.2, "c": 0.4}
@@ -62,7 +64,10 @@ def off_axle(name: str = "off_axle", quasi: bool = True) -> Mechanism:
         heading = robot.coordinate(f"phi_{k}", "rad")
         fold, aside = before - heading, left - h * turning
         turning = robot.rate(heading)
-        forward, left = cos(fold) * forward - sin(fold) * aside, sin(fold) * forward + cos(fold) * aside - 0.9 * turning
+        forward, left = (
+            cos(fold) * forward - sin(fold) * aside,
+            sin(fold) * forward + cos(fold) * aside - 0.9 * turning,
+        )
         robot.rolls(f"trailer {k}", left)
         robot.body(f"trailer_{k}", m, inertia, forward, left + d * turning, turning)
         robot.force(-c * forward * ca.sqrt(1 + forward**2), on=forward)
@@ -83,7 +88,9 @@ def coupled(p: int) -> Mechanism:
     total = ca.SX(0)
     for k, each in enumerate(q):
         total = total + cos(each) * robot.rate(each)
-        robot.kinetic_energy(s * robot.rate(each) ** 2 / 2 + m * (total + sin(each) * robot.rate(q[k - 1])) ** 2 / 2)
+        robot.kinetic_energy(
+            s * robot.rate(each) ** 2 / 2 + m * (total + sin(each) * robot.rate(q[k - 1])) ** 2 / 2
+        )
         robot.quasi_velocity(f"rate_{k + 1}", "m/s", robot.rate(each))
         robot.input(f"f_{k + 1}", "N", on=robot.rate(each))
     robot.kinetic_energy(robot.rate(held) ** 2 / 2)
@@ -96,7 +103,9 @@ def twins() -> Mechanism:
     robot = Mechanism("twins")
     a, b, held = (robot.coordinate(name, "rad") for name in ("a", "b", "held"))
     m = robot.parameter("m", 3.0, "kg")
-    robot.kinetic_energy(m * (robot.rate(a) ** 2 + robot.rate(b) ** 2 + 2 * cos(a - b) * robot.rate(a) * robot.rate(b)) / 2)
+    robot.kinetic_energy(
+        m * (robot.rate(a) ** 2 + robot.rate(b) ** 2 + 2 * cos(a - b) * robot.rate(a) * robot.rate(b)) / 2
+    )
     robot.kinetic_energy(robot.rate(held) ** 2)
     robot.holds("held", held)
     for angle, name in ((a, "a"), (b, "b")):
@@ -105,7 +114,12 @@ def twins() -> Mechanism:
     return robot
 
 
-OWN = {"off_axle": off_axle, "coupled_4": lambda: coupled(4), "coupled_6": lambda: coupled(UNROLLED + 1), "twins": twins}
+OWN = {
+    "off_axle": off_axle,
+    "coupled_4": lambda: coupled(4),
+    "coupled_6": lambda: coupled(UNROLLED + 1),
+    "twins": twins,
+}
 CHAINS = ("tractor_trailer", "tractor_trailer:0", "tractor_trailer:3", "off_axle", "off_axle, S of its own")
 
 
@@ -118,11 +132,13 @@ def system(name: str) -> ReducedSystem:
 
 @cache
 def textbook(name: str) -> ca.Function:
-    """From parameters, q, nu and rates: Mbar, bias, S'E, qdot by the matrices (9), (10) of the Lagrangian; energy; S'E tau."""
+    """From parameters, q, nu and rates: Mbar, bias, S'E, qdot by the matrices (9),
+    (10) of the Lagrangian; energy; S'E tau."""
     reduced = system(name)
     robot = reduced.mechanism
     M, S = robot.M, reduced.S
-    turning = ca.jtimes(S @ reduced.nu + reduced.carried, robot.q, reduced.qdot)  # the rate of qdot with nu held
+    # The rate of qdot with nu held
+    turning = ca.jtimes(S @ reduced.nu + reduced.carried, robot.q, reduced.qdot)
     bias = S.T @ (M @ turning + ca.substitute(robot.V, robot.qdot, reduced.qdot))
     energy = ca.substitute(robot.energy(), robot.qdot, reduced.qdot)
     answers = [S.T @ M @ S, bias, S.T @ robot.E, reduced.qdot, energy]
@@ -165,10 +181,12 @@ def answers(name: str, state: State) -> list[np.ndarray]:
 def close(value, expected, tolerance: float, floor: float = 0.0) -> bool:
     """To `tolerance` of the largest entry expected, which counts for at least `floor`."""
     value, expected = np.ravel(value), np.ravel(expected)
-    return bool(np.abs(value - expected).max(initial=0.0) <= tolerance * max(np.abs(expected).max(initial=0.0), floor))
+    return bool(
+        np.abs(value - expected).max(initial=0.0) <= tolerance * max(np.abs(expected).max(initial=0.0), floor)
+    )
 
 
-# -- the C ------------------------------------------------------------------------------------------------------------
+# -- the C ---------------------------------------------------------------------------------------------------
 
 
 @cache
@@ -228,7 +246,9 @@ class Plant:
     def evaluate(self, q, nu) -> tuple[str, dict[str, np.ndarray]]:
         evaluation = self.ffi.new(f"{self.name(self.robot + '_dynamics_evaluation')} *")
         status = self.function("evaluate")(self.own, self.state(q, nu), evaluation)
-        return self.status(status), {key: self.numbers(getattr(evaluation, key)) for key in ("Mbar", "bias", "input_map", "qdot")}
+        return self.status(status), {
+            key: self.numbers(getattr(evaluation, key)) for key in ("Mbar", "bias", "input_map", "qdot")
+        }
 
     def acceleration(self, q, nu, tau) -> tuple[str, np.ndarray, np.ndarray]:
         qdot, nudot = self.array(len(q)), self.array(self.system.dof)
@@ -248,24 +268,36 @@ ALL = (*(name for name in ROBOTS if name != "mobile_manipulator"), "tractor_trai
 @pytest.mark.parametrize("scalar", SCALARS)
 @pytest.mark.parametrize("name", ALL)
 def test_the_c_is_the_textbook(name, scalar):
-    """Mass matrix, bias, input map and rates at random states and parameters; the acceleration solves (10) to rounding."""
+    """Mass matrix, bias, input map and rates at random states and parameters;
+    the acceleration solves (10) to rounding."""
     compiled = plant(name, scalar)
     for state in states(name):
         Mbar, bias, input_map, qdot, _ = answers(name, state)
         assert compiled.init(state.p) == "ok"
-        floor = np.abs(Mbar).max() * np.abs(state.nu).max()  # a bias that cancels is as good as what it is made of
+        # a bias that cancels is as good as what it is made of
+        floor = np.abs(Mbar).max() * np.abs(state.nu).max()
         status, found_M, found_bias = compiled.reduced(state.q, state.nu)
-        assert status == "ok" and close(found_M, Mbar, TOLERANCE[scalar]) and close(found_bias, bias, TOLERANCE[scalar], floor)
+        assert (
+            status == "ok"
+            and close(found_M, Mbar, TOLERANCE[scalar])
+            and close(found_bias, bias, TOLERANCE[scalar], floor)
+        )
         assert np.array_equal(found_M, found_M.T) and np.linalg.eigvalsh(found_M).min() > 0.0
         status, all_of_it = compiled.evaluate(state.q, state.nu)
         assert status == "ok" and close(all_of_it["input_map"], input_map, TOLERANCE[scalar])
         assert close(all_of_it["qdot"], qdot, TOLERANCE[scalar])
-        assert close(all_of_it["Mbar"], Mbar, TOLERANCE[scalar]) and close(all_of_it["bias"], bias, TOLERANCE[scalar], floor)
+        assert close(all_of_it["Mbar"], Mbar, TOLERANCE[scalar]) and close(
+            all_of_it["bias"], bias, TOLERANCE[scalar], floor
+        )
         status, rates, nudot = compiled.acceleration(state.q, state.nu, state.tau)
         force = input_map @ state.tau
         left = np.abs(Mbar @ nudot + bias[:, 0] - force).max()
         parts = np.abs(Mbar).max() * np.abs(nudot).max() + np.abs(bias).max() + np.abs(force).max() + floor
-        assert status == "ok" and close(rates, qdot, TOLERANCE[scalar]) and left <= 10 * TOLERANCE[scalar] * parts
+        assert (
+            status == "ok"
+            and close(rates, qdot, TOLERANCE[scalar])
+            and left <= 10 * TOLERANCE[scalar] * parts
+        )
 
 
 @pytest.mark.parametrize("name", CHAINS)
@@ -273,13 +305,19 @@ def test_body_by_body_is_the_textbook(name):
     """Kane's recursion against Lagrange's equations."""
     chain = system(name)
     robot = chain.mechanism
-    function = ca.Function("reduced", [robot.p, robot.q, chain.nu], [chain.Mbar, chain.bias, chain.input_map, robot.A @ chain.S])
+    function = ca.Function(
+        "reduced", [robot.p, robot.q, chain.nu], [chain.Mbar, chain.bias, chain.input_map, robot.A @ chain.S]
+    )
     assert chain.by_bodies is not None
     for state in states(name):
         Mbar, bias, input_map, slip = (np.asarray(value) for value in function(state.p, state.q, state.nu))
         expected = answers(name, state)
         floor = np.abs(expected[0]).max() * np.abs(state.nu).max()
-        assert close(Mbar, expected[0], 1e-12) and close(bias, expected[1], 1e-12, floor) and close(input_map, expected[2], 1e-12)
+        assert (
+            close(Mbar, expected[0], 1e-12)
+            and close(bias, expected[1], 1e-12, floor)
+            and close(input_map, expected[2], 1e-12)
+        )
         assert np.abs(slip).max() < 1e-12
 
 
@@ -301,11 +339,14 @@ def test_the_cost_grows_linearly():
 
 
 def test_the_c_is_the_same_again():
-    texts = [DynamicsC(compile_dynamics(reduce(tractor_trailer(2))), SCALARS["float"], []).files() for _ in range(2)]
+    texts = [
+        DynamicsC(compile_dynamics(reduce(tractor_trailer(2))), SCALARS["float"], []).files()
+        for _ in range(2)
+    ]
     assert texts[0] == texts[1]
 
 
-# -- mechanics --------------------------------------------------------------------------------------------------------
+# -- mechanics -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["labmate", "tractor_trailer", "tractor_trailer:3", "off_axle"])
@@ -313,7 +354,11 @@ def test_energy_changes_by_the_work_done(name):
     """Conserved without torques (and drag); with torques it is their work; measured below 1e-10."""
     compiled, state = plant(name, "double"), states(name, 1)[0]
     n = len(state.q)
-    p = state.p if name != "off_axle" else np.where([q.name == "c" for q in system(name).mechanism.parameters], 1e-300, state.p)
+    p = (
+        state.p
+        if name != "off_axle"
+        else np.where([q.name == "c" for q in system(name).mechanism.parameters], 1e-300, state.p)
+    )
     assert compiled.init(p) == "ok"
 
     def energy(x):
@@ -331,13 +376,16 @@ def test_energy_changes_by_the_work_done(name):
 
         run = solve_ivp(rate, (0.0, 2.0), [*state.q, *state.nu, 0.0], method="DOP853", rtol=1e-11, atol=1e-11)
         begin, end, work = energy(run.y[:, 0]), energy(run.y[:, -1]), run.y[-1, -1]
-        assert np.abs(run.y[:-1, -1] - run.y[:-1, 0]).max() > 0.1 and (torque == 0.0 or abs(work) > 1e-3 * abs(begin))
+        assert np.abs(run.y[:-1, -1] - run.y[:-1, 0]).max() > 0.1 and (
+            torque == 0.0 or abs(work) > 1e-3 * abs(begin)
+        )
         assert abs(end - begin - work) < 1e-9 * (abs(begin) + abs(end) + abs(work))
 
 
 @cache
 def lagrange():
-    """SymPy's equations of tractor and two trailers, from places in the world: functions of q, qdot, tau and parameters."""
+    """SymPy's equations of tractor and two trailers, from places in the world: functions of q, qdot,
+    tau and parameters."""
     names = ("x", "y", "phi", "theta_r", "theta_l", "phi_1", "phi_2")
     q = x, y, phi, right, left, *headings = dynamicsymbols(" ".join(names))
     rates = [each.diff() for each in q]
@@ -360,12 +408,17 @@ def lagrange():
     axle = sp.Matrix([x, y])
     T = kinetic(named["m"], named["I_t"], axle, d, phi) + I_w * (right.diff() ** 2 + left.diff() ** 2) / 2
     forward = axle.diff(t).dot(along(phi))
-    constraints = [sideways(axle, phi), forward + b * phi.diff() - r * right.diff(), forward - b * phi.diff() - r * left.diff()]
+    constraints = [
+        sideways(axle, phi),
+        forward + b * phi.diff() - r * right.diff(),
+        forward - b * phi.diff() - r * left.diff(),
+    ]
     for k, heading in enumerate(headings, 1):
         axle = axle - named[f"l_{k}"] * along(heading)
         T += kinetic(named[f"m_{k}"], named[f"I_{k}"], axle, named[f"d_{k}"], heading)
         constraints.append(sideways(axle, heading))
-    # Virtual work by the wheels alone: SymPy wants forces at points or torques on frames, a generalized force comes in T's place.
+    # Virtual work by the wheels alone: SymPy wants forces at points or torques on frames, a generalized force
+    # comes in T's place.
     equations = LagrangesMethod(T + tau[0] * right + tau[1] * left, q, nonhol_coneqs=constraints)
     equations.form_lagranges_equations()
     plain = [*sp.symbols(names), *sp.symbols([f"{name}_dot" for name in names])]
@@ -387,12 +440,16 @@ def test_two_trailers_move_as_sympys_lagrangian_says():
         qddot = np.linalg.solve(matrix, right)[7:14, 0]
         assert close(nudot, qddot[3:5], 1e-10)
         step = 1e-5  # the rates of the trailers' headings change as the acceleration says
-        after, before = (compiled.acceleration(state.q + s * qdot, state.nu + s * nudot, state.tau)[1] for s in (step, -step))
+        after, before = (
+            compiled.acceleration(state.q + s * qdot, state.nu + s * nudot, state.tau)[1]
+            for s in (step, -step)
+        )
         assert close((after - before) / (2 * step), qddot, 1e-6)
 
 
 def test_a_steady_circle():
-    """Each axle on a circle of its own, R_i^2 = R_{i-1}^2 - l_i^2, all bodies turning alike; measured: 1e-15."""
+    """Each axle on a circle of its own, R_i^2 = R_{i-1}^2 - l_i^2, all bodies turning alike;
+    measured: 1e-15."""
     name = "tractor_trailer:3"
     compiled, robot = plant(name, "double"), system(name).mechanism
     p = {parameter.name: parameter.default for parameter in robot.parameters}
@@ -410,7 +467,8 @@ def test_a_steady_circle():
     assert close(values["qdot"][[2, 5, 6, 7]], [yaw_rate] * 4, 1e-14)
     _, _, nudot = compiled.acceleration(*state, values["bias"])
     assert np.abs(nudot).max() < 1e-12
-    mass = p["m"] + 2 * p["I_w"] / p["r"] ** 2  # of the forward speed: twice each body's energy, by its radius
+    # Of the forward speed: twice each body's energy, by its radius
+    mass = p["m"] + 2 * p["I_w"] / p["r"] ** 2
     radius = 5.0
     for k in (1, 2, 3):
         radius = np.sqrt(radius**2 - p[f"l_{k}"] ** 2)
@@ -418,7 +476,7 @@ def test_a_steady_circle():
     assert close(values["Mbar"].sum(), mass * p["r"] ** 2, 1e-13)
 
 
-# -- what is refused --------------------------------------------------------------------------------------------------
+# -- what is refused -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scalar", SCALARS)
@@ -475,7 +533,12 @@ def test_what_the_entry_points_refuse(scalar):
             status, Mbar, bias = compiled.reduced(*passed[:2])
             assert status == expected and not Mbar.any() and not bias.any()
     ffi, function = compiled.ffi, compiled.function("acceleration")
-    state, numbers, qdot, nudot = compiled.state(q, nu), compiled.array(2), compiled.array(6), compiled.array(2)
+    state, numbers, qdot, nudot = (
+        compiled.state(q, nu),
+        compiled.array(2),
+        compiled.array(6),
+        compiled.array(2),
+    )
     for k, arguments in enumerate([(compiled.own, state, numbers, qdot, nudot)] * 5):
         passed = [ffi.NULL if j == k else argument for j, argument in enumerate(arguments)]
         assert compiled.status(function(*passed)) == "null"
@@ -520,7 +583,7 @@ def test_terms_that_cancel():
     assert cancelled(deep * c - c * deep).is_zero()
 
 
-# -- files and command line -------------------------------------------------------------------------------------------
+# -- files and command line ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scalar", SCALARS)
@@ -532,17 +595,48 @@ def test_strict_compilers_are_silent(name, scalar, tmp_path):
     files = {**runtime_files(), **shared_files(reduced, kind), **dynamics_text(program(name), kind).files()}
     for file, text in files.items():
         (tmp_path / file).write_text(text)
-    sources = [file for file in files if file.endswith(".c") and file.startswith((reduced.mechanism.name, "noslip_status"))]
-    command = [*compiler(), *STRICT, "-fPIC", "-shared", "-nostdlib", "-Wl,-z,defs", *sources, "-o", "plant.so"]
+    sources = [
+        file
+        for file in files
+        if file.endswith(".c") and file.startswith((reduced.mechanism.name, "noslip_status"))
+    ]
+    command = [
+        *compiler(),
+        *STRICT,
+        "-fPIC",
+        "-shared",
+        "-nostdlib",
+        "-Wl,-z,defs",
+        *sources,
+        "-o",
+        "plant.so",
+    ]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
 
 
 def test_generate_writes_the_dynamics(tmp_path):
     folder = tmp_path / "tractor_trailer_2"
-    assert main(["generate", "tractor_trailer:2", "--output", "dynamics", "--scalar", "float", "-o", str(tmp_path)]) == 0
+    assert (
+        main(
+            [
+                "generate",
+                "tractor_trailer:2",
+                "--output",
+                "dynamics",
+                "--scalar",
+                "float",
+                "-o",
+                str(tmp_path),
+            ]
+        )
+        == 0
+    )
     names = {"tractor_trailer_2_f", "tractor_trailer_2_dynamics_f"}
-    assert {path.name for path in folder.iterdir()} == {"manifest.json", *(f"{n}.{e}" for n in names for e in "ch")}
+    assert {path.name for path in folder.iterdir()} == {
+        "manifest.json",
+        *(f"{n}.{e}" for n in names for e in "ch"),
+    }
 
 
 def test_numbers_after_a_robots_name(bad_input, tmp_path):

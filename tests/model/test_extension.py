@@ -1,4 +1,5 @@
-"""Dynamic extension: the middle of the axle of a unicycle and of a car, and the last axle of a train, against closed forms."""
+"""Dynamic extension: the middle of the axle of a unicycle and of a car, and the last axle of a train,
+against closed forms."""
 
 import dataclasses
 import json
@@ -56,10 +57,13 @@ reference = { position = [0.0, 0.0], velocity = [0.6, 0.1] }
 initial = { point = [-0.1, 0.05], heading = 0.1, speed = 0.5 }
 simulation = { duration = 6.0, output_step = 0.5 }
 """
-CIRCLE = AXLE.replace("velocity = [0.6, 0.1]", "circle = { radius = 2.0, rate = 0.3, angle = -1.5 }").replace("0.05]", "-1.9]")
+CIRCLE = AXLE.replace("velocity = [0.6, 0.1]", "circle = { radius = 2.0, rate = 0.3, angle = -1.5 }").replace(
+    "0.05]", "-1.9]"
+)
 PATH = """
 robot = "labmate"
-output = { type = "IV", L = -0.3, extension = true, path = { kind = "circle", x_f = 0.0, y_f = 0.0, R = 2.0 } }
+output = { type = "IV", L = -0.3, extension = true, path = { kind = "circle", x_f = 0.0, y_f = 0.0, R = 2.0 \
+} }
 reference = { speed = 0.5 }
 initial = { point = [2.1, 0.0], heading = 1.7, speed = 0.45 }
 simulation = { duration = 6.0, output_step = 0.5 }
@@ -87,7 +91,8 @@ simulation = { duration = 6.0, output_step = 0.5 }
 """
 BACKING = Path(noslip.__file__).parent / "examples/specs" / "backing"
 ROBOTS = """
-from noslip.tests.model.test_extension import car_by_its_rear_axle as car, train_by_its_last_axle as train, arm_on_its_axle as arm
+from noslip.tests.model.test_extension import car_by_its_rear_axle as car, train_by_its_last_axle as train, \
+arm_on_its_axle as arm
 from noslip.tests.tools import need
 """
 
@@ -106,14 +111,26 @@ def train_by_its_last_axle() -> Mechanism:
 
 
 SPECS = {"line": AXLE, "circle": CIRCLE, "path": PATH, "car": CAR, "train": TRAIN, "arm": ARM}
-DEGREES = {"line": (3, 3), "circle": (3, 3), "path": (3, 2), "car": (4, 4), "train": (4, 4), "arm": (3, 3, 2, 2)}
+DEGREES = {
+    "line": (3, 3),
+    "circle": (3, 3),
+    "path": (3, 2),
+    "car": (4, 4),
+    "train": (4, 4),
+    "arm": (3, 3, 2, 2),
+}
 
 
 def arm_on_its_axle() -> Mechanism:
     """Only the outputs that depend on each other are extended: the joints keep relative degree 2."""
     robot = mobile_manipulator()
     place = [robot[axis] - robot["d"] * turned(robot["phi"]) for axis, turned in (("x_c", cos), ("y_c", sin))]
-    rows = zip(("x_o", "y_o", "link_1", "link_2"), ("m", "m", "rad", "rad"), (*place, robot["q_1"], robot["q_2"]), strict=True)
+    rows = zip(
+        ("x_o", "y_o", "link_1", "link_2"),
+        ("m", "m", "rad", "rad"),
+        (*place, robot["q_1"], robot["q_2"]),
+        strict=True,
+    )
     robot.output("axle", "middle of the axle, and the joints", list(rows))
     return robot
 
@@ -143,7 +160,9 @@ def test_errors_have_the_poles_that_were_placed(name, backend, tmp_path):
     loop = make_loop(run.spec)
     start = np.append(run.x[0], loop.extension)
     reference = loop.guidance.reference(0, run.x[0])
-    evaluation = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(start, reference)
+    evaluation = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(
+        start, reference
+    )
     desired, rates = iter(reference), iter(evaluation.values["ydot"])
     gains = iter(loop.gains)
     for k, degree in enumerate(degrees):
@@ -160,11 +179,16 @@ INTEGRAL = "gains = { ki = 0.5, ki_x_l = 0.25 }\n"
 
 @pytest.mark.parametrize(("backend", "period"), [("c", 0.0), ("casadi", 0.0), ("cf", 0.001)])
 def test_integral_action_adds_a_pole(backend, period, tmp_path):
-    """The error beside a line and its integral: a chain whose characteristic polynomial is s^4 + ka s^3 + kd s^2 + kp s + ki."""
+    """The error beside a line and its integral: a chain whose characteristic polynomial is s^4 + ka s^3 + kd
+    s^2 + kp s + ki."""
     run = run_of(AXLE + INTEGRAL, tmp_path, backend=backend, period=period)
     loop = make_loop(run.spec)
     start, reference = np.append(run.x[0], loop.extension), loop.guidance.reference(0, run.x[0])
-    found = make_controller("casadi", run.law, loop.believed, run.config[0], loop.gains).evaluate(start, reference).values
+    found = (
+        make_controller("casadi", run.law, loop.believed, run.config[0], loop.gains)
+        .evaluate(start, reference)
+        .values
+    )
     for k, (ki, gains) in enumerate(zip((0.25, 0.5), np.reshape(loop.gains, (2, 3)), strict=True)):
         actual = [found["h"][k], *found["ydot"][2 * k : 2 * k + 2]]
         z = np.append(0.0, reference[4 * k : 4 * k + 3] - actual)
@@ -179,11 +203,14 @@ def test_a_point_on_a_circle_has_all_its_derivatives():
     guidance = make_loop(spec).guidance
     circle, x = spec.reference.circle, make_loop(spec).start
     for t in (0.0, 0.7, 11.0):
-        turned = circle.radius * np.exp(1j * (circle.angle + circle.rate * t)) * (1j * circle.rate) ** np.arange(4)
+        turned = (
+            circle.radius * np.exp(1j * (circle.angle + circle.rate * t)) * (1j * circle.rate) ** np.arange(4)
+        )
         np.testing.assert_allclose(guidance.reference(t, x), [*turned.real, *turned.imag], atol=1e-14)
 
 
-FOLDED = 1.0  # rad; the law is singular at 90 degrees. Three trailers reach 45 while the tractor corrects 10 cm
+# rad; the law is singular at 90 degrees. Three trailers reach 45 while the tractor corrects 10 cm
+FOLDED = 1.0
 TURN = "course = { speed = SPEED, lengths = [2.0, 4.0, 5.0], curvatures = [0.0, 0.0, 0.2, 0.2] }"
 
 
@@ -198,11 +225,16 @@ TURN = "course = { speed = SPEED, lengths = [2.0, 4.0, 5.0], curvatures = [0.0, 
     ],
 )
 def test_the_rear_axle_of_a_car_follows_a_course(speed, backend, period, tolerance, tmp_path):
-    """Line, a bend whose curvature grows, arc, and beyond the end; the direction turns by the integral of the curvature."""
+    """Line, a bend whose curvature grows, arc, and beyond the end;
+    the direction turns by the integral of the curvature."""
     text = CAR.replace("velocity = [2.0, 0.0]", TURN.replace("SPEED", str(speed)))
     rate = speed / car().parameter_values({})[[q.name for q in car().parameters].index("r")]
-    text = text.replace("[-0.1, 0.2, 0.05, 0.0, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]").replace("[6.0, 0.0]", f"[{rate}, 0.0]")
-    run = run_of(text, tmp_path, backend=backend, period=period, duration=12.0 / speed, output_step=0.5 / speed)
+    text = text.replace("[-0.1, 0.2, 0.05, 0.0, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]").replace(
+        "[6.0, 0.0]", f"[{rate}, 0.0]"
+    )
+    run = run_of(
+        text, tmp_path, backend=backend, period=period, duration=12.0 / speed, output_step=0.5 / speed
+    )
     assert run.stopped is None and np.abs(run.error).max() <= tolerance
     heading = run.q[-1, [c.name for c in run.law.system.mechanism.coordinates].index("phi")]
     assert heading == pytest.approx(0.2 * (4.0 / 2 + 5.0 + 1.0), abs=max(tolerance, 1e-6))
@@ -220,20 +252,29 @@ def test_the_rear_axle_of_a_car_follows_a_course(speed, backend, period, toleran
     ],
 )
 def test_the_rear_axle_of_a_car_follows_a_clothoid(speed, backend, period, tolerance, tmp_path):
-    """Line, clothoid, arc, rounded over 0.2 m where they meet; without rounding off the steering torque would have no bound."""
+    """Line, clothoid, arc, rounded over 0.2 m where they meet;
+    without rounding off the steering torque would have no bound."""
     turn = TURN.replace("SPEED", str(speed)).replace("0.2] }", "0.2], rounding = 0.2 }")
-    text = CAR.replace("velocity = [2.0, 0.0]", turn).replace("[-0.1, 0.2, 0.05, 0.0, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]")
+    text = CAR.replace("velocity = [2.0, 0.0]", turn).replace(
+        "[-0.1, 0.2, 0.05, 0.0, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]"
+    )
     rate = speed / car().parameter_values({})[[q.name for q in car().parameters].index("r")]
     text = text.replace("[6.0, 0.0]", f"[{rate}, 0.0]")
-    run = run_of(text, tmp_path, backend=backend, period=period, duration=12.0 / speed, output_step=0.05 / speed)
+    run = run_of(
+        text, tmp_path, backend=backend, period=period, duration=12.0 / speed, output_step=0.05 / speed
+    )
     assert run.stopped is None and np.abs(run.error).max() <= tolerance
-    middle = (run.t * speed > 2.2) & (run.t * speed < 5.8)  # of the clothoid: the steering angle is that of its curvature
+    # Of the clothoid: the steering angle is that of its curvature
+    middle = (run.t * speed > 2.2) & (run.t * speed < 5.8)
     delta = run.q[middle, [c.name for c in run.law.system.mechanism.coordinates].index("delta")]
-    np.testing.assert_allclose(np.tan(delta) / 2.6, 0.05 * (run.t[middle] * speed - 2.0), atol=max(tolerance, 1e-6))
+    np.testing.assert_allclose(
+        np.tan(delta) / 2.6, 0.05 * (run.t[middle] * speed - 2.0), atol=max(tolerance, 1e-6)
+    )
 
 
 def test_a_rounded_course_is_near_lines_clothoids_and_arcs():
-    """Against the integrals of Fresnel: less than 0.2 mm off with a rounding of 0.2 m, a quarter of it with half the rounding."""
+    """Against the integrals of Fresnel: less than 0.2 mm off with a rounding of 0.2 m,
+    a quarter of it with half the rounding."""
     rate, length, off = 0.05, 4.0, {}
 
     def sharp(s: float) -> complex:
@@ -243,22 +284,34 @@ def test_a_rounded_course_is_near_lines_clothoids_and_arcs():
         sine, cosine = fresnel(along / scale)
         place = 2.0 + scale * complex(cosine, sine)
         kappa, turned = rate * length, np.exp(0.5j * rate * length**2)
-        return place if s <= 2.0 + length else place + turned * (np.exp(1j * kappa * (s - 2.0 - length)) - 1) / (1j * kappa)
+        return (
+            place
+            if s <= 2.0 + length
+            else place + turned * (np.exp(1j * kappa * (s - 2.0 - length)) - 1) / (1j * kappa)
+        )
 
     for rounding in (0.2, 0.1):
-        course = SmoothCurve(0.0, 0.0, 0.0, 1.0, (2.0, length, 5.0), (0.0, 0.0, rate * length, rate * length), rounding)
+        course = SmoothCurve(
+            0.0, 0.0, 0.0, 1.0, (2.0, length, 5.0), (0.0, 0.0, rate * length, rate * length), rounding
+        )
         off[rounding] = max(abs(course.position(s) - sharp(s)) for s in np.linspace(0.0, 11.0, 111))
         assert course.position(1.85) == pytest.approx(1.85, abs=1e-14)
     assert 1e-5 < off[0.2] < 2e-4 and off[0.2] / off[0.1] == pytest.approx(4.0, rel=0.02)
 
 
 AHEAD = 'course = { speed = 0.5, heading = 0.2, lengths = [], curvatures = [0.0], follow = "path" }'
-BENDS = 'course = { speed = 0.5, lengths = [1.0, 2.0, 2.0], curvatures = [0.0, 0.0, 0.4, -0.2], rounding = 0.5, follow = "path" }'
+BENDS = (
+    "course = { speed = 0.5, lengths = [1.0, 2.0, 2.0], curvatures = [0.0, 0.0, 0.4, -0.2], rounding = "
+    '0.5, follow = "path" }'
+)
 
 
 def test_a_course_that_waits_leaves_the_placed_poles_beside_it(tmp_path):
-    """On a line: the distance has the placed poles, the speed those of the gains without kp, and the place no error at all."""
-    run = run_of(AXLE.replace("velocity = [0.6, 0.1]", AHEAD).replace("speed = 0.5 }\ns", "speed = 0.3 }\ns"), tmp_path)
+    """On a line: the distance has the placed poles, the speed those of the gains without kp,
+    and the place no error at all."""
+    run = run_of(
+        AXLE.replace("velocity = [0.6, 0.1]", AHEAD).replace("speed = 0.5 }\ns", "speed = 0.3 }\ns"), tmp_path
+    )
     assert run.stopped is None
     gains, along, xi = make_loop(run.spec).gains[:3], np.exp(0.2j), run.extension[:, 0]
     heading, speed = run.q[:, 2], 0.15 * run.nu.mean(axis=1)
@@ -267,28 +320,43 @@ def test_a_course_that_waits_leaves_the_placed_poles_beside_it(tmp_path):
     place = (run.y[:, 0] + 1j * run.y[:, 1]) / along
     error = np.array([place[0].imag, *rates[:, 0].imag])
     slower = np.array([rates[0, 0].real - 0.5, rates[1, 0].real])
-    for t, y, ahead, rate in zip(run.t, place, (run.error[:, 0] + 1j * run.error[:, 1]) / along, rates.T, strict=True):
+    for t, y, ahead, rate in zip(
+        run.t, place, (run.error[:, 0] + 1j * run.error[:, 1]) / along, rates.T, strict=True
+    ):
         assert y.imag == pytest.approx((expm(chain(gains) * t) @ error)[0], abs=1e-8)
         assert rate[0].real - 0.5 == pytest.approx((expm(chain(gains[1:]) * t) @ slower)[0], abs=1e-8)
         assert abs(ahead.real) < 1e-12 and ahead.imag == pytest.approx(y.imag, abs=1e-12)
 
 
 def test_a_robot_comes_back_to_a_course_that_waits(tmp_path):
-    """From 0.7 m along it and beside it, through bends: it ends on the course at its speed, however late it is."""
-    text = AXLE.replace("velocity = [0.6, 0.1]", BENDS).replace("[-0.1, 0.05]", "[0.7, 0.1]").replace("6.0", "16.0")
+    """From 0.7 m along it and beside it, through bends: it ends on the course at its speed,
+    however late it is."""
+    text = (
+        AXLE.replace("velocity = [0.6, 0.1]", BENDS)
+        .replace("[-0.1, 0.05]", "[0.7, 0.1]")
+        .replace("6.0", "16.0")
+    )
     run = run_of(text, tmp_path, backend="cf", period=0.02)
     assert run.stopped is None and np.abs(run.error[0]).max() < 0.11  # the desired point is beside it
     assert np.abs(run.error[-1]).max() < 1e-3 and np.abs(0.15 * run.nu[-1].mean() - 0.5) < 1e-3
 
 
 def test_a_robot_begins_behind_a_course(tmp_path):
-    """1 m behind it, on its first line: there it stays without torque, and then on a curve that begins without a jump."""
-    bend = BENDS.replace("[1.0, 2.0, 2.0]", "[2.0]").replace("[0.0, 0.0, 0.4, -0.2], rounding = 0.5", "[0.0, 0.4]")
-    text = AXLE.replace("velocity = [0.6, 0.1]", bend).replace("[-0.1, 0.05], heading = 0.1", "[-1.0, 0.0], heading = 0.0")
+    """1 m behind it, on its first line: there it stays without torque,
+    and then on a curve that begins without a jump."""
+    bend = BENDS.replace("[1.0, 2.0, 2.0]", "[2.0]").replace(
+        "[0.0, 0.0, 0.4, -0.2], rounding = 0.5", "[0.0, 0.4]"
+    )
+    text = AXLE.replace("velocity = [0.6, 0.1]", bend).replace(
+        "[-0.1, 0.05], heading = 0.1", "[-1.0, 0.0], heading = 0.0"
+    )
     run = run_of(text, tmp_path)
     before = run.t * 0.5 < 1.0
     assert run.stopped is None and np.abs(run.error).max() < 1e-8 and run.y[-1, 0] > 1.0
-    assert np.abs(run.y[before, 1]).max() < 1e-8 and np.abs(run.tau[before]).max() < 1e-6 < np.abs(run.tau[~before]).max() < 5.0
+    assert (
+        np.abs(run.y[before, 1]).max() < 1e-8
+        and np.abs(run.tau[before]).max() < 1e-6 < np.abs(run.tau[~before]).max() < 5.0
+    )
 
 
 def test_a_start_at_the_centre_of_curvature_is_refused(tmp_path):
@@ -299,8 +367,12 @@ def test_a_start_at_the_centre_of_curvature_is_refused(tmp_path):
 
 
 def test_the_nearest_place_of_a_course():
-    """The foot of points beside it, of points before and beyond it, and of where only the centre of curvature is nearer."""
-    course, random = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), 0.5), np.random.default_rng(3)
+    """The foot of points beside it, of points before and beyond it,
+    and of where only the centre of curvature is nearer."""
+    course, random = (
+        SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), 0.5),
+        np.random.default_rng(3),
+    )
     for at, beside in zip(random.uniform(-1.0, 11.0, 50), random.uniform(-1.0, 1.0, 50), strict=True):
         place, rate = course.derivatives(at / 0.7, 1)
         point = place + 1j * rate / abs(rate) * beside
@@ -311,7 +383,8 @@ def test_the_nearest_place_of_a_course():
 
 @pytest.mark.parametrize("rounding", [0.0, 0.5])
 def test_a_course_is_its_curvature(rounding):
-    """Position against a fine sum, derivatives against differences, up to the sixth; before its beginning it is a curve too."""
+    """Position against a fine sum, derivatives against differences, up to the sixth;
+    before its beginning it is a curve too."""
     course = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), rounding)
     steps = np.linspace(0.0, 10.0, 200_001)
     knots = [(p.begin, p.curvature(0.0)) for p in course.stretches]
@@ -336,9 +409,12 @@ def test_a_course_is_its_curvature(rounding):
         np.testing.assert_allclose(before, after, rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize("N", [1, pytest.param(2, marks=pytest.mark.nightly), pytest.param(3, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "N", [1, pytest.param(2, marks=pytest.mark.nightly), pytest.param(3, marks=pytest.mark.nightly)]
+)
 def test_trailers_back_along_an_arc(N, tmp_path):
-    """Type IV, P_l in the middle of the last axle: hitch angles in closed form, by the radii on which the axles move."""
+    """Type IV, P_l in the middle of the last axle: hitch angles in closed form,
+    by the radii on which the axles move."""
     lengths, R, hitches = [1.2] * N, 6.0, []
     for length in lengths:
         hitches.append(np.arctan2(length, R))
@@ -359,10 +435,15 @@ simulation = {{ duration = 40.0, output_step = 2.0, backend = "casadi", toleranc
     np.testing.assert_allclose(own[-1], hitches[::-1], atol=1e-5)
 
 
-@pytest.mark.parametrize("N", [1, pytest.param(2, marks=pytest.mark.nightly), pytest.param(3, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "N", [1, pytest.param(2, marks=pytest.mark.nightly), pytest.param(3, marks=pytest.mark.nightly)]
+)
 def test_trailers_back_along_an_s(N):
-    """From beside it and from on it; with the curvature at rest the hitch angles are those of an arc, to either side."""
-    spec = read_varied(BACKING / "s_curve.toml", {"robot": f"train.py:train:{N}", "simulation.backend": "casadi"})
+    """From beside it and from on it; with the curvature at rest the hitch angles are those of an arc,
+    to either side."""
+    spec = read_varied(
+        BACKING / "s_curve.toml", {"robot": f"train.py:train:{N}", "simulation.backend": "casadi"}
+    )
     course, on = spec.reference.course, np.array([0.0, 0.0, 0.0, *[0.0] * N, 0.0, 0.0])
     for offset, after, most in ((0.1, 35.0, 1e-5), (0.0, 0.0, 1e-9)):
         initial = dataclasses.replace(spec.initial, q=tuple(on + np.eye(len(on))[1] * offset))
@@ -379,7 +460,11 @@ def test_trailers_back_along_an_s(N):
 def test_a_car_backs_along_clothoids():
     """From beside the course and at half its speed; on the arc the steering angle is that of its radius."""
     run = simulate(read_varied(BACKING / "clothoids.toml", {"simulation.period": 0.02}))
-    assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-4 and run.nu[-1, 0] == pytest.approx(-1.0 / 0.3, abs=1e-4)
+    assert (
+        run.stopped is None
+        and np.abs(run.error[-1]).max() < 1e-4
+        and run.nu[-1, 0] == pytest.approx(-1.0 / 0.3, abs=1e-4)
+    )
     delta = run.q[:, [c.name for c in run.law.system.mechanism.coordinates].index("delta")]
     assert abs(delta.min() + np.arctan(0.2 * 2.6)) < 0.001  # rad: of a period
 
@@ -408,7 +493,8 @@ def test_the_train_is_the_tractor_with_trailers():
         turns = dict(zip(names[0], rate_there, strict=True))
         np.testing.assert_allclose(turns["phi"], nu[1], atol=1e-12)
         np.testing.assert_allclose(turns["phi_2"], rate[2], atol=1e-12)
-        # The wheels' accelerations: of the shipped robot directly, of this one by differences along its motion.
+        # The wheels' accelerations: of the shipped robot directly, of this one by differences along its
+        # motion.
         h, S = 1e-6, ca.Function("S", [own.q, own.p], [ours.S])
         later = S(np.array(here) + h * rate, p[1]).full() @ (nu + h * acceleration)
         before = S(np.array(here) - h * rate, p[1]).full() @ (nu - h * acceleration)
@@ -420,14 +506,18 @@ def test_the_law_of_a_unicycle_is_that_of_a_pencil():
     law = axle_law()
     q, nu, p = (law.system.mechanism.q, law.system.nu, law.system.mechanism.p)
     linear = law.linearization
-    function = ca.Function("f", [ca.vertcat(q, nu), linear.integrators.xi, p], [linear.rate, linear.Phi, linear.drift])
+    function = ca.Function(
+        "f", [ca.vertcat(q, nu), linear.integrators.xi, p], [linear.rate, linear.Phi, linear.drift]
+    )
     random, values = np.random.default_rng(5), {q.name: q.default for q in law.parameters}
     for _ in range(50):
         state, a = random.uniform(-2, 2, 7), random.uniform(-2, 2)
         c, s, r, b = np.cos(state[2]), np.sin(state[2]), values["r"], values["b"]
         v, w = r * (state[5] + state[6]) / 2, r * (state[5] - state[6]) / (2 * b)
         rate, Phi, drift = (each.full() for each in function(state, a, list(values.values())))
-        np.testing.assert_allclose(rate.ravel(), [v * c, a * c - v * w * s, v * s, a * s + v * w * c], atol=1e-13)
+        np.testing.assert_allclose(
+            rate.ravel(), [v * c, a * c - v * w * s, v * s, a * s + v * w * c], atol=1e-13
+        )
         np.testing.assert_allclose(Phi, [[c, -v * s], [s, v * c]], atol=1e-13)
         expected = [-2 * a * w * s - v * w**2 * c, 2 * a * w * c - v * w**2 * s]
         np.testing.assert_allclose(drift.ravel(), expected, atol=1e-13)
@@ -455,7 +545,9 @@ def test_evaluate_gives_what_a_pencil_does(backend, tolerance, tmp_path):
     (found,) = evaluate_cases(read_cases(evaluated(CASE, tmp_path)), backend)
     p, c, s, a = CASE["params"], np.cos(0.1), np.sin(0.1), 0.3
     v, w = p["r"] * 7.0 / 2, p["r"] * -1.0 / (2 * p["b"])
-    y = np.array([[0.2 - p["d"] * c, 0.1 - p["d"] * s], [v * c, v * s], [a * c - v * w * s, a * s + v * w * c]])
+    y = np.array(
+        [[0.2 - p["d"] * c, 0.1 - p["d"] * s], [v * c, v * s], [a * c - v * w * s, a * s + v * w * c]]
+    )
     desired = np.array([CASE["reference"][name] for name in ("y", "yd", "ydd")])
     virtual = CASE["reference"]["yddd"] + np.array([2.0, 6.0, 4.5]) @ (desired - y)
     drift = [-2 * a * w * s - v * w**2 * c, 2 * a * w * c - v * w**2 * s]
@@ -463,7 +555,9 @@ def test_evaluate_gives_what_a_pencil_does(backend, tolerance, tmp_path):
     assert found.status == "ok"
     close = dict(rtol=tolerance, atol=tolerance)
     np.testing.assert_allclose(found.values["extension_rate"], [rate], **close)
-    np.testing.assert_allclose(found.values["u"], [(a + p["b"] * turning) / p["r"], (a - p["b"] * turning) / p["r"]], **close)
+    np.testing.assert_allclose(
+        found.values["u"], [(a + p["b"] * turning) / p["r"], (a - p["b"] * turning) / p["r"]], **close
+    )
     np.testing.assert_allclose(found.values["h"], y[0], **close)
     np.testing.assert_allclose(found.values["ydot"], [y[1, 0], y[2, 0], y[1, 1], y[2, 1]], **close)
 
@@ -522,7 +616,21 @@ def test_a_wrong_generator_writes_nothing(place, name, wrong, says, tmp_path, mo
     monkeypatch.setattr(place, name, wrong)
     for cached in (law_program, library):
         cached.cache_clear()
-    assert main(["generate", "labmate", "--output", "type_i_extended", "--scalar", "double", "-o", str(tmp_path / "made")]) == 1
+    assert (
+        main(
+            [
+                "generate",
+                "labmate",
+                "--output",
+                "type_i_extended",
+                "--scalar",
+                "double",
+                "-o",
+                str(tmp_path / "made"),
+            ]
+        )
+        == 1
+    )
     for cached in (law_program, library):
         cached.cache_clear()
     assert says in capsys.readouterr().err and not (tmp_path / "made").exists()
@@ -541,15 +649,24 @@ def step(controller: CompiledController, state, reference, dt: float) -> tuple[s
     """One step of the C, with its memory: status, inputs, state of the extension and its rate."""
     compiled_law = controller._library
     controller._seen[0][:], controller._seen[1][:] = state, reference
-    status = compiled_law.function("step")(controller._self, controller._state, controller._reference, dt, controller._tau)
+    status = compiled_law.function("step")(
+        controller._self, controller._state, controller._reference, dt, controller._tau
+    )
     own = controller._self
-    return compiled_law.status(status), np.array(list(controller._tau)), own.extension[0], own.extension_rate[0]
+    return (
+        compiled_law.status(status),
+        np.array(list(controller._tau)),
+        own.extension[0],
+        own.extension_rate[0],
+    )
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_a_step_advances_the_extension_by_its_last_rate(scalar):
     (controller, state, reference), law = compiled(scalar), axle_law()
-    model = make_controller("casadi", law, *[values_of(list(g), {}, "") for g in (law.parameters, law.config, law.gains)])
+    model = make_controller(
+        "casadi", law, *[values_of(list(g), {}, "") for g in (law.parameters, law.config, law.gains)]
+    )
     xi, random = 0.0, np.random.default_rng(3)
     for k in range(20):
         dt = 0.0 if k == 0 else random.uniform(0.0, 0.02)
@@ -559,7 +676,9 @@ def test_a_step_advances_the_extension_by_its_last_rate(scalar):
         truth = model.step(np.append(state, xi), reference)
         tolerance = 1e-12 if scalar == "double" else 2e-4
         assert (status, truth[0]) == ("ok", "ok")
-        np.testing.assert_allclose([*tau, held, rate], [*truth[1], xi, model.extension_rate[0]], rtol=tolerance, atol=tolerance)
+        np.testing.assert_allclose(
+            [*tau, held, rate], [*truth[1], xi, model.extension_rate[0]], rtol=tolerance, atol=tolerance
+        )
     compiled_law = controller._library
     assert compiled_law.function("reset")(controller._self) == 0
     assert step(controller, state, reference, 5.0)[2] == 0.0
@@ -576,7 +695,9 @@ def test_the_extension_is_held_while_inputs_are_limited():
     assert model.step(np.append(state, 0.0), reference)[0] == "saturated" and not model.extension_rate.any()
 
 
-@pytest.mark.parametrize(("dt", "status"), [(-0.01, "bad_parameter"), (np.nan, "nonfinite"), (np.inf, "nonfinite")])
+@pytest.mark.parametrize(
+    ("dt", "status"), [(-0.01, "bad_parameter"), (np.nan, "nonfinite"), (np.inf, "nonfinite")]
+)
 def test_a_wrong_time_is_refused_and_nothing_moves(dt, status):
     controller, state, reference = compiled("double")
     before = step(controller, state, reference, 0.0)
@@ -597,7 +718,11 @@ def test_it_is_singular_at_standstill(backend):
 
 def test_regular_outputs_get_no_integrator():
     law = law_of(find_robot("labmate"), "type_ii_extended")
-    assert not law.extension and law.linearization.relative_degree == (2, 2) and law.linearization.integrators is None
+    assert (
+        not law.extension
+        and law.linearization.relative_degree == (2, 2)
+        and law.linearization.integrators is None
+    )
 
 
 def test_outputs_that_no_integrator_separates_are_refused():
@@ -606,7 +731,9 @@ def test_outputs_that_no_integrator_separates_are_refused():
     system = reduce(robot)
     with pytest.raises(ModelError, match="twice.*or allow a dynamic extension"):
         control_law(system, output_map(system, "twice"))
-    with pytest.raises(ModelError, match="twice_extended: no dynamic extension makes Phi regular: x_1, x_2 and their"):
+    with pytest.raises(
+        ModelError, match="twice_extended: no dynamic extension makes Phi regular: x_1, x_2 and their"
+    ):
         control_law(system, output_map(system, "twice_extended"))
 
 
@@ -617,7 +744,8 @@ def test_a_name_of_an_extended_law_cannot_be_that_of_an_output():
 
 
 def test_start_values_are_those_of_the_reference():
-    """x' = v cos, y' = v sin: the forward acceleration that a point on a circle desires, along the heading; and numbers given."""
+    """x' = v cos, y' = v sin: the forward acceleration that a point on a circle desires,
+    along the heading; and numbers given."""
     spec = spec_of(CIRCLE, "")
     circle = spec.reference.circle
     toward = -circle.radius * circle.rate**2 * np.exp(1j * circle.angle)  # to the centre, m/s^2
@@ -631,13 +759,16 @@ def test_start_values_are_those_of_the_reference():
 
 
 @pytest.mark.parametrize(
-    ("name", "backend"), [("line", "c"), ("integral", "c"), ("car", "cf"), ("path", "c"), ("train", "c"), ("arm", "c")]
+    ("name", "backend"),
+    [("line", "c"), ("integral", "c"), ("car", "cf"), ("path", "c"), ("train", "c"), ("arm", "c")],
 )
 def test_a_sweep_runs_the_same_loop(name, backend, tmp_path):
     """Also with other parameters, where the axle, and P_l with it, is somewhere else."""
     (tmp_path / "robots.py").write_text(ROBOTS)
     spec = spec_of((SPECS | {"integral": AXLE + INTEGRAL})[name], tmp_path / "spec.toml")
-    simulation = dataclasses.replace(spec.simulation, period=0.02, backend=backend, tolerance=1e-12, duration=3.0)
+    simulation = dataclasses.replace(
+        spec.simulation, period=0.02, backend=backend, tolerance=1e-12, duration=3.0
+    )
     batch = Batch(dataclasses.replace(spec, simulation=simulation))
     first = next(name for name in batch.inputs if name.startswith("parameters."))
     moved = "parameters.d" if "parameters.d" in batch.inputs else first
@@ -651,14 +782,17 @@ def test_a_sweep_runs_the_same_loop(name, backend, tmp_path):
 
 @pytest.mark.parametrize("name", ["path", "train"])
 def test_the_whole_loop_about_its_steady_motion(name, tmp_path):
-    """Continuous: the poles that were placed. Sampled: the error of a run close to it satisfies the equation of the eigenvalues
-    of the linearized loop, in which the states of the extension advance by Euler's steps, as in C.
+    """Continuous: the poles that were placed. Sampled: the error of a run close to it satisfies the equation
+    of the eigenvalues of the linearized loop, in which the states of the extension advance by Euler's steps,
+    as in C.
     """
     (tmp_path / "robots.py").write_text(ROBOTS)
     spec = spec_of(SPECS[name], tmp_path / "spec.toml")
     motion = steady_motion(setting_of(spec))
     degrees = motion.setting.law.linearization.relative_degree
-    placed = [p for degree in degrees for p in np.polynomial.polynomial.polyroots([*default_gains(degree), 1.0])]
+    placed = [
+        p for degree in degrees for p in np.polynomial.polynomial.polyroots([*default_gains(degree), 1.0])
+    ]
     if name == "path":
         placed.remove(max(placed, key=abs))  # none of them belongs to the place along the path
     for pole in motion.eigenvalues():
@@ -668,7 +802,9 @@ def test_the_whole_loop_about_its_steady_motion(name, tmp_path):
     moved[:2] += 1e-5
     count = len(motion.setting.law.system.mechanism.coordinates)
     initial = Initial(q=tuple(moved[:count]), nu=tuple(moved[count:]), extension=(0.0,) * len(motion.z))
-    simulation = dataclasses.replace(spec.simulation, period=period, duration=4.0, output_step=period, tolerance=1e-13)
+    simulation = dataclasses.replace(
+        spec.simulation, period=period, duration=4.0, output_step=period, tolerance=1e-13
+    )
     run = simulate(dataclasses.replace(spec, initial=initial, simulation=simulation))
     equation = np.poly(motion.eigenvalues(period)).real
     residual = np.convolve(run.error[:, 0], equation, "valid")
@@ -689,10 +825,14 @@ def test_systems_of_python_control_have_the_states_of_the_extension():
     period = 0.1
     state = np.append(loop.start, loop.extension)
     after = closed_loop_system(loop, period).dynamics(0.0, state, loop.guidance.reference(0.0, loop.start))
-    held = simulate(dataclasses.replace(run.spec, simulation=dataclasses.replace(run.spec.simulation, period=period)))
+    held = simulate(
+        dataclasses.replace(run.spec, simulation=dataclasses.replace(run.spec.simulation, period=period))
+    )
     at = list(np.round(held.t, 9)).index(0.5)
     for k in range(1, 5):
-        after = closed_loop_system(loop, period).dynamics(k * period, after, loop.guidance.reference(k * period, loop.start))
+        after = closed_loop_system(loop, period).dynamics(
+            k * period, after, loop.guidance.reference(k * period, loop.start)
+        )
     np.testing.assert_allclose(after[:-1], held.x[at], rtol=0, atol=1e-9)
 
 
@@ -700,20 +840,27 @@ OUTER_LOOP = ["outer-loop", "labmate", "--output", "type_iv_circle_extended", "-
 
 
 def test_poles_of_a_chain_with_integral_action():
-    """(s + 1)(s + 2)(s + 3)(s + 4) = s^4 + 10 s^3 + 35 s^2 + 50 s + 24; LQR and discrete poles have as many."""
+    """(s + 1)(s + 2)(s + 3)(s + 4) = s^4 + 10 s^3 + 35 s^2 + 50 s + 24;
+    LQR and discrete poles have as many."""
     gains = from_poles(3, [-1.0, -2.0, -3.0, -4.0], integral=True)
     named = gains.named("y")
-    assert [named[f"{name}_y"] for name in ("ki", "kp", "kd", "ka")] == pytest.approx([24.0, 50.0, 35.0, 10.0])
+    assert [named[f"{name}_y"] for name in ("ki", "kp", "kd", "ka")] == pytest.approx(
+        [24.0, 50.0, 35.0, 10.0]
+    )
     A, B = sampled_chain(3, 0.1, integral=True)
     placed = from_discrete_poles(3, [0.9, 0.8, 0.7, 0.6], 0.1, integral=True).vector
-    np.testing.assert_allclose(sorted(np.linalg.eigvals(A - B * placed).real), [0.6, 0.7, 0.8, 0.9], atol=1e-9)
+    np.testing.assert_allclose(
+        sorted(np.linalg.eigvals(A - B * placed).real), [0.6, 0.7, 0.8, 0.9], atol=1e-9
+    )
     assert len(from_lqr(4, [1.0] * 6, integral=True).poles) == 5
 
 
 def test_rouths_array_is_where_the_roots_are():
     random = np.random.default_rng(9)
     for degree in range(1, 8):
-        coefficients = random.uniform(-0.2, 2.0, (50, degree)) * [math.comb(degree, k + 1) for k in range(degree)]
+        coefficients = random.uniform(-0.2, 2.0, (50, degree)) * [
+            math.comb(degree, k + 1) for k in range(degree)
+        ]
         expected = [bool(np.all(np.roots([1.0, *each]).real < 0)) for each in coefficients]
         assert [bool(hurwitz([1.0, *each])) for each in coefficients] == expected
         np.testing.assert_array_equal(hurwitz([np.ones(50), *coefficients.T]), expected)
@@ -723,7 +870,9 @@ def test_rouths_array_is_where_the_roots_are():
 def test_outer_loop_of_an_extended_law(capsys):
     assert main([*OUTER_LOOP, "--poles", "distance=-1,-2,-3", "--lqr", "speed=0.2,0.5,1"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert [report["gains"][f"{name}_distance"] for name in ("kp", "kd", "ka")] == pytest.approx([6.0, 11.0, 6.0])
+    assert [report["gains"][f"{name}_distance"] for name in ("kp", "kd", "ka")] == pytest.approx(
+        [6.0, 11.0, 6.0]
+    )
     assert report["whole"]["decay"] > 0.9 and report["channels"]["distance"]["relative_degree"] == 3
 
 
@@ -734,16 +883,28 @@ def test_outer_loop_does_not_mix_an_extension_with_drives(bad_input):
 
 @pytest.mark.nightly
 def test_exported_projects_test_the_extended_law(tmp_path, capsys):
-    """The self-test compares with the model and the bits of this host; the loop and the package's example pass the time on."""
+    """The self-test compares with the model and the bits of this host;
+    the loop and the package's example pass the time on."""
     project, package = tmp_path / "project", tmp_path / "package"
-    assert main(["export", "labmate", "--output", "type_i_extended", "--firmware", "generic", "-o", str(project)]) == 0
+    assert (
+        main(
+            ["export", "labmate", "--output", "type_i_extended", "--firmware", "generic", "-o", str(project)]
+        )
+        == 0
+    )
     said = subprocess.run(["make", "-C", project, "test"], capture_output=True, text=True).stdout
     assert "labmate_type_i_extended_f: pass, steps 13" in said and "selftest: pass" in said
     assert "&reference, dt, tau)" in (project / "loop.c").read_text()
     text = (project / "selftest" / "selftest.c").read_text()
     (project / "selftest" / "selftest.c").write_text(text.replace("= extension.value", "= -extension.value"))
-    assert "FAIL at step" in subprocess.run(["make", "-C", project, "test"], capture_output=True, text=True).stdout
-    assert main(["export", "labmate", "--output", "type_i_extended", "--package", "arduino", "-o", str(package)]) == 0
+    assert (
+        "FAIL at step"
+        in subprocess.run(["make", "-C", project, "test"], capture_output=True, text=True).stdout
+    )
+    assert (
+        main(["export", "labmate", "--output", "type_i_extended", "--package", "arduino", "-o", str(package)])
+        == 0
+    )
     assert "&reference, dt, tau)" in (package / "examples" / "Step" / "Step.ino").read_text()
 
 
@@ -759,10 +920,18 @@ def test_an_emulated_processor_computes_the_same_bits():
     assert runs[0].extension.any()
 
 
-COURSE = AXLE.replace("velocity = [0.6, 0.1]", "course = { speed = 0.5, lengths = [2.0], curvatures = [0.0, 0.1] }")
+COURSE = AXLE.replace(
+    "velocity = [0.6, 0.1]", "course = { speed = 0.5, lengths = [2.0], curvatures = [0.0, 0.1] }"
+)
 REFUSED = {
-    "course without its end": (COURSE.replace("[0.0, 0.1]", "[0.1]"), "1 lengths and 1 curvatures: give one curvature more"),
-    "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "course: has a length of 0"),
+    "course without its end": (
+        COURSE.replace("[0.0, 0.1]", "[0.1]"),
+        "1 lengths and 1 curvatures: give one curvature more",
+    ),
+    "course without a length": (
+        COURSE.replace("lengths = [2.0]", "lengths = [0.0]"),
+        "course: has a length of 0",
+    ),
     "course that waits, and a velocity": (
         COURSE.replace("0.1] }", '0.1], follow = "path" }, velocity = [0.1, 0.0]'),
         "velocity does not go with .reference.course. follow",
@@ -781,7 +950,9 @@ REFUSED = {
         "circle does not go with .reference. course",
     ),
     "course of a path": (
-        PATH.replace("speed = 0.5 }", "speed = 0.5, course = { speed = 1.0, lengths = [], curvatures = [0.0] } }"),
+        PATH.replace(
+            "speed = 0.5 }", "speed = 0.5, course = { speed = 1.0, lengths = [], curvatures = [0.0] } }"
+        ),
         "course does not apply to type IV",
     ),
     "no extension": (AXLE.replace(", extension = true", ""), "extension = true"),
@@ -790,11 +961,13 @@ REFUSED = {
     "integral action": (AXLE + "gains = { ki_x_l = 12.5 }", "kp s.1 . ki; make it smaller"),
     "slow": (AXLE + 'limits = { torque = 3.0, mode = "slow" }', 'set mode = "cut"'),
     "drive": (
-        AXLE.replace("output_step = 0.5 }", "period = 0.01 }") + 'drive = { kind = "velocity", bandwidth = 5.0 }',
+        AXLE.replace("output_step = 0.5 }", "period = 0.01 }")
+        + 'drive = { kind = "velocity", bandwidth = 5.0 }',
         "use drives that take torques",
     ),
     "composite path": (
-        'robot = "labmate"\noutput = { type = "IV", L = -0.3, extension = true, path = { kind = "waypoints", tolerance = 0.1, '
+        'robot = "labmate"\noutput = { type = "IV", L = -0.3, extension = true, path = { kind = "waypoints", '
+        "tolerance = 0.1, "
         "points = [[0, 0], [1, 0], [2, 1]] } }\nreference = { speed = 0.5 }\nsimulation = { duration = 1.0 }",
         "composite path: P_l on the axle cannot follow a curvature that jumps",
     ),
@@ -839,7 +1012,8 @@ LONG = pytest.param(train_by_its_last_axle, "end_extended", marks=pytest.mark.ni
 
 @pytest.mark.parametrize(("make", "name"), [*VERDICTS, LONG])
 def test_analysis_of_an_extended_law(make, name):
-    """The determinant is that of the law's Phi at random states; a trailer behind the axle that is steered may fold."""
+    """The determinant is that of the law's Phi at random states;
+    a trailer behind the axle that is steered may fold."""
     robot = make("labmate") if make is find_robot else make()
     form = normal_form.normal_form(decouple(law_of(robot, name).linearization))
     linear = form.decoupling.linearization
@@ -858,23 +1032,43 @@ def test_analysis_of_an_extended_law(make, name):
 
 
 def test_the_answer_about_an_extended_law(capsys, tmp_path):
-    assert main(["analyse", "labmate", "--output", "type_i_extended", "--report", str(tmp_path / "page.html"), "--json"]) == 0
+    assert (
+        main(
+            [
+                "analyse",
+                "labmate",
+                "--output",
+                "type_i_extended",
+                "--report",
+                str(tmp_path / "page.html"),
+                "--json",
+            ]
+        )
+        == 0
+    )
     (output,) = json.loads(capsys.readouterr().out)["outputs"].values()
     assert output["relative_degree"] == [3, 3] and STOOD in output["singular_when"]
     assert output["normal_form"]["z2"] == ["x_l_dot", "x_l_ddot", "y_l_dot", "y_l_ddot"]
-    assert "zero dynamics none" in output["zero_dynamics"] and "zero dynamics none" in (tmp_path / "page.html").read_text()
+    assert (
+        "zero dynamics none" in output["zero_dynamics"]
+        and "zero dynamics none" in (tmp_path / "page.html").read_text()
+    )
 
 
 def test_what_an_extension_leaves_undecided_is_said(monkeypatch):
     monkeypatch.setattr(normal_form, "posture_names", lambda system: ())
-    with pytest.raises(ModelError, match="type_i_extended: the dynamic extension leaves 3 states .* not decided"):
+    with pytest.raises(
+        ModelError, match="type_i_extended: the dynamic extension leaves 3 states .* not decided"
+    ):
         normal_form.normal_form(decouple(law_of(tractor_trailer(1), "type_i_extended").linearization))
 
 
 def test_a_sampled_run_integrates_between_its_calls(tmp_path):
     run = run_of(AXLE, tmp_path, period=0.01, duration=20.0)
     assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-3
-    assert run.columns[-1] == "forward_speed_rate" and np.isfinite(run.extension).all() and run.extension.any()
+    assert (
+        run.columns[-1] == "forward_speed_rate" and np.isfinite(run.extension).all() and run.extension.any()
+    )
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])

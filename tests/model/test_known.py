@@ -49,13 +49,16 @@ def test_a_law_is_the_same_from_what_another_run_found(robot, name, store, monke
 
 
 def test_entries_of_equal_magnitude_are_one_expression(store, monkeypatch):
-    """Also if one is known from another run and the other is found in this one; the symbols of another order are others."""
+    """Also if one is known from another run and the other is found in this one;
+    the symbols of another order are others."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     ways = (x + y) ** 2, x**2 + 2 * x * y + y * y, -((x + y) ** 2), x**2 - 2 * x * y + y**2
     exact.canonical(ways[1])
     monkeypatch.setattr(exact, "_known", {})
     first, second, negative, other = ca.vertsplit(exact.canonical(ca.vertcat(*ways)))
-    assert ca.is_equal(first, second) and ca.is_equal(-first, negative, 1) and not ca.is_equal(first, other, 9)
+    assert (
+        ca.is_equal(first, second) and ca.is_equal(-first, negative, 1) and not ca.is_equal(first, other, 9)
+    )
 
 
 def test_all_of_it_is_in_the_text():

@@ -1,4 +1,5 @@
-"""Laws of robots that are not the LABMATE: dof 1 to 5, more inputs than motions, gravity, damping, no angle, no parameter."""
+"""Laws of robots that are not the LABMATE: dof 1 to 5, more inputs than motions, gravity, damping,
+no angle, no parameter."""
 
 import math
 import re
@@ -30,7 +31,7 @@ from noslip.simulation.controllers.symbolic import CasadiController
 from noslip.tests.runtime_c.test_runtime import FLAGS, STRICT
 from scipy.optimize import brentq
 
-# -- robots ------------------------------------------------------------------------------------------------------------
+# -- robots --------------------------------------------------------------------------------------------------
 
 
 def row(name: str, unit: str, expression) -> OutputRow:
@@ -56,7 +57,11 @@ def sledge():
     """Holonomic, on a curve, with gravity and damping."""
     robot = Mechanism("sledge", "a sledge on a curved slope")
     x, z = robot.coordinate("x", "m"), robot.coordinate("z", "m")
-    m, b, k = robot.parameter("m", 3.0, "kg"), robot.parameter("b", 2.0, "kg/s"), robot.parameter("k", 0.4, "", sign="any")
+    m, b, k = (
+        robot.parameter("m", 3.0, "kg"),
+        robot.parameter("b", 2.0, "kg/s"),
+        robot.parameter("k", 0.4, "", sign="any"),
+    )
     robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(z) ** 2) / 2)
     robot.potential_energy(9.81 * m * z)
     robot.holds("slope", z - k * x - 0.1 * x**3)
@@ -67,9 +72,12 @@ def sledge():
 
 
 def car(ahead: bool = True):
-    """Front-steered, drive and steering torque; outputs a point ahead of the steered wheel, or one on the rear axle."""
+    """Front-steered, drive and steering torque; outputs a point ahead of the steered wheel,
+    or one on the rear axle."""
     robot = Mechanism("car", "a front-steered car")
-    x, y, h, s = (robot.coordinate(n, u) for n, u in (("x", "m"), ("y", "m"), ("heading", "rad"), ("steer", "rad")))
+    x, y, h, s = (
+        robot.coordinate(n, u) for n, u in (("x", "m"), ("y", "m"), ("heading", "rad"), ("steer", "rad"))
+    )
     m, inertia, J = (
         robot.parameter("m", 500.0, "kg"),
         robot.parameter("I_z", 400.0, "kg m^2"),
@@ -94,7 +102,11 @@ def plate():
     """Three freedoms, three forces, no rolling."""
     robot = Mechanism("plate", "a plate on a table")
     x, y, z, turn = (robot.coordinate(n, u) for n, u in (("x", "m"), ("y", "m"), ("z", "m"), ("turn", "rad")))
-    m, inertia, c = robot.parameter("m", 2.0, "kg"), robot.parameter("I_z", 0.3, "kg m^2"), robot.parameter("c", 0.4, "m")
+    m, inertia, c = (
+        robot.parameter("m", 2.0, "kg"),
+        robot.parameter("I_z", 0.3, "kg m^2"),
+        robot.parameter("c", 0.4, "m"),
+    )
     rate = robot.rate
     robot.kinetic_energy(m * (rate(x) ** 2 + rate(y) ** 2 + rate(z) ** 2) / 2 + inertia * rate(turn) ** 2 / 2)
     robot.holds("on the table", z)
@@ -105,21 +117,35 @@ def plate():
         robot.quasi_velocity(name, unit, velocity)
     robot.moves_in_plane(x, y, turn)
     system, point = reduce(robot), body_point(True)
-    places = [at_point(system, point, "x_l", "x", lambda x, y: x), at_point(system, point, "y_l", "y", lambda x, y: y)]
+    places = [
+        at_point(system, point, "x_l", "x", lambda x, y: x),
+        at_point(system, point, "y_l", "y", lambda x, y: y),
+    ]
     return control_law(system, OutputMap("place", "place", (*places, row("angle", "rad", turn)), point))
 
 
 def manipulator():
-    """A platform with two links, six inputs for four motions; the end point tracks, the platform keeps to a circle."""
+    """A platform with two links, six inputs for four motions; the end point tracks,
+    the platform keeps to a circle."""
     robot = Mechanism("manipulator", "a platform with an arm")
     x, y, h = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
     a, b = robot.coordinate("a", "rad"), robot.coordinate("b", "rad")
     m, inertia = robot.parameter("m", 20.0, "kg"), robot.parameter("I_z", 1.5, "kg m^2")
-    l_1, l_2, c = robot.parameter("l_1", 0.5, "m"), robot.parameter("l_2", 0.4, "m"), robot.parameter("c", 0.3, "m")
+    l_1, l_2, c = (
+        robot.parameter("l_1", 0.5, "m"),
+        robot.parameter("l_2", 0.4, "m"),
+        robot.parameter("c", 0.3, "m"),
+    )
     rate, elbow = robot.rate, (x + c * cos(h) + l_1 * cos(h + a), y + c * sin(h) + l_1 * sin(h + a))
     end = (elbow[0] + l_2 * cos(h + a + b), elbow[1] + l_2 * sin(h + a + b))
-    for mass, turning, place, angle in ((m, inertia, (x, y), h), (2.0, 0.05, elbow, h + a), (1.0, 0.02, end, h + a + b)):
-        robot.kinetic_energy(mass * (rate(place[0]) ** 2 + rate(place[1]) ** 2) / 2 + turning * rate(angle) ** 2 / 2)
+    for mass, turning, place, angle in (
+        (m, inertia, (x, y), h),
+        (2.0, 0.05, elbow, h + a),
+        (1.0, 0.02, end, h + a + b),
+    ):
+        robot.kinetic_energy(
+            mass * (rate(place[0]) ** 2 + rate(place[1]) ** 2) / 2 + turning * rate(angle) ** 2 / 2
+        )
     robot.rolls("no side slip", cos(h) * rate(y) - sin(h) * rate(x))
     forward = cos(h) * rate(x) + sin(h) * rate(y)
     robot.input("push", "N", on=forward)
@@ -127,28 +153,41 @@ def manipulator():
     for name, velocity in (("turn", rate(h)), ("shoulder", rate(a)), ("elbow", rate(b))):
         robot.input(name, "N m", on=velocity)
     robot.input("cable", "N", on=rate(a) + 0.2 * cos(b) * rate(b))
-    for name, unit, velocity in (("v", "m/s", forward), ("omega", "rad/s", rate(h)), ("w_a", "rad/s", rate(a))):
+    for name, unit, velocity in (
+        ("v", "m/s", forward),
+        ("omega", "rad/s", rate(h)),
+        ("w_a", "rad/s", rate(a)),
+    ):
         robot.quasi_velocity(name, unit, velocity)
     robot.quasi_velocity("w_b", "rad/s", rate(b))
     robot.moves_in_plane(x, y, h)
     system = reduce(robot)
     path = type_iv(system, circle())
     rows = (*path.rows, row("x_e", "m", end[0]), row("y_e", "m", end[1]))
-    return control_law(system, OutputMap("follow", "end point and path", rows, path.parameters, path.conditions, path.path))
+    return control_law(
+        system, OutputMap("follow", "end point and path", rows, path.parameters, path.conditions, path.path)
+    )
 
 
 def arm(links: int):
-    """A serial arm in a vertical plane, with damping; every output feels every joint, so that Phi has no blocks."""
+    """A serial arm in a vertical plane, with damping; every output feels every joint,
+    so that Phi has no blocks."""
     robot = Mechanism(f"arm_{links}", f"{links} links")
     joints, z = [robot.coordinate(f"q_{k}", "rad") for k in range(links)], robot.coordinate("z", "m")
-    m, length, damping = robot.parameter("m", 1.0, "kg"), robot.parameter("l", 0.5, "m"), robot.parameter("damping", 0.1, "N m s")
+    m, length, damping = (
+        robot.parameter("m", 1.0, "kg"),
+        robot.parameter("l", 0.5, "m"),
+        robot.parameter("damping", 0.1, "N m s"),
+    )
     robot.kinetic_energy(m * robot.rate(z) ** 2 / 2)
     robot.holds("in the plane", z)
     x, y, angle = 0, 0, 0
     for k, joint in enumerate(joints):
         angle = angle + joint
         x, y = x + length * cos(angle), y + length * sin(angle)
-        robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + 0.02 * robot.rate(angle) ** 2 / 2)
+        robot.kinetic_energy(
+            m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + 0.02 * robot.rate(angle) ** 2 / 2
+        )
         robot.potential_energy(9.81 * m * y)
         robot.force(-damping * robot.rate(joint), on=robot.rate(joint))
         robot.input(f"tau_{k}", "N m", on=robot.rate(joint))
@@ -174,7 +213,7 @@ def plants(name: str):
     return list(random_plants(law(name), 60, seed=3))
 
 
-# -- the laws ----------------------------------------------------------------------------------------------------------
+# -- the laws ------------------------------------------------------------------------------------------------
 
 # of the largest entry of each quantity, at random states whose Phi is well inside the regular ones
 ERROR = {"double": 1e-10, "float": 2e-4}
@@ -183,7 +222,8 @@ ERROR = {"double": 1e-10, "float": 2e-4}
 @each_scalar
 @each_law
 def test_c_is_the_model(name, scalar):
-    """h, ydot, Phi, Phidot, u and tau by the generated C against the model's expressions; step answers evaluate's tau."""
+    """h, ydot, Phi, Phidot, u and tau by the generated C against the model's expressions;
+    step answers evaluate's tau."""
     compared = 0
     for plant in plants(name):
         controller = CompiledController(law(name), plant.params, plant.config, plant.gains, scalar)
@@ -195,13 +235,16 @@ def test_c_is_the_model(name, scalar):
                 if truth.size:
                     assert np.abs(value - truth).max() <= ERROR[scalar] * np.abs(truth).max(), quantity
             status, tau = controller.step(point.state, point.reference)
-            compared += status == "ok" and np.allclose(tau, evaluation.values["tau"], rtol=ERROR[scalar], atol=0)
+            compared += status == "ok" and np.allclose(
+                tau, evaluation.values["tau"], rtol=ERROR[scalar], atol=0
+            )
     assert compared == 60
 
 
 @each_law
 def test_outputs_do_what_the_outer_loop_asks(name):
-    """Forward dynamics by Lagrange's equations with multipliers, outputs differentiated along them: no S and no Phi."""
+    """Forward dynamics by Lagrange's equations with multipliers, outputs differentiated along them:
+    no S and no Phi."""
     own = law(name)
     mechanism, system, output = own.system.mechanism, own.system, own.output
     q, qdot, n, m = mechanism.q, mechanism.qdot, mechanism.q.numel(), mechanism.A.shape[0]
@@ -230,7 +273,8 @@ def test_outputs_do_what_the_outer_loop_asks(name):
 
 @pytest.mark.parametrize("name", ["arm_4", "arm_5"])
 def test_singular_exactly(name):
-    """A stretched arm cannot move its end along itself: a row of Phi is zero, though rounding hides that from an inverse."""
+    """A stretched arm cannot move its end along itself: a row of Phi is zero,
+    though rounding hides that from an inverse."""
     own, random = law(name), np.random.default_rng(8)
     for plant in plants(name)[:3]:
         for direction in (0.0, math.pi / 2, math.pi):
@@ -239,7 +283,9 @@ def test_singular_exactly(name):
             state[-own.system.nu.numel() :] = random.uniform(-2, 2, own.system.nu.numel())
             for controller in (CasadiController, CompiledController):
                 compiled = controller(own, plant.params, plant.config, plant.gains)
-                assert compiled.evaluate(state, random.uniform(-2, 2, len(own.reference))).status == "singular"
+                assert (
+                    compiled.evaluate(state, random.uniform(-2, 2, len(own.reference))).status == "singular"
+                )
 
 
 def test_condition_numbers():
@@ -281,11 +327,15 @@ def test_slowing_down_within_limits(name, scalar):
     own, saturated = law(name), 0
     for plant in plants(name)[:1]:
         for point in plant.points:
-            torque = tuple(0.95 * np.abs(point.truth.values["tau"]).max() for _ in own.system.mechanism.inputs)
+            torque = tuple(
+                0.95 * np.abs(point.truth.values["tau"]).max() for _ in own.system.mechanism.inputs
+            )
             answers = []
             for kind in (CasadiController, CompiledController):
                 more = {} if kind is CasadiController else {"scalar": scalar}
-                controller = kind(own, plant.params, plant.config, plant.gains, limits=Limits(torque, "slow"), **more)
+                controller = kind(
+                    own, plant.params, plant.config, plant.gains, limits=Limits(torque, "slow"), **more
+                )
                 answers.append(controller.step(point.state, point.reference))
             (status, truth), (other, tau) = answers
             assert other == status == "saturated"
@@ -294,18 +344,23 @@ def test_slowing_down_within_limits(name, scalar):
     assert saturated == len(plants(name)[0].points) >= 10
 
 
-# -- singular ----------------------------------------------------------------------------------------------------------
+# -- singular ------------------------------------------------------------------------------------------------
 
 SINGULAR = 1e-5  # written out: the model's own number is what is tested
-NEARLY = {"casadi": 1e-8, "double": 1e-8, "float": 0.05}  # of SINGULAR: rounding of 1e-7 times a condition of 1e5
+# Of SINGULAR: rounding of 1e-7 times a condition of 1e5
+NEARLY = {"casadi": 1e-8, "double": 1e-8, "float": 0.05}
 
 
 @pytest.mark.parametrize("name", ["plate", "manipulator", "arm_4", "arm_5"])
 def test_singular_is_the_reciprocal_condition(name):
-    """On both sides of the limit, found with NumPy, in all backends: 1 / (|Phi| |Phi^-1|) in the 1-norm against 1e-5."""
+    """On both sides of the limit, found with NumPy, in all backends:
+    1 / (|Phi| |Phi^-1|) in the 1-norm against 1e-5."""
     own = law(name)
     if name == "plate":  # never singular, but for a unit that makes rows unlike
-        rows = [*own.output.rows[:2], row("angle", "rad", own.output.rows[2].expression * own.system.mechanism.q[3])]
+        rows = [
+            *own.output.rows[:2],
+            row("angle", "rad", own.output.rows[2].expression * own.system.mechanism.q[3]),
+        ]
         own = control_law(own.system, OutputMap("square", "", tuple(rows), own.config))
     plant = next(random_plants(own, 1, seed=5))
     point, fixed = plant.points[0], (plant.params, plant.config, plant.gains)
@@ -326,20 +381,25 @@ def test_singular_is_the_reciprocal_condition(name):
 
     centre = min(((low + k * 1e-4) for k in range(-40, 41)), key=lambda place: rcond(at(place)))
     for _ in range(40):  # towards the smallest
-        centre = min((centre + step * 0.7**_ * 1e-4 for step in (-1, 0, 1)), key=lambda place: rcond(at(place)))
+        centre = min(
+            (centre + step * 0.7**_ * 1e-4 for step in (-1, 0, 1)), key=lambda place: rcond(at(place))
+        )
     assert rcond(at(centre)) < SINGULAR / 2
     for backend, controller in controllers.items():
         for factor, expected in ((1 - NEARLY[backend], "singular"), (1 + NEARLY[backend], "ok")):
             inside, outside = centre, centre + high - low
             for _ in range(60):  # halving a number more often changes nothing
                 middle = (inside + outside) / 2
-                inside, outside = (middle, outside) if rcond(at(middle)) < factor * SINGULAR else (inside, middle)
+                inside, outside = (
+                    (middle, outside) if rcond(at(middle)) < factor * SINGULAR else (inside, middle)
+                )
             assert controller.step(at(inside), point.reference)[0] == expected, (backend, factor)
         assert controller.evaluate(at(centre), point.reference).status == "singular"
 
 
 def test_singular_of_two_outputs():
-    """The LABMATE nearly square to a line: |det Phi| of the product of its row norms against 1e-5, from the paper's Phi."""
+    """The LABMATE nearly square to a line: |det Phi| of the product of its row norms against 1e-5,
+    from the paper's Phi."""
     robot = find_robot("labmate")
     own, params = robots_law(robot, "type_iv_line"), robot.parameter_values({})
     b, d, r = (params[[p.name for p in robot.parameters].index(name)] for name in ("b", "d", "r"))
@@ -355,7 +415,12 @@ def test_singular_of_two_outputs():
     controllers |= {scalar: CompiledController(own, *fixed, scalar) for scalar in ("double", "float")}
     for backend, controller in controllers.items():
         for factor, expected in ((1 - NEARLY[backend], "singular"), (1 + NEARLY[backend], "ok")):
-            phi = brentq(lambda phi, factor=factor: measure(phi) - factor * SINGULAR, np.pi / 2 - 1e-3, np.pi / 2, xtol=1e-16)
+            phi = brentq(
+                lambda phi, factor=factor: measure(phi) - factor * SINGULAR,
+                np.pi / 2 - 1e-3,
+                np.pi / 2,
+                xtol=1e-16,
+            )
             state = np.array([0.0, 0.0, phi, 0.0, 0.0, 0.5, 0.5])
             assert controller.step(state, np.zeros(len(own.reference)))[0] == expected, (backend, factor)
 
@@ -374,7 +439,7 @@ def test_regular_where_a_rewritten_denominator_would_vanish():
             assert abs(simplified - truth) <= 1e-12 * max(1, abs(truth))
 
 
-# -- solving -----------------------------------------------------------------------------------------------------------
+# -- solving -------------------------------------------------------------------------------------------------
 
 
 def matrix(n: int, condition: float, random: np.random.Generator, symmetric: bool = False) -> np.ndarray:
@@ -389,8 +454,14 @@ def test_the_models_solutions(n):
     f = ca.Function("f", [M, b], [solve(M, b), solve_symmetric(M, b)])
     for size in (1.0, 1e3, 1e5):
         for _ in range(20):
-            x, A, P = random.normal(size=(n, 2)), matrix(n, size, random), matrix(n, size, random, symmetric=True)
-            error = max(np.abs(np.asarray(f(A, A @ x)[0]) - x).max(), np.abs(np.asarray(f(P, P @ x)[1]) - x).max())
+            x, A, P = (
+                random.normal(size=(n, 2)),
+                matrix(n, size, random),
+                matrix(n, size, random, symmetric=True),
+            )
+            error = max(
+                np.abs(np.asarray(f(A, A @ x)[0]) - x).max(), np.abs(np.asarray(f(P, P @ x)[1]) - x).max()
+            )
             assert error <= 1e-14 * size * np.abs(x).max() * (100 if n == 3 else 1)  # cofactors lose more
 
 
@@ -400,7 +471,9 @@ def test_solutions_by_blocks():
     for _ in range(60):
         n = int(random.integers(4, 8))
         pattern = (random.random((n, n)) < 0.3) | np.eye(n, dtype=bool)
-        A = (random.uniform(1, 2, (n, n)) * pattern + 3 * np.eye(n))[random.permutation(n)][:, random.permutation(n)]
+        A = (random.uniform(1, 2, (n, n)) * pattern + 3 * np.eye(n))[random.permutation(n)][
+            :, random.permutation(n)
+        ]
         M, b = ca.SX.sym("M", ca.sparsify(ca.DM(A)).sparsity()), ca.SX.sym("b", n, 2)
         sizes.add(M.sparsity().btf()[0])
         x = random.normal(size=(n, 2))
@@ -431,7 +504,10 @@ def test_the_runtimes_inverse(scalar):
             continue
         regular += 1
         inverse = np.linalg.inv(A)
-        assert np.abs(np.array(list(array)).reshape(n, n) - inverse).max() <= 20 * epsilon * condition * np.abs(inverse).max()
+        assert (
+            np.abs(np.array(list(array)).reshape(n, n) - inverse).max()
+            <= 20 * epsilon * condition * np.abs(inverse).max()
+        )
         assert abs(rcond * condition - 1) <= 20 * epsilon * condition
     assert regular > 150 and singular > 50
 
@@ -439,7 +515,13 @@ def test_the_runtimes_inverse(scalar):
 @each_scalar
 def test_no_inverse(scalar):
     run = runtime("noslip_solve.h")
-    for entries in ([0.0] * 4, [1.0, 2.0, 2.0, 4.0], [np.nan, 1.0, 1.0, 2.0], [1.0, 1.0, 1.0, np.nan], [np.inf, 0.0, 0.0, 1.0]):
+    for entries in (
+        [0.0] * 4,
+        [1.0, 2.0, 2.0, 4.0],
+        [np.nan, 1.0, 1.0, 2.0],
+        [1.0, 1.0, 1.0, np.nan],
+        [np.inf, 0.0, 0.0, 1.0],
+    ):
         array, order = run.array(scalar, entries), run.ffi.new("int[2]")
         assert run.function("noslip_invert", scalar)(array, order, 2) == 0
 
@@ -461,7 +543,7 @@ def test_the_runtimes_symmetric_solution(scalar):
         assert factor(run.array(scalar, P.ravel()), n) == -5
 
 
-# -- the C -------------------------------------------------------------------------------------------------------------
+# -- the C ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
@@ -474,13 +556,18 @@ def test_no_warnings(name, cc, tmp_path):
     for file, text in {**runtime_files(), **files}.items():
         (tmp_path / file).write_text(text)
     sources = [file for file in files if file.endswith(".c")]
-    result = subprocess.run([cc, *FLAGS, *STRICT, "-fsyntax-only", *sources], cwd=tmp_path, capture_output=True, text=True)
+    result = subprocess.run(
+        [cc, *FLAGS, *STRICT, "-fsyntax-only", *sources], cwd=tmp_path, capture_output=True, text=True
+    )
     assert result.returncode == 0 and result.stderr == "", result.stderr
 
 
-@pytest.mark.parametrize(("name", "block"), [("manipulator", ""), ("arm_4", "inverse 4x4"), ("arm_5", "inverse 5x5")])
+@pytest.mark.parametrize(
+    ("name", "block"), [("manipulator", ""), ("arm_4", "inverse 4x4"), ("arm_5", "inverse 5x5")]
+)
 def test_what_the_runtime_inverts(name, block):
-    """Only a block of Phi above 3 x 3; the count is in the header, and nothing else of the runtime is asked for."""
+    """Only a block of Phi above 3 x 3; the count is in the header,
+    and nothing else of the runtime is asked for."""
     text = library(law(name), "float").text
     source, header = text.source(), text.header()
     assert ("noslip_solve.h" in source) == ("noslip_invert_f" in source) == bool(block)
@@ -489,14 +576,16 @@ def test_what_the_runtime_inverts(name, block):
     assert step.count("noslip_invert_f(") == bool(block)
 
 
-# -- what is refused ---------------------------------------------------------------------------------------------------
+# -- what is refused -----------------------------------------------------------------------------------------
 
 
 def balancer():
     robot = Mechanism("balancer", "two wheels, a body that falls")
     x, y, tilt = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("tilt", "rad")
     robot.kinetic_energy(
-        (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + robot.rate(x + 0.5 * sin(tilt)) ** 2 + robot.rate(tilt) ** 2
+        (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2
+        + robot.rate(x + 0.5 * sin(tilt)) ** 2
+        + robot.rate(tilt) ** 2
     )
     robot.holds("level", y)
     robot.input("wheels", "N", on=robot.rate(x))
@@ -514,13 +603,14 @@ def joint(k: int) -> ca.SX:
 REFUSED = {
     "underactuated": (
         lambda: reduce(balancer()),
-        "balancer: 1 input for n - m = 2 degrees of freedom; an underactuated robot cannot be linearized as a whole. Declare "
-        "outputs with 1 row, output(name, about, rows), which are linearized partially; or add 1 input or 1 constraint, or leave "
-        "out what no input drives",
+        "balancer: 1 input for n - m = 2 degrees of freedom; an underactuated robot cannot be linearized as "
+        "a whole. Declare outputs with 1 row, output(name, about, rows), which are linearized partially; or "
+        "add 1 input or 1 constraint, or leave out what no input drives",
     ),
     "too few outputs": (
         lambda: outputs("arm_4", *[row(f"y_{k}", "rad", joint(k)) for k in range(2)]),
-        "arm_4, output mine: 2 outputs for n - m = 4; add 2: y_0, y_1 must be as many as the quasi-velocities w_0, w_1, w_2, w_3",
+        "arm_4, output mine: 2 outputs for n - m = 4; add 2: y_0, y_1 must be as many as the "
+        "quasi-velocities w_0, w_1, w_2, w_3",
     ),
     "too many outputs": (
         lambda: outputs("arm_4", *[row(f"y_{k}", "rad", joint(k % 4)) for k in range(5)]),
@@ -528,26 +618,36 @@ REFUSED = {
     ),
     "no input felt": (
         lambda: car(ahead=False),
-        "car, output lead: Phi is singular everywhere: no output depends on the input along steering; replace one by steering "
-        "itself or by an output whose rate depends on it, such as a point that steering moves (ahead of a steered wheel, not on "
-        "its axle)",
+        "car, output lead: Phi is singular everywhere: no output depends on the input along steering; "
+        "replace one by steering itself or by an output whose rate depends on it, such as a point that "
+        "steering moves (ahead of a steered wheel, not on its axle)",
     ),
     "two of four depend": (
         lambda: outputs(
-            "arm_4", *[row(f"y_{k}", "", e) for k, e in enumerate((joint(0), joint(3) + joint(1), sin(joint(0)), joint(2)))]
+            "arm_4",
+            *[
+                row(f"y_{k}", "", e)
+                for k, e in enumerate((joint(0), joint(3) + joint(1), sin(joint(0)), joint(2)))
+            ],
         ),
-        "Phi is singular everywhere: the outputs y_0, y_2 depend on each other: they contain only 1 combination of w_0;",
+        "Phi is singular everywhere: the outputs y_0, y_2 depend on each other: they contain only 1 "
+        "combination of w_0;",
     ),
     "three of four depend": (
         lambda: outputs(
-            "arm_4", *[row(f"y_{k}", "", e) for k, e in enumerate((joint(0), joint(1), joint(0) * joint(1), joint(2) + joint(3)))]
+            "arm_4",
+            *[
+                row(f"y_{k}", "", e)
+                for k, e in enumerate((joint(0), joint(1), joint(0) * joint(1), joint(2) + joint(3)))
+            ],
         ),
         "the outputs y_0, y_1, y_2 depend on each other: they contain only 2 combinations of w_0, w_1;",
     ),
     "units": (
         lambda: outputs("arm_4", *[row(f"y_{k}", "", joint(k) * 10.0 ** (2 * k)) for k in range(4)]),
-        "Phi is singular everywhere: its reciprocal condition number is at most 1e-06, and values up to 1e-05 count as singular; "
-        "choose units of outputs and quasi-velocities in which they are of similar size",
+        "Phi is singular everywhere: its reciprocal condition number is at most 1e-06, and values up to "
+        "1e-05 count as singular; choose units of outputs and quasi-velocities in which they are of similar "
+        "size",
     ),
 }
 

@@ -38,7 +38,7 @@ STATES = 200
 TOLERANCE = 1e-12  # of the largest entry: about 1e4 roundings
 
 
-# -- what the tests are made of ---------------------------------------------------------------------------------------
+# -- what the tests are made of ------------------------------------------------------------------------------
 
 
 def close(value, expected, tolerance: float = TOLERANCE, scale: float | None = None) -> bool:
@@ -64,8 +64,19 @@ RANGES = {
     **{"x_c": (-20, 20), "y_c": (-20, 20), "phi": (-10, 10), "theta_r": (-10, 10), "theta_l": (-10, 10)},
     **{"thetadot_r": (-10, 10), "thetadot_l": (-10, 10)},
     **{"config.L": (-1, 1), "config.A": (-2, 2), "config.B": (-2, 2), "config.C": (-5, 5)},
-    **{"config.x_f": (-20, 20), "config.y_f": (-20, 20), "config.R": (1, 15), "config.a": (1, 6), "config.b": (1, 6)},
-    **{"config.x_s": (-20, 20), "config.y_s": (-20, 20), "config.direction": (-10, 10), "config.curvature": (-0.5, 0.5)},
+    **{
+        "config.x_f": (-20, 20),
+        "config.y_f": (-20, 20),
+        "config.R": (1, 15),
+        "config.a": (1, 6),
+        "config.b": (1, 6),
+    },
+    **{
+        "config.x_s": (-20, 20),
+        "config.y_s": (-20, 20),
+        "config.direction": (-10, 10),
+        "config.curvature": (-0.5, 0.5),
+    },
 }
 
 
@@ -93,7 +104,9 @@ def edge(name: str = "edge", quasi: bool = True) -> Mechanism:
     robot = Mechanism(name)
     x, y, heading = (robot.coordinate(q, unit) for q, unit in (("x", "m"), ("y", "m"), ("heading", "rad")))
     mass, inertia = robot.parameter("mass", 2.0, "kg"), robot.parameter("inertia", 0.5, "kg m^2")
-    weight, damping, spring = (robot.parameter(p, 1.5, "1", sign="any") for p in ("weight", "damping", "spring"))
+    weight, damping, spring = (
+        robot.parameter(p, 1.5, "1", sign="any") for p in ("weight", "damping", "spring")
+    )
     forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
     robot.kinetic_energy(mass * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2)
     robot.kinetic_energy(inertia * robot.rate(heading) ** 2 / 2)
@@ -110,10 +123,15 @@ def edge(name: str = "edge", quasi: bool = True) -> Mechanism:
 
 
 def swinging() -> Mechanism:
-    """A bead on a rod of variable slope: one holonomic constraint from `holds`, nothing said about quasi-velocities."""
+    """A bead on a rod of variable slope: one holonomic constraint from `holds`,
+    nothing said about quasi-velocities."""
     robot = Mechanism("swinging")
     x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
-    mass, weight, k = robot.parameter("mass", 2.0, "kg"), robot.parameter("weight", 20.0, "N"), robot.parameter("k", 0.7, "1/m")
+    mass, weight, k = (
+        robot.parameter("mass", 2.0, "kg"),
+        robot.parameter("weight", 20.0, "N"),
+        robot.parameter("k", 0.7, "1/m"),
+    )
     robot.kinetic_energy(mass * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2)
     robot.potential_energy(weight * y)
     robot.holds("parabola", y - k * x**2)
@@ -122,18 +140,26 @@ def swinging() -> Mechanism:
 
 
 def tractor() -> Mechanism:
-    """Knife edge with an independent arm that takes a third, redundant input: state-dependent E, r = 4 > n - m = 3."""
+    """Knife edge with an independent arm that takes a third, redundant input: state-dependent E,
+    r = 4 > n - m = 3."""
     robot = edge("tractor")
     arm = robot.coordinate("arm", "rad")
     x, y, heading = (c.symbol for c in robot.coordinates[:3])
     robot.kinetic_energy(0.3 * (robot.rate(heading) + robot.rate(arm)) ** 2 / 2)
     robot.quasi_velocity("swing", "rad/s", robot.rate(arm))
     robot.input("motor", "N m", on=robot.rate(arm))
-    robot.input("rope", "N", on=robot.rate(x) * (1 + arm**2 / 4) + sin(arm) * robot.rate(y) + robot.rate(arm) / 2)
+    robot.input(
+        "rope", "N", on=robot.rate(x) * (1 + arm**2 / 4) + sin(arm) * robot.rate(y) + robot.rate(arm) / 2
+    )
     return robot
 
 
-ROBOTS: dict[str, Callable[[], Mechanism]] = {"labmate": labmate, "edge": edge, "swinging": swinging, "tractor": tractor}
+ROBOTS: dict[str, Callable[[], Mechanism]] = {
+    "labmate": labmate,
+    "edge": edge,
+    "swinging": swinging,
+    "tractor": tractor,
+}
 
 
 @cache
@@ -151,15 +177,18 @@ def samples(system: ReducedSystem, expressions: list[ca.SX], *more: ca.SX, count
         others = [rng.uniform(-3, 3, s.numel()) for s in more]
         yield [
             np.asarray(value)
-            for value in evaluate.call([rng.uniform(-3, 3, robot.q.numel()), rng.uniform(-3, 3, system.dof), p, *others])
+            for value in evaluate.call(
+                [rng.uniform(-3, 3, robot.q.numel()), rng.uniform(-3, 3, system.dof), p, *others]
+            )
         ]
 
 
-# -- the LABMATE ------------------------------------------------------------------------------------------------------
+# -- the LABMATE ---------------------------------------------------------------------------------------------
 
 
 def test_the_closed_forms_are_mechanics():
-    """The oracle itself: the paper's matrices follow from Lagrange's equations and from the rolling wheels."""
+    """The oracle itself: the paper's matrices follow from Lagrange's equations and from the rolling
+    wheels."""
     cf = closed_forms
     M, V = cf.lagrange_equations()
     differences = {
@@ -171,7 +200,9 @@ def test_the_closed_forms_are_mechanics():
         "bias": cf.S.T * (cf.M * cf.along_motion(cf.S) * cf.nu + cf.V) - cf.BIAS,
         "Phi": cf.OUTPUTS["type_i"].Phi - cf.TYPE_I_PHI,
     }
-    assert {name for name, left in differences.items() if not left.applyfunc(sp.simplify).is_zero_matrix} == set()
+    assert {
+        name for name, left in differences.items() if not left.applyfunc(sp.simplify).is_zero_matrix
+    } == set()
 
 
 def test_platform_matrices():
@@ -186,7 +217,9 @@ def test_platform_matrices():
         "bias": system.bias,
     }
     evaluate = ca.Function("f", [robot.p, robot.q, system.nu], [ca.densify(e) for e in matrices.values()])
-    groups = [[s.name for s in group] for group in (robot.parameters, robot.coordinates, system.quasi_velocities)]
+    groups = [
+        [s.name for s in group] for group in (robot.parameters, robot.coordinates, system.quasi_velocities)
+    ]
     for values in random_values(1):
         results = evaluate.call([[values[name] for name in group] for group in groups])
         expected = closed_forms.platform(values)
@@ -201,7 +234,13 @@ def test_law(name):
     linear = law.linearization
     assert linear.relative_degree == oracle.relative_degree
     assert [p.name for p in law.config] == [str(s).removeprefix("config.") for s in oracle.config]
-    quantities = {"h": linear.h, "ydot": linear.rate, "Phi": linear.Phi, "Phidot": linear.Phidot, "det": linear.determinant}
+    quantities = {
+        "h": linear.h,
+        "ydot": linear.rate,
+        "Phi": linear.Phi,
+        "Phidot": linear.Phidot,
+        "det": linear.determinant,
+    }
     quantities |= {"u": law.u, "tau": law.tau, "lam": law.system.constraint_forces(law.tau, law.u)}
     evaluate = law.function(quantities)
     rng = np.random.default_rng(3)
@@ -229,13 +268,19 @@ def test_a_segment_without_curvature_is_a_line():
         expected = closed_forms.law("type_iv_line", values, gains, reference)
         assert line.relative_degree == law.linearization.relative_degree
         sharp = abs(expected["det"]) / np.prod(np.linalg.norm(expected["Phi"], axis=1))
-        assert close(results[0], expected["h"]) and close(results[1], expected["tau"], TOLERANCE / sharp), values
+        assert close(results[0], expected["h"]) and close(results[1], expected["tau"], TOLERANCE / sharp), (
+            values
+        )
 
 
 def test_determinant_is_found_in_closed_form():
     """The heading drops out of det Phi of Type I; of Types II and III everything but the heading."""
     system = labmate_system()
-    for name, gone in (("type_i", ["x_c", "y_c", "phi"]), ("type_ii", ["x_c", "y_c"]), ("type_iii", ["x_c", "y_c"])):
+    for name, gone in (
+        ("type_i", ["x_c", "y_c", "phi"]),
+        ("type_ii", ["x_c", "y_c"]),
+        ("type_iii", ["x_c", "y_c"]),
+    ):
         left = {s.name() for s in ca.symvar(labmate_law(name).linearization.determinant)}
         assert left.isdisjoint(gone), name
     assert system.input_map.is_constant()
@@ -248,11 +293,14 @@ def test_reduced_equations_do_not_contain_the_pose():
 
 
 def test_the_heading_need_not_be_a_coordinate():
-    """With phi = c (theta_r - theta_l) used up front, two constraints remain; Mbar, bias and det Phi are the same."""
+    """With phi = c (theta_r - theta_l) used up front, two constraints remain; Mbar,
+    bias and det Phi are the same."""
     robot = Mechanism("labmate4")
     x, y = robot.coordinate("x_c", "m"), robot.coordinate("y_c", "m")
     right, left = robot.coordinate("theta_r", "rad"), robot.coordinate("theta_l", "rad")
-    b, d, r, m_c, m_w, I_c, I_w, I_m = (robot.parameter(p.name, p.default, p.unit, sign=p.sign) for p in labmate().parameters)
+    b, d, r, m_c, m_w, I_c, I_w, I_m = (
+        robot.parameter(p.name, p.default, p.unit, sign=p.sign) for p in labmate().parameters
+    )
     phi = r / (2 * b) * (right - left)
     turn = robot.rate(phi)
 
@@ -263,7 +311,9 @@ def test_the_heading_need_not_be_a_coordinate():
     robot.kinetic_energy(m_c * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + I_c * turn**2 / 2)
     for side, angle in ((-1, right), (1, left)):
         wheel = body((x - d * cos(phi) - side * b * sin(phi), y - d * sin(phi) + side * b * cos(phi)))
-        robot.kinetic_energy(m_w * (wheel[0] ** 2 + wheel[1] ** 2) / 2 + I_m * turn**2 / 2 + I_w * robot.rate(angle) ** 2 / 2)
+        robot.kinetic_energy(
+            m_w * (wheel[0] ** 2 + wheel[1] ** 2) / 2 + I_m * turn**2 / 2 + I_w * robot.rate(angle) ** 2 / 2
+        )
     robot.rolls("side", body((x - d * cos(phi), y - d * sin(phi)))[1])
     robot.rolls("forward", body((x, y))[0] - r * (robot.rate(right) + robot.rate(left)) / 2)
     for name, angle in (("thetadot_r", right), ("thetadot_l", left)):
@@ -280,7 +330,7 @@ def test_the_heading_need_not_be_a_coordinate():
         assert close(det, -(values["r"] ** 2) * (values["config.L"] + values["d"]) / (2 * values["b"]))
 
 
-# -- the laws of mechanics, for any robot -----------------------------------------------------------------------------
+# -- the laws of mechanics, for any robot --------------------------------------------------------------------
 
 any_robot = pytest.mark.parametrize("name", ROBOTS)
 
@@ -309,7 +359,9 @@ def test_reduced_equations(name):
         samples(system, parts), samples(system, [system.nu]), strict=True
     ):
         assert close(Mbar, S.T @ M @ S, scale=np.abs(M).max() * np.abs(S).max() ** 2)
-        size = np.abs(S).max() * max(np.abs(V).max(), np.abs(M).max() * np.abs(Sdot).max() * np.abs(nu).max(), 1e-9)
+        size = np.abs(S).max() * max(
+            np.abs(V).max(), np.abs(M).max() * np.abs(Sdot).max() * np.abs(nu).max(), 1e-9
+        )
         assert close(bias, S.T @ (M @ Sdot @ nu + V), scale=size)
         assert close(input_map, S.T @ E, scale=np.abs(S).max() * np.abs(E).max())
 
@@ -360,9 +412,18 @@ def test_first_feedback(name):
 def outputs_of(system: ReducedSystem) -> list[OutputMap]:
     """Maps with relative degrees 2 and 1 for the small robots."""
     q, nu = system.mechanism.q, system.nu
-    rows = [OutputRow("position", "m", "", q[0] + q[1] ** 2 / 8), OutputRow("turn", "rad", "", q[2])] if q.numel() > 2 else []
+    rows = (
+        [OutputRow("position", "m", "", q[0] + q[1] ** 2 / 8), OutputRow("turn", "rad", "", q[2])]
+        if q.numel() > 2
+        else []
+    )
     mixed = (
-        [OutputRow("distance", "m", "", sin(q[2]) + q[2]), OutputRow("speed", "m/s", "", nu[0] * (2 + cos(q[0])))] if rows else []
+        [
+            OutputRow("distance", "m", "", sin(q[2]) + q[2]),
+            OutputRow("speed", "m/s", "", nu[0] * (2 + cos(q[0]))),
+        ]
+        if rows
+        else []
     )
     rows, mixed = (
         rows or [OutputRow("place", "m", "", q[0] + q[0] ** 3)],
@@ -396,20 +457,27 @@ def test_relative_degree_does_not_hang_on_a_default_of_zero():
     robot = edge()
     lag = robot.parameter("lag", 0.0, "s", sign="any")
     system = reduce(robot)
-    output = (OutputRow("ahead", "m", "", place(system) + lag * system.nu[0]), OutputRow("turn", "rad", "", heading(system)))
+    output = (
+        OutputRow("ahead", "m", "", place(system) + lag * system.nu[0]),
+        OutputRow("turn", "rad", "", heading(system)),
+    )
     assert linearize(system, OutputMap("mine", "", output)).relative_degree == (1, 2)
 
 
 @any_robot
 def test_second_feedback_gives_the_wanted_derivatives(name):
-    """Along qdot = S nu, nudot = u(v): the derivative of ydot (degree 2), of y (degree 1) is v; det Phi is Phi's."""
+    """Along qdot = S nu, nudot = u(v): the derivative of ydot (degree 2), of y (degree 1) is v;
+    det Phi is Phi's."""
     system = system_of(name)
     state = ca.vertcat(system.mechanism.q, system.nu)
     for linear in linearizations(name):
         v = ca.SX.sym("v", system.dof)
         rates = iter(ca.vertsplit(linear.rate)) if linear.rate.numel() else iter(())
         lower = ca.vertcat(
-            *[next(rates) if k == 2 else h for k, h in zip(linear.relative_degree, ca.vertsplit(linear.h), strict=True)]
+            *[
+                next(rates) if k == 2 else h
+                for k, h in zip(linear.relative_degree, ca.vertsplit(linear.h), strict=True)
+            ]
         )
         closed = ca.jtimes(lower, state, ca.vertcat(system.qdot, linear.second_feedback(v)))
         parameters = ca.vertcat(*[c.symbol for c in linear.output.parameters])
@@ -422,26 +490,32 @@ def test_second_feedback_gives_the_wanted_derivatives(name):
 
 @any_robot
 def test_phidot_is_the_derivative_of_phi(name):
-    """Against five-point differences along the motion, step 1e-3: truncation below 1e-9 of the largest entries seen."""
+    """Against five-point differences along the motion, step 1e-3:
+    truncation below 1e-9 of the largest entries seen."""
     system = system_of(name)
     robot, step = system.mechanism, 1e-3
     for linear in linearizations(name):
         Phi = [
-            ca.substitute(linear.Phi, robot.q, robot.q + k * step * system.qdot / (1 + ca.norm_2(system.qdot)))
+            ca.substitute(
+                linear.Phi, robot.q, robot.q + k * step * system.qdot / (1 + ca.norm_2(system.qdot))
+            )
             for k in (-2, -1, 1, 2)
         ]
         parameters = ca.vertcat(*[c.symbol for c in linear.output.parameters])
         expected = linear.Phidot / (1 + ca.norm_2(system.qdot))
         for left2, left, right, right2, exact in samples(system, [*Phi, expected], parameters, count=20):
             difference = (left2 - 8 * left + 8 * right - right2) / (12 * step)
-            assert close(exact, difference, 1e-8, scale=np.abs([left, right, exact]).max()), linear.output.name
+            assert close(exact, difference, 1e-8, scale=np.abs([left, right, exact]).max()), (
+                linear.output.name
+            )
 
 
-# -- more inputs than dof -----------------------------------------------------------------------------------------
+# -- more inputs than dof ------------------------------------------------------------------------------------
 
 
 def test_redundant_inputs_share_by_weight():
-    """tau is the weighted least-norm solution of (12): the one that a Lagrange multiplier gives, other weights another."""
+    """tau is the weighted least-norm solution of (12): the one that a Lagrange multiplier gives,
+    other weights another."""
     system = system_of("tractor")
     u = ca.SX.sym("u", 3)
     weights = [(1, 1, 1, 1), (1, 2, 3, 4), (1, 1, 1, 1e3)]
@@ -456,13 +530,15 @@ def test_redundant_inputs_share_by_weight():
         assert abs(taus[2][3, 0]) <= abs(taus[0][3, 0])
 
 
-@pytest.mark.parametrize("weight", [[1, 1, 1], [1, 1, 1, 0], [1, 1, 1, -2], [1, 1, 1, np.nan], ["1", 1, 1, 1], 1])
+@pytest.mark.parametrize(
+    "weight", [[1, 1, 1], [1, 1, 1, 0], [1, 1, 1, -2], [1, 1, 1, np.nan], ["1", 1, 1, 1], 1]
+)
 def test_weights_must_be_positive(weight):
     with pytest.raises(ModelError, match="weights must be 4 positive numbers"):
         system_of("tractor").first_feedback(ca.SX.sym("u", 3), weight)
 
 
-# -- the three ways to S ----------------------------------------------------------------------------------------------
+# -- the three ways to S -------------------------------------------------------------------------------------
 
 
 def test_null_space_given_outright():
@@ -473,7 +549,9 @@ def test_null_space_given_outright():
     other = reduce(robot)
     assert [v.name for v in other.quasi_velocities] == ["v", "w"] and other.dof == 2
     pairs = zip(
-        samples(chosen, [chosen.S, chosen.Mbar, chosen.bias]), samples(other, [other.S, other.Mbar, other.bias]), strict=True
+        samples(chosen, [chosen.S, chosen.Mbar, chosen.bias]),
+        samples(other, [other.S, other.Mbar, other.bias]),
+        strict=True,
     )
     for first, second in pairs:
         assert all(close(a, b, scale=np.abs(b).max() + 1) for a, b in zip(first, second, strict=True))
@@ -488,7 +566,9 @@ def test_null_space_computed():
         q, p, tau, qdot = system.mechanism.q, system.mechanism.p, ca.SX.sym("tau", 2), ca.SX.sym("qdot", 3)
         nu = ca.pinv(system.S) @ qdot
         acceleration = system.S @ system.acceleration(tau) + system.Sdot @ system.nu
-        qddot.append(ca.Function("f", [q, p, qdot, tau], [ca.substitute(acceleration, system.nu, nu), system.S @ nu]))
+        qddot.append(
+            ca.Function("f", [q, p, qdot, tau], [ca.substitute(acceleration, system.nu, nu), system.S @ nu])
+        )
     rng = np.random.default_rng(5)
     for _ in range(STATES):
         q, p, tau = rng.uniform(-3, 3, 3), rng.uniform(0.5, 2, 5), rng.uniform(-3, 3, 2)
@@ -505,7 +585,8 @@ def test_computed_null_space_is_finite_everywhere():
 
 
 def test_tangent_does_not_hinder_elimination():
-    """A car steered by tan(steer): with v, w given S = [cos; sin; tan(steer)/length], without a division by cos(heading)."""
+    """A car steered by tan(steer): with v, w given S = [cos; sin; tan(steer)/length],
+    without a division by cos(heading)."""
     robot = plain(inputs="")
     x_dot, y_dot, h_dot = (v.symbol for v in robot.velocities)
     h, steer = robot.coordinates[2].symbol, robot.coordinate("steer", "rad")
@@ -527,7 +608,11 @@ def test_holonomic_constraint_from_its_position():
     mass, weight, k = ca.vertsplit(robot.p)
     (nu,) = ca.vertsplit(system.nu)
     assert system.quasi_velocities[0].name == "x_rate"
-    expected = [mass * (1 + 4 * k**2 * x**2), 4 * mass * k**2 * x * nu**2 + 2 * k * x * weight, ca.vertcat(1, 2 * k * x)]
+    expected = [
+        mass * (1 + 4 * k**2 * x**2),
+        4 * mass * k**2 * x * nu**2 + 2 * k * x * weight,
+        ca.vertcat(1, 2 * k * x),
+    ]
     for *actual, Mbar, bias, S in samples(system, [system.Mbar, system.bias, system.S, *expected]):
         assert close(actual[0], Mbar) and close(actual[1], bias, scale=40.0) and close(actual[2], S)
 
@@ -562,11 +647,12 @@ def test_constant_matrices():
     assert system.bias.is_zero() and law.linearization.Phidot.is_zero() and law.linearization.drift.is_zero()
 
 
-# -- paths ------------------------------------------------------------------------------------------------------------
+# -- paths ---------------------------------------------------------------------------------------------------
 
 
 def test_user_defined_curve():
-    """y = k sin(w x) with its own parameters: zero on the curve, unit slope across it, Phi singular where it should be."""
+    """y = k sin(w x) with its own parameters: zero on the curve, unit slope across it,
+    Phi singular where it should be."""
     k, w = config("k", 2.0, "m", "amplitude"), config("w", 0.3, "1/m", "wave number", "positive")
     path = implicit("wave", "sine wave", (k, w), lambda x, y: y - k.symbol * sin(w.symbol * x))
     system = labmate_system()
@@ -582,12 +668,16 @@ def test_user_defined_curve():
         k_, w_, L, phi = (values[name] for name in ("config.k", "config.w", "config.L", "phi"))
         x_l = values["x_c"] + L * np.cos(phi)
         on_curve = values | {"y_c": k_ * np.sin(w_ * x_l) - L * np.sin(phi)}
-        h, slope, det = (np.asarray(x) for x in evaluate.call(arguments(law, on_curve, (1, 2, 3), np.zeros((2, 3)))))
+        h, slope, det = (
+            np.asarray(x) for x in evaluate.call(arguments(law, on_curve, (1, 2, 3), np.zeros((2, 3))))
+        )
         normal = np.array([-k_ * w_ * np.cos(w_ * x_l), 1.0])
         normal /= np.linalg.norm(normal)
         lever = values["r"] ** 2 * (L + values["d"]) / (2 * values["b"])
         assert abs(h[0, 0]) <= 1e-13 * (abs(k_) + 1)
-        assert h[1, 0] == pytest.approx(values["r"] * (values["thetadot_r"] + values["thetadot_l"]) / 2, rel=0, abs=1e-13)
+        assert h[1, 0] == pytest.approx(
+            values["r"] * (values["thetadot_r"] + values["thetadot_l"]) / 2, rel=0, abs=1e-13
+        )
         assert close(slope.ravel(), normal)
         assert close(det, lever * (normal[1] * np.cos(phi) - normal[0] * np.sin(phi)), scale=abs(lever))
 
@@ -611,7 +701,7 @@ def test_names_of_the_path_do_not_meet_those_of_the_robot():
     assert not ca.depends_on(system.Mbar, ca.vertcat(*[c.symbol for c in law.config]))
 
 
-# -- exact simplification ---------------------------------------------------------------------------------------------
+# -- exact simplification ------------------------------------------------------------------------------------
 
 VARIABLES = [ca.SX.sym(name) for name in "xyz"]
 
@@ -633,11 +723,23 @@ def random_expression(rng: np.random.Generator, depth: int, leaves: list, s: Cal
 def high_precision(expression: ca.SX, point: list) -> mpmath.mpf:
     """The expression's value in 50 digits: canonical() must be exact, not merely close in double."""
     rules = {
-        **{ca.OP_ASSIGN: lambda a: a, ca.OP_NEG: lambda a: -a, ca.OP_SQ: lambda a: a * a, ca.OP_TWICE: lambda a: 2 * a},
-        **{ca.OP_INV: lambda a: 1 / a, ca.OP_SIN: mpmath.sin, ca.OP_COS: mpmath.cos, ca.OP_ADD: lambda a, b: a + b},
+        **{
+            ca.OP_ASSIGN: lambda a: a,
+            ca.OP_NEG: lambda a: -a,
+            ca.OP_SQ: lambda a: a * a,
+            ca.OP_TWICE: lambda a: 2 * a,
+        },
+        **{
+            ca.OP_INV: lambda a: 1 / a,
+            ca.OP_SIN: mpmath.sin,
+            ca.OP_COS: mpmath.cos,
+            ca.OP_ADD: lambda a, b: a + b,
+        },
         **{ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b, ca.OP_DIV: lambda a, b: a / b},
     }
-    (value,) = fold(expression, VARIABLES, lambda k: point[k], mpmath.mpf, lambda code, arguments: rules[code](*arguments))
+    (value,) = fold(
+        expression, VARIABLES, lambda k: point[k], mpmath.mpf, lambda code, arguments: rules[code](*arguments)
+    )
     return value
 
 
@@ -645,15 +747,19 @@ def high_precision(expression: ca.SX, point: list) -> mpmath.mpf:
 def test_canonical_keeps_the_value(depth):
     with mpmath.workdps(50):
         for seed in range(100):
-            points = [[mpmath.mpf(x) for x in np.random.default_rng([seed, k]).uniform(-3, 3, 3)] for k in range(3)]
+            points = [
+                [mpmath.mpf(x) for x in np.random.default_rng([seed, k]).uniform(-3, 3, 3)] for k in range(3)
+            ]
             expression = random_expression(np.random.default_rng(seed), depth, VARIABLES, ca.sin, ca.cos)
             simplified = canonical(expression)
             for point in points:
-                expected = random_expression(np.random.default_rng(seed), depth, point, mpmath.sin, mpmath.cos)
-                # only a leading factor such as 1/3 is rounded to double
-                assert abs(high_precision(simplified, point) - expected) <= 1e-13 * abs(expected) + mpmath.mpf("1e-40"), (
-                    expression
+                expected = random_expression(
+                    np.random.default_rng(seed), depth, point, mpmath.sin, mpmath.cos
                 )
+                # only a leading factor such as 1/3 is rounded to double
+                assert abs(high_precision(simplified, point) - expected) <= 1e-13 * abs(
+                    expected
+                ) + mpmath.mpf("1e-40"), expression
 
 
 x, y, z = VARIABLES
@@ -674,12 +780,15 @@ EQUAL = {
 @pytest.mark.parametrize("name", EQUAL)
 def test_canonical_finds(name):
     expression, expected = EQUAL[name]
-    assert ca.is_equal(canonical(expression), ca.SX(expected), 1) or (expected == 0 and canonical(expression).is_zero())
+    assert ca.is_equal(canonical(expression), ca.SX(expected), 1) or (
+        expected == 0 and canonical(expression).is_zero()
+    )
 
 
 @pytest.mark.parametrize("power", [2, 3])
 def test_canonical_keeps_a_power_of_a_small_denominator(power):
-    """Written out as a sum, the power of a denominator of 1e-4 of its terms has lost 8 or 12 digits in 16; as a power, 4."""
+    """Written out as a sum, the power of a denominator of 1e-4 of its terms has lost 8 or 12 digits in 16;
+    as a power, 4."""
     one, other = 10 * y * cos(x) + y - 13 * z * sin(x) ** 2, cos(x) + 0.1 - sin(x) * (1.3 * (z * sin(x)) / y)
     simple = canonical(3 * (13 * (z * sin(x)) / one) ** power + 7 / other**power)
     rng = np.random.default_rng(271)
@@ -694,14 +803,20 @@ def test_canonical_keeps_a_power_of_a_small_denominator(power):
         assert abs(value - expected) <= 1e-9 * abs(expected)
 
 
-@pytest.mark.parametrize("expression", [ca.sqrt(x) + y, ca.tan(x) * y, ca.exp(x), ca.fabs(x), ca.if_else(x > 0, x, y)])
+@pytest.mark.parametrize(
+    "expression", [ca.sqrt(x) + y, ca.tan(x) * y, ca.exp(x), ca.fabs(x), ca.if_else(x > 0, x, y)]
+)
 def test_canonical_leaves_what_is_not_rational(expression):
     assert ca.is_equal(canonical(expression), expression, 20)
 
 
 @pytest.mark.parametrize(
     "expression",
-    [sin(1.0000001 * x) - sin(1.0000002 * x), sin(x) - sin(ca.SX.sym("x")), cos(x + 100000.1) * y - cos(x + 100000.2) * y],
+    [
+        sin(1.0000001 * x) - sin(1.0000002 * x),
+        sin(x) - sin(ca.SX.sym("x")),
+        cos(x + 100000.1) * y - cos(x + 100000.2) * y,
+    ],
     ids=["close constants", "two symbols of one name", "close offsets"],
 )
 def test_canonical_tells_arguments_apart(expression):
@@ -714,20 +829,25 @@ def test_canonical_survives_constants(expression):
 
 
 @pytest.mark.parametrize(
-    "expression", [x**2 + (y - z) ** 2, x / (x + y) + y / (y + z) + z / (z + 2 * x)], ids=["difference squared", "fractions"]
+    "expression",
+    [x**2 + (y - z) ** 2, x / (x + y) + y / (y + z) + z / (z + 2 * x)],
+    ids=["difference squared", "fractions"],
 )
 def test_canonical_does_not_lengthen(expression):
     assert ca.n_nodes(canonical(expression)) <= ca.n_nodes(expression)
 
 
-@pytest.mark.parametrize("expression", [sin(x) ** 2 / sin(x), (1 - cos(x) ** 2) / sin(x)], ids=["square", "one minus square"])
+@pytest.mark.parametrize(
+    "expression", [sin(x) ** 2 / sin(x), (1 - cos(x) ** 2) / sin(x)], ids=["square", "one minus square"]
+)
 def test_canonical_cancels_a_sine(expression):
     assert ca.is_equal(canonical(expression), sin(x), 1)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_canonical_gives_equals_one_expression(sign):
-    """Equal entries, or one and its negative, come out as one expression, even where an entry's own form is kept."""
+    """Equal entries, or one and its negative, come out as one expression,
+    even where an entry's own form is kept."""
     first, second = x**2 + (y - z) ** 2, sign * (x**2 + y**2 - 2 * y * z + z**2)
     canonical_forms = canonical(ca.vertcat(first, second))
     assert ca.is_equal(sign * canonical_forms[0], canonical_forms[1], 2)
@@ -751,7 +871,9 @@ RADICALS = {
 @pytest.mark.parametrize("name", RADICALS)
 def test_canonical_knows_radicals(name):
     expression, expected = RADICALS[name]
-    assert ca.is_equal(canonical(expression), ca.SX(expected), 5) or (expected == 0 and canonical(expression).is_zero())
+    assert ca.is_equal(canonical(expression), ca.SX(expected), 5) or (
+        expected == 0 and canonical(expression).is_zero()
+    )
 
 
 def test_canonical_cancels_a_removable_pole():
@@ -760,7 +882,9 @@ def test_canonical_cancels_a_removable_pole():
     assert float(f(1)) == 5.0
 
 
-@pytest.mark.parametrize("expression", [sum(VARIABLES) ** 40, 1 / sum(1 / (v + k) for k in range(9) for v in VARIABLES)])
+@pytest.mark.parametrize(
+    "expression", [sum(VARIABLES) ** 40, 1 / sum(1 / (v + k) for k in range(9) for v in VARIABLES)]
+)
 def test_canonical_leaves_what_would_be_too_large(expression):
     assert ca.is_equal(canonical(expression), expression, 60)
 
@@ -790,7 +914,7 @@ def test_canonical_keeps_shape_and_drops_zeros():
     assert matrix.shape == (2, 2) and matrix.nnz() == 2
 
 
-# -- parameters and names ---------------------------------------------------------------------------------------------
+# -- parameters and names ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("default", [2, 2.0, np.float64(2), np.float32(2), np.int64(2), Fraction(2)])
@@ -830,7 +954,22 @@ def test_parameter_values_refused(values, message):
 
 @pytest.mark.parametrize(
     "name",
-    ["", "1st", "a-b", "a b", "_x", "x\n", "\u03b8", "\u00e9", "for", "int", "double", "lambda", "class", "register"]
+    [
+        "",
+        "1st",
+        "a-b",
+        "a b",
+        "_x",
+        "x\n",
+        "\u03b8",
+        "\u00e9",
+        "for",
+        "int",
+        "double",
+        "lambda",
+        "class",
+        "register",
+    ]
     + ["bool", "true", "NULL", "NAN", "template", "uint8_t", "int_fast16_t", None, 3],
 )
 def test_names_that_c_or_python_cannot_take(name):
@@ -842,7 +981,9 @@ def test_names_that_c_or_python_cannot_take(name):
         lambda n: robot.input(n, "N", on=1),
     ]
     for make in (*add, lambda n: robot.quasi_velocity(n, "m", 1), lambda n: config(n, 0.0, "m", "")):
-        with pytest.raises(ModelError, match="cannot be used in C: use letters, digits and _ only, no keyword of") as error:
+        with pytest.raises(
+            ModelError, match="cannot be used in C: use letters, digits and _ only, no keyword of"
+        ) as error:
             make(name)
         assert repr(name) in str(error.value)
 
@@ -863,7 +1004,8 @@ def test_names_used_twice(taken):
 
 
 def test_a_reduced_robot_takes_only_outputs():
-    """What laws and plants have been made of does not change under them; a robot that cannot be reduced can be mended."""
+    """What laws and plants have been made of does not change under them;
+    a robot that cannot be reduced can be mended."""
     robot = edge()
     x, symbols = robot.coordinates[0].symbol, [q.symbol for q in robot.coordinates]
     assert not robot.reduced
@@ -884,7 +1026,9 @@ def test_a_reduced_robot_takes_only_outputs():
         "contact": ("wheel", 1.0, robot.rate(x)),
     }
     for name, arguments_of_call in changes.items():
-        with pytest.raises(ModelError, match=r"edge: \w+ was called after the robot was reduced, .* build a new Mechanism"):
+        with pytest.raises(
+            ModelError, match=r"edge: \w+ was called after the robot was reduced, .* build a new Mechanism"
+        ):
             getattr(robot, name)(*arguments_of_call)
     robot.output("place", "where it is", [(f"y{k}", "m", q) for k, q in enumerate(symbols[:2])])
     assert ca.is_equal(reduce(robot).Mbar, before, 20)
@@ -895,7 +1039,7 @@ def test_unknown_sign():
         Mechanism("robot").parameter("mass", 1.0, "kg", sign="negative")
 
 
-# -- robots that the method cannot take -------------------------------------------------------------------------------
+# -- robots that the method cannot take ----------------------------------------------------------------------
 
 
 def plain(constraint: bool = True, inputs: str = "xh") -> Mechanism:
@@ -971,10 +1115,15 @@ REFUSED = {
         "plain: 3 constraints allow no motion in 3 coordinates",
     ),
     "dependent constraints": (
-        having(lambda robot, s: robot.rolls("again", 2 * sin(s["h"]) * s["x_dot"] - 2 * cos(s["h"]) * s["y_dot"])),
+        having(
+            lambda robot, s: robot.rolls("again", 2 * sin(s["h"]) * s["x_dot"] - 2 * cos(s["h"]) * s["y_dot"])
+        ),
         "plain: the constraints are not independent: 'again' follows from the others; remove it",
     ),
-    "constraint that says nothing": (having(lambda robot, s: robot.rolls("nothing", 0)), "'nothing' follows from the others"),
+    "constraint that says nothing": (
+        having(lambda robot, s: robot.rolls("nothing", 0)),
+        "'nothing' follows from the others",
+    ),
     "too few inputs": (
         lambda: reduce(plain(inputs="h")),
         "plain: 1 input for n - m = 2 degrees of freedom; an underactuated robot",
@@ -988,7 +1137,10 @@ REFUSED = {
         having(lambda robot, s: robot.rolls("square", s["x_dot"] ** 2)),
         "not linear in the coordinates' rates",
     ),
-    "constraint on a position": (having(lambda robot, s: robot.rolls("place", s["x"])), "not linear in the coordinates' rates"),
+    "constraint on a position": (
+        having(lambda robot, s: robot.rolls("place", s["x"])),
+        "not linear in the coordinates' rates",
+    ),
     "constraint with a drift": (
         having(lambda robot, s: robot.rolls("belt", s["x_dot"] - 1)),
         "not linear in the coordinates' rates",
@@ -1021,15 +1173,31 @@ REFUSED = {
         having(lambda robot, s: robot.input("f", "N", on=unknown() * s["x_dot"])),
         "plain: input 'f' uses stranger",
     ),
-    "force of a stranger": (having(lambda robot, s: robot.force(unknown(), on=s["x_dot"])), "plain: a force uses stranger"),
-    "quasi-velocity of a stranger": (having(quasi(lambda s: unknown() * s["x_dot"])), "plain: a quasi-velocity uses stranger"),
-    "one quasi-velocity": (having(quasi(lambda s: s["h_dot"])), "plain: 1 quasi-velocities; there must be n - m = 2"),
+    "force of a stranger": (
+        having(lambda robot, s: robot.force(unknown(), on=s["x_dot"])),
+        "plain: a force uses stranger",
+    ),
+    "quasi-velocity of a stranger": (
+        having(quasi(lambda s: unknown() * s["x_dot"])),
+        "plain: a quasi-velocity uses stranger",
+    ),
+    "one quasi-velocity": (
+        having(quasi(lambda s: s["h_dot"])),
+        "plain: 1 quasi-velocities; there must be n - m = 2",
+    ),
     "dependent quasi-velocities": (
         having(quasi(lambda s: s["h_dot"], lambda s: 2 * s["h_dot"])),
-        "plain: the quasi-velocities do not determine the motion: they depend on the constraints or on each other",
+        "plain: the quasi-velocities do not determine the motion: they depend on the constraints or on each "
+        "other",
     ),
-    "S of the wrong shape": (having(null_space(lambda s: ca.SX.eye(3))), "plain: S is 3 x 3; it must be n x (n-m) = 3 x 2"),
-    "S with dependent columns": (having(null_space(lambda s: ca.SX(3, 2))), "plain: the columns of S are dependent"),
+    "S of the wrong shape": (
+        having(null_space(lambda s: ca.SX.eye(3))),
+        "plain: S is 3 x 3; it must be n x (n-m) = 3 x 2",
+    ),
+    "S with dependent columns": (
+        having(null_space(lambda s: ca.SX(3, 2))),
+        "plain: the columns of S are dependent",
+    ),
     "S off the constraint": (
         having(null_space(lambda s: ca.blockcat([[sin(s["h"]), 0], [cos(s["h"]), 0], [0, 1]]))),
         "S does not satisfy constraint 'blade'",
@@ -1046,27 +1214,54 @@ REFUSED = {
         having(lambda robot, s: robot.rolls("c", "x_dot")),
         "plain: constraint 'c' is not an expression: 'x_dot'",
     ),
-    "MX rate": (having(lambda robot, s: robot.rate(ca.MX.sym("a"))), "plain: rate is not an expression: MX(a)"),
-    "potential energy of rates": (having(lambda robot, s: robot.potential_energy(s["x_dot"] ** 2)), "potential energy"),
+    "MX rate": (
+        having(lambda robot, s: robot.rate(ca.MX.sym("a"))),
+        "plain: rate is not an expression: MX(a)",
+    ),
+    "potential energy of rates": (
+        having(lambda robot, s: robot.potential_energy(s["x_dot"] ** 2)),
+        "potential energy",
+    ),
     "force on a position": (having(lambda robot, s: robot.force(-s["x"], on=s["x"])), "force"),
     "force on a square": (having(lambda robot, s: robot.force(1, on=s["x_dot"] ** 2)), "force"),
     "negative mass": (having(negative_mass), "positive"),
     "rate of a rate": (having(lambda robot, s: robot.rate(s["x_dot"])), "rate"),
-    "constraint name twice": (having(lambda robot, s: robot.rolls("blade", s["x_dot"])), "'blade' is used twice"),
+    "constraint name twice": (
+        having(lambda robot, s: robot.rolls("blade", s["x_dot"])),
+        "'blade' is used twice",
+    ),
     "which row is not linear": (having(lambda robot, s: robot.rolls("square", s["x_dot"] ** 2)), "'square'"),
     "S with a name missing": (having(null_space(along, "n0")), "1 quasi-velocities; there must be n - m = 2"),
     "S of a stranger": (having(null_space(lambda s: along(s) * unknown())), "stranger"),
     "S and quasi-velocities": (having(both_ways), "null_space"),
-    "MX for S": (having(lambda robot, s: robot.null_space(ca.MX.sym("a", 3, 2), {"n0": "1", "n1": "1"})), "MX"),
-    "MX for the vehicle": (having(lambda robot, s: robot.moves_in_plane(ca.MX.sym("a"), s["y"], s["h"])), "MX"),
-    "vector for the vehicle": (having(lambda robot, s: robot.moves_in_plane(ca.SX(2, 1), s["y"], s["h"])), "2 x 1"),
+    "MX for S": (
+        having(lambda robot, s: robot.null_space(ca.MX.sym("a", 3, 2), {"n0": "1", "n1": "1"})),
+        "MX",
+    ),
+    "MX for the vehicle": (
+        having(lambda robot, s: robot.moves_in_plane(ca.MX.sym("a"), s["y"], s["h"])),
+        "MX",
+    ),
+    "vector for the vehicle": (
+        having(lambda robot, s: robot.moves_in_plane(ca.SX(2, 1), s["y"], s["h"])),
+        "2 x 1",
+    ),
     "kinetic energy linear": (
         having(lambda robot, s: robot.kinetic_energy(s["x"] * s["y_dot"])),
         "plain: the kinetic energy is not quadratic in the rates",
     ),
-    "constraint that holds a rate": (having(lambda robot, s: robot.holds("c", s["x_dot"])), "plain: constraint 'c' uses rates"),
-    "which input is not linear": (having(lambda robot, s: robot.input("f", "N", on=s["x_dot"] ** 2)), "input 'f' is not linear"),
-    "which quasi-velocity is not linear": (having(quasi(lambda s: s["x"])), "quasi-velocity 'n0' is not linear"),
+    "constraint that holds a rate": (
+        having(lambda robot, s: robot.holds("c", s["x_dot"])),
+        "plain: constraint 'c' uses rates",
+    ),
+    "which input is not linear": (
+        having(lambda robot, s: robot.input("f", "N", on=s["x_dot"] ** 2)),
+        "input 'f' is not linear",
+    ),
+    "which quasi-velocity is not linear": (
+        having(quasi(lambda s: s["x"])),
+        "quasi-velocity 'n0' is not linear",
+    ),
     "automatic name twice": (
         having(lambda robot, s: robot.parameter("x_rate", 1.0, "1")),
         "the name 'x_rate' is used twice: it is also that of an automatically chosen quasi-velocity",
@@ -1083,9 +1278,18 @@ REFUSED = {
         having(lambda robot, s: robot.force(None, on=s["x_dot"])),
         "plain: force is not an expression: None",
     ),
-    "unit that ends a comment": (having(lambda robot, s: robot.coordinate("z", "*/")), "z: unit '*/' must be text"),
-    "no name for a constraint": (having(lambda robot, s: robot.rolls(None, s["x_dot"])), "a constraint's name must be text"),
-    "not finite": (having(lambda robot, s: robot.rolls("c", s["x_dot"] * ca.sqrt(s["x"] - 5))), "plain: A: not finite at any of"),
+    "unit that ends a comment": (
+        having(lambda robot, s: robot.coordinate("z", "*/")),
+        "z: unit '*/' must be text",
+    ),
+    "no name for a constraint": (
+        having(lambda robot, s: robot.rolls(None, s["x_dot"])),
+        "a constraint's name must be text",
+    ),
+    "not finite": (
+        having(lambda robot, s: robot.rolls("c", s["x_dot"] * ca.sqrt(s["x"] - 5))),
+        "plain: A: not finite at any of",
+    ),
 }
 
 
@@ -1097,12 +1301,14 @@ def test_robot_refused(case):
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
-# -- outputs that the method cannot take ------------------------------------------------------------------------------
+# -- outputs that the method cannot take ---------------------------------------------------------------------
 
 
 def rows(*expressions: Callable[[ReducedSystem], ca.SX]) -> OutputMap:
     system = system_of("edge")
-    return OutputMap("mine", "", tuple(OutputRow(f"row{k}", "m", "", make(system)) for k, make in enumerate(expressions)))
+    return OutputMap(
+        "mine", "", tuple(OutputRow(f"row{k}", "m", "", make(system)) for k, make in enumerate(expressions))
+    )
 
 
 def place(system: ReducedSystem) -> ca.SX:
@@ -1125,7 +1331,10 @@ def same_names(first: str, second: str) -> ControlLaw:
 
 
 OUTPUTS_REFUSED = {
-    "too few": (lambda: linearize(system_of("edge"), rows(place)), "edge, output mine: 1 output for n - m = 2"),
+    "too few": (
+        lambda: linearize(system_of("edge"), rows(place)),
+        "edge, output mine: 1 output for n - m = 2",
+    ),
     "too many": (
         lambda: linearize(system_of("edge"), rows(place, heading, heading)),
         "edge, output mine: 3 outputs for n - m = 2",
@@ -1139,10 +1348,16 @@ OUTPUTS_REFUSED = {
         "swinging, output mine: row 'kept' of Phi vanishes identically",
     ),
     "row name": (
-        lambda: control_law(system_of("edge"), OutputMap("mine", "", (OutputRow("a b", "m", "", place(system_of("edge"))),) * 2)),
+        lambda: control_law(
+            system_of("edge"),
+            OutputMap("mine", "", (OutputRow("a b", "m", "", place(system_of("edge"))),) * 2),
+        ),
         "'a b'",
     ),
-    "no vehicle": (lambda: OUTPUTS["type_i"](system_of("swinging")), "swinging: Types I to IV require the pose of the vehicle"),
+    "no vehicle": (
+        lambda: OUTPUTS["type_i"](system_of("swinging")),
+        "swinging: Types I to IV require the pose of the vehicle",
+    ),
     "path without a point": (
         lambda: type_iv(labmate_system(), implicit("flat", "", (), lambda x, y: ca.SX(1))),
         "path 'flat': f(x, y) does not depend on x or y",
@@ -1159,7 +1374,10 @@ OUTPUTS_REFUSED = {
         "edge, output mine, reference: the name 'p_rate' is used twice",
     ),
     "two parameters of one name": (
-        lambda: linearize(system_of("edge"), OutputMap("mine", "", rows(place, heading).rows, (config("k", 1.0, "", ""),) * 2)),
+        lambda: linearize(
+            system_of("edge"),
+            OutputMap("mine", "", rows(place, heading).rows, (config("k", 1.0, "", ""),) * 2),
+        ),
         "parameters: the name 'k' is used twice",
     ),
     "quasi-velocity not felt": (
@@ -1192,8 +1410,18 @@ def test_factors_are_those_of_sympy_in_its_order():
     R, random = PolyRing(list("abcd"), QQ, "lex"), np.random.default_rng(8)
 
     def drawn() -> PolyElement:
-        powers, above, below = random.integers(0, 3, (4, 4)), random.integers(-6, 7, 4), random.integers(1, 4, 4)
-        return R.from_dict({tuple(map(int, p)): QQ(int(x), int(y)) for p, x, y in zip(powers, above, below, strict=True) if x})
+        powers, above, below = (
+            random.integers(0, 3, (4, 4)),
+            random.integers(-6, 7, 4),
+            random.integers(1, 4, 4),
+        )
+        return R.from_dict(
+            {
+                tuple(map(int, p)): QQ(int(x), int(y))
+                for p, x, y in zip(powers, above, below, strict=True)
+                if x
+            }
+        )
 
     for _ in range(60):
         product = drawn() * drawn() * drawn() ** int(random.integers(1, 3))

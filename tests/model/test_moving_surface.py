@@ -1,4 +1,5 @@
-"""Constraints that move, A qdot = b: the ball on a turntable against closed forms, a vehicle on a belt, what is refused."""
+"""Constraints that move, A qdot = b: the ball on a turntable against closed forms, a vehicle on a belt,
+what is refused."""
 
 import dataclasses
 import re
@@ -39,8 +40,8 @@ def plant_of(robot: Mechanism, **values: float) -> Plant:
 
 @pytest.mark.parametrize(("shape", "ratio"), [(2 / 5, 7 / 2), (2 / 3, 5 / 2)], ids=["solid", "hollow"])
 def test_a_free_ball_goes_round_a_circle_in_a_multiple_of_the_turntables_period(shape, ratio):
-    """x'' = -Omega y' / ratio and y'' = Omega x' / ratio: a circle; its period over that of the turntable is ratio = 1 + 1/shape,
-    with the inertia shape m R^2.
+    """x'' = -Omega y' / ratio and y'' = Omega x' / ratio: a circle; its period over that of the turntable is
+    ratio = 1 + 1/shape, with the inertia shape m R^2.
     """
     Omega, m, R = 2.0, 0.2, 0.03
     plant = plant_of(turntable_ball(), Omega=Omega, m=m, R=R, I=shape * m * R**2)
@@ -57,7 +58,8 @@ def test_a_free_ball_goes_round_a_circle_in_a_multiple_of_the_turntables_period(
 
 
 def test_equations_are_newtons_and_eulers():
-    """m v' = F + f and I w' = r x f + torque for the force f at the contact r = (0, 0, -R), v + w x r = Omega z x place."""
+    """m v' = F + f and I w' = r x f + torque for the force f at the contact r = (0, 0, -R),
+    v + w x r = Omega z x place."""
     random, plant = np.random.default_rng(7), plant_of(turntable_ball())
     m, R, I, Omega = plant.parameters  # noqa: E741
     for _ in range(50):
@@ -72,7 +74,9 @@ def test_equations_are_newtons_and_eulers():
         expected = np.linalg.solve(A, right)
         rate = plant.rate(x, tau)
         np.testing.assert_allclose(rate[5:], expected[[0, 1, 4]], rtol=0, atol=1e-10)
-        np.testing.assert_allclose(rate[2:5], [(Omega * x[0] - x[6]) / R, (x[5] + Omega * x[1]) / R, x[7]], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            rate[2:5], [(Omega * x[0] - x[6]) / R, (x[5] + Omega * x[1]) / R, x[7]], rtol=0, atol=1e-10
+        )
         np.testing.assert_allclose(-plant.constraint_forces(x, tau)[0], expected[5:], rtol=0, atol=1e-10)
         assert np.abs(plant.slip(x)).max() < 1e-13
 
@@ -95,19 +99,26 @@ def test_the_energy_is_the_work_of_inputs_and_of_the_drive():
 def test_the_ball_follows_a_reference_on_the_turntable(backend):
     """Double poles as the gains say: e'' + 2.5 e' + e = 0 for the position, e' + 2 e = 0 for the spin."""
     spec = spec_of(BALL, "")
-    run = simulate(dataclasses.replace(spec, simulation=dataclasses.replace(spec.simulation, backend=backend)))
+    run = simulate(
+        dataclasses.replace(spec, simulation=dataclasses.replace(spec.simulation, backend=backend))
+    )
     assert run.stopped is None
     t = run.t
     for k, (error, rate) in enumerate([(-0.1, -0.05 - 0.1), (0.1, 0.1 + 0.2)]):
         slow, fast = -0.5, -2.0
         a = (rate - fast * error) / (slow - fast)
-        np.testing.assert_allclose(run.y_d[:, k] - run.y[:, k], a * np.exp(slow * t) + (error - a) * np.exp(fast * t), atol=1e-8)
+        np.testing.assert_allclose(
+            run.y_d[:, k] - run.y[:, k], a * np.exp(slow * t) + (error - a) * np.exp(fast * t), atol=1e-8
+        )
     np.testing.assert_allclose(run.y[:, 2], 1.5 * np.exp(-2 * t), atol=1e-8)
     assert np.abs(run.plant.slip(run.x)).max() < 1e-12
 
 
 def test_the_c_is_the_model(tmp_path, capsys):
-    assert main(["generate", "turntable_ball", "--output", "ball", "--output", "dynamics", "-o", str(tmp_path)]) == 0
+    assert (
+        main(["generate", "turntable_ball", "--output", "ball", "--output", "dynamics", "-o", str(tmp_path)])
+        == 0
+    )
     assert main(["check", "--robot", "turntable_ball", "--output", "ball", "--states", "200"]) == 0
     assert "ball" in capsys.readouterr().out
 
@@ -136,12 +147,17 @@ def test_a_vehicle_on_a_belt_tracks_a_line_that_stands_still():
     law = law_of(reduce(robot), "type_i")
     x = np.array([0.0, 0.0, 0.0, -0.4 + 0.4, 0.0])
     linear = law.linearization
-    values = ca.Function("f", [ca.vertcat(robot.q, law.system.nu), robot.p, ca.vertcat(*[c.symbol for c in law.config])],
-                         [linear.rate])(x, robot.parameter_values({}), [0.5])  # fmt: skip
+    values = ca.Function(
+        "f",
+        [ca.vertcat(robot.q, law.system.nu), robot.p, ca.vertcat(*[c.symbol for c in law.config])],
+        [linear.rate],
+    )(x, robot.parameter_values({}), [0.5])
     np.testing.assert_allclose(values.full().ravel(), [0.0, 0.0], atol=1e-14)
     moving = np.array([0.1, -0.2, 0.7, 0.3, 0.5])
     side = -np.sin(0.7) * 0.4
-    qdot = ca.Function("q", [ca.vertcat(robot.q, law.system.nu), robot.p], [law.system.qdot])(moving, robot.parameter_values({}))
+    qdot = ca.Function("q", [ca.vertcat(robot.q, law.system.nu), robot.p], [law.system.qdot])(
+        moving, robot.parameter_values({})
+    )
     expected = [0.3 * np.cos(0.7) - side * np.sin(0.7), 0.3 * np.sin(0.7) + side * np.cos(0.7), 0.5]
     np.testing.assert_allclose(qdot.full().ravel(), expected, atol=1e-14)
 
@@ -159,11 +175,16 @@ def test_what_cannot_be_judged_is_refused(tmp_path, bad_input):
 
 
 def test_the_ground_moves_what_is_added_before_and_after():
-    """The same robot, whatever the order; a coordinate that is given or moved already is refused, before and after."""
+    """The same robot, whatever the order; a coordinate that is given or moved already is refused,
+    before and after."""
     found = []
     for late in (False, True):
         robot = Mechanism("cart", "on a belt")
-        x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
+        x, y, heading = (
+            robot.coordinate("x", "m"),
+            robot.coordinate("y", "m"),
+            robot.coordinate("heading", "rad"),
+        )
         speed = robot.given("speed", "m/s")
         if late:
             robot.ground_moves(x=speed, heading=0.3)
@@ -172,7 +193,11 @@ def test_the_ground_moves_what_is_added_before_and_after():
             robot.ground_moves(x=speed, heading=0.3)
         at = ca.Function("b", [robot.q], [robot.surface_velocity])
         found.append(at([0.1, 0.2, 0.7, 0.4, 0.05]).full().ravel())
-        for name, says in (("speed", "speed is given"), ("speed_rate", "speed_rate is given"), ("x", "x is moved already")):
+        for name, says in (
+            ("speed", "speed is given"),
+            ("speed_rate", "speed_rate is given"),
+            ("x", "x is moved already"),
+        ):
             with pytest.raises(ModelError, match=f"ground_moves: {says}"):
                 robot.ground_moves(**{name: 0.1})
     for b in found:  # of the speed, of its rate, of the wheel
@@ -185,10 +210,14 @@ def test_the_ground_moves_what_is_added_before_and_after():
 
 @pytest.mark.nightly
 def test_what_takes_the_motion_from_the_wheels_says_that_the_ground_moves(tmp_path, bad_input):
-    """The filter, the follower, dead reckoning, a damped law, calibration; what is written by default is without the filter."""
+    """The filter, the follower, dead reckoning, a damped law, calibration;
+    what is written by default is without the filter."""
     file = tmp_path / "conveyor.py"
     file.write_text(CONVEYOR)
-    robot, reason = f"{file}:conveyor", "its ground moves: the velocities of its wheels do not say how it moves"
+    robot, reason = (
+        f"{file}:conveyor",
+        "its ground moves: the velocities of its wheels do not say how it moves",
+    )
     for output in ("ekf", "follower", "type_iv_line_damped"):
         assert reason in bad_input(["generate", robot, "--output", output, "-o", str(tmp_path / "c")])
     sensors = "sensors = {{ pose = 'reckoned' }}\n"
@@ -209,7 +238,7 @@ def test_what_takes_the_motion_from_the_wheels_says_that_the_ground_moves(tmp_pa
         robot.rolls("a rate", robot.rate(robot["x"]), surface=robot.rate(robot["y"]))
 
 
-# -- what moves as a known function of time -----------------------------------------------------------------------------
+# -- what moves as a known function of time ------------------------------------------------------------------
 
 
 def plate(t):
@@ -228,7 +257,8 @@ def on_plate() -> Mechanism:
 
 
 def beside_plate() -> Mechanism:
-    """The same in axes that move with the plate: ordinary constraints, and the force -mass times acceleration."""
+    """The same in axes that move with the plate: ordinary constraints,
+    and the force -mass times acceleration."""
     robot = labmate()
     _, _, (a_x, a_y) = (ca.vertsplit(part) for part in plate(robot.time()))
     x, y, phi, d = (robot[name] for name in ("x_c", "y_c", "phi", "d"))
@@ -252,7 +282,8 @@ def driven(robot: Mechanism, start: np.ndarray, duration: float) -> tuple[Plant,
 
 
 def test_a_vehicle_on_a_plate_that_accelerates_moves_as_in_axes_of_the_plate():
-    """Change of frame: the place in the world is that on the plate and the plate's; energy is the work of motors and drive."""
+    """Change of frame: the place in the world is that on the plate and the plate's;
+    energy is the work of motors and drive."""
     start = np.array([0.1, -0.2, 0.4, 0.0, 0.0, 0.0, 1.0, 2.0])  # on the plate at t = 0; wheel rates
     t = ca.SX.sym("t")
     displaced = ca.Function("displaced", [t], [plate(t)[0]])
@@ -270,24 +301,35 @@ def test_a_vehicle_on_a_plate_that_accelerates_moves_as_in_axes_of_the_plate():
 
 
 def test_a_cylinder_on_a_plate_that_accelerates():
-    """A third of the plate's acceleration if it is solid: a I / (I + m R^2); the drive pushes with m times that."""
+    """A third of the plate's acceleration if it is solid: a I / (I + m R^2);
+    the drive pushes with m times that."""
     robot = Mechanism("cylinder", "on a plate")
     x, theta = robot.coordinate("x", "m"), robot.coordinate("theta", "rad")
-    m, R, I = robot.parameter("m", 2.0, "kg"), robot.parameter("R", 0.1, "m"), robot.parameter("I", 0.01, "kg m^2")  # noqa: E741
+    m, R, I = (  # noqa: E741
+        robot.parameter("m", 2.0, "kg"),
+        robot.parameter("R", 0.1, "m"),
+        robot.parameter("I", 0.01, "kg m^2"),
+    )
     robot.kinetic_energy(m * robot.rate(x) ** 2 / 2 + I * robot.rate(theta) ** 2 / 2)
     robot.rolls("rim", robot.rate(x) - R * robot.rate(theta))
     robot.ground_moves(x=robot.given("speed", "m/s"))
     robot.input("push", "N", on=robot.rate(x))
     robot.quasi_velocity("v", "m/s", robot.rate(x))
-    plant, state = plant_of(robot), np.array([0.0, 0.3, 0.5, 1.2, 0.5])  # at the plate's speed, which grows at 1.2 m/s^2
-    np.testing.assert_allclose(plant.rate(state, np.zeros(1)), [0.5, 0.0, 1.2, 0.0, 1.2 / 3], rtol=0, atol=1e-13)
+    # At the plate's speed, which grows at 1.2 m/s^2
+    plant, state = plant_of(robot), np.array([0.0, 0.3, 0.5, 1.2, 0.5])
+    np.testing.assert_allclose(
+        plant.rate(state, np.zeros(1)), [0.5, 0.0, 1.2, 0.0, 1.2 / 3], rtol=0, atol=1e-13
+    )
     assert plant.power(state, np.zeros(1))[0] == pytest.approx(2.0 * 0.4 * 0.5, abs=1e-12)
     after = plant.step(state, np.zeros(1), 2.0, 1e-10)[0]
-    np.testing.assert_allclose(after, [0.5 * 2 + 0.2 * 4, 0.3 - 8.0 * 2, 2.9, 1.2, 0.5 + 0.8], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        after, [0.5 * 2 + 0.2 * 4, 0.3 - 8.0 * 2, 2.9, 1.2, 0.5 + 0.8], rtol=0, atol=1e-9
+    )
 
 
 def test_a_ball_on_a_turntable_whose_speed_varies():
-    """z' - 2/7 i Omega(t) z is constant for a solid ball; where it is zero, z = z_0 exp(2/7 i theta) with Omega = theta'."""
+    """z' - 2/7 i Omega(t) z is constant for a solid ball; where it is zero,
+    z = z_0 exp(2/7 i theta) with Omega = theta'."""
     robot = Mechanism("ball", "on a turntable")
     x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
     turns = [robot.coordinate(f"turn_{axis}", "rad") for axis in "xyz"]
@@ -332,8 +374,8 @@ simulation = {{ duration = 5.0, output_step = 0.5, backend = "{backend}" }}
 
 @pytest.mark.parametrize("backend", ["c", pytest.param("casadi", marks=pytest.mark.nightly)])
 def test_the_labmate_on_a_conveyor_that_gains_speed_follows_a_line(backend, tmp_path):
-    """Its law has the speed of the conveyor and its rate in the state, and compensates both: d'' + 2.5 d' + d = 0 in the world,
-    speed' = -2 (speed - 0.8). The contacts are judged too.
+    """Its law has the speed of the conveyor and its rate in the state, and compensates both: d'' + 2.5 d' +
+    d = 0 in the world, speed' = -2 (speed - 0.8). The contacts are judged too.
     """
     file = tmp_path / "conveyor.py"
     file.write_text(CONVEYOR)
@@ -357,7 +399,12 @@ def test_the_c_of_a_law_takes_the_speed_of_the_ground_and_its_rate(tmp_path, cap
     file = tmp_path / "conveyor.py"
     file.write_text(CONVEYOR)
     robot = f"{file}:conveyor"
-    assert main(["generate", robot, "--output", "type_iv_line", "--output", "dynamics", "-o", str(tmp_path / "c")]) == 0
+    assert (
+        main(
+            ["generate", robot, "--output", "type_iv_line", "--output", "dynamics", "-o", str(tmp_path / "c")]
+        )
+        == 0
+    )
     header = next((tmp_path / "c").glob("*/labmate.h")).read_text()
     assert "double belt;" in header and "double belt_rate;" in header
     assert main(["check", "--robot", robot, "--output", "type_iv_line", "--states", "50"]) == 0
@@ -370,17 +417,21 @@ def test_a_surface_at_rest_changes_nothing():
 
 @pytest.mark.parametrize("backend", ["c", pytest.param("casadi", marks=pytest.mark.nightly)])
 def test_the_labmate_crosses_a_conveyor_whose_speed_swings(backend):
-    """The shipped SPEC: d'' + 2.5 d' + d = 0 and speed' = -2 (speed - 1) in the world; the conveyor moves as [given] says, and
-    what the robot gains is the work of its motors and of the conveyor's drive, which both count.
+    """The shipped SPEC: d'' + 2.5 d' + d = 0 and speed' = -2 (speed - 1) in the world; the conveyor moves as
+    [given] says, and what the robot gains is the work of its motors and of the conveyor's drive, which both
+    count.
     """
-    spec = read_varied("examples/specs/moving/conveyor.toml", {"simulation.duration": 3.0, "simulation.backend": backend})
+    spec = read_varied(
+        "examples/specs/moving/conveyor.toml", {"simulation.duration": 3.0, "simulation.backend": backend}
+    )
     run = simulate(spec)
     t, (d, speed) = run.t, (run.y_d - run.y).T
     belt = 0.4 + 0.2 * np.sin(2 * np.pi * t / 5)
     np.testing.assert_allclose(run.q[:, 5], belt, rtol=0, atol=1e-9)
     np.testing.assert_allclose(run.q[:, 6], 0.08 * np.pi * np.cos(2 * np.pi * t / 5), rtol=0, atol=1e-9)
     np.testing.assert_allclose(speed, 0.5 * np.exp(-2 * t), rtol=0, atol=1e-8)
-    rate = -0.4 * np.sin(np.pi / 4)  # it heads along the line, and the conveyor carries it sideways towards it
+    # It heads along the line, and the conveyor carries it sideways towards it
+    rate = -0.4 * np.sin(np.pi / 4)
     a = (rate + 2.0 * d[0]) / 1.5
     np.testing.assert_allclose(d, a * np.exp(-0.5 * t) + (d[0] - a) * np.exp(-2 * t), rtol=0, atol=1e-8)
     gained, inputs, ground = run.works
@@ -390,12 +441,20 @@ def test_the_labmate_crosses_a_conveyor_whose_speed_swings(backend):
 
 
 def test_a_known_function_in_loops_with_a_period_with_drives_and_in_sweeps(tmp_path):
-    """The state follows it as well; works are stated where rows show all inputs; samples of a sweep are runs of `simulate`."""
-    short = {"simulation.duration": 0.4, "simulation.output_step": 0.02, "simulation.period": 0.02, "given.belt": "0.1 + t**2/2"}
+    """The state follows it as well; works are stated where rows show all inputs;
+    samples of a sweep are runs of `simulate`."""
+    short = {
+        "simulation.duration": 0.4,
+        "simulation.output_step": 0.02,
+        "simulation.period": 0.02,
+        "given.belt": "0.1 + t**2/2",
+    }
     drive = {"drive": {"kind": "velocity", "bandwidth": 5.0}}
     for more, balanced in ({}, True), (drive, False), ({"simulation.period": 0.01}, False):
         run = simulate(read_varied("examples/specs/moving/conveyor.toml", short | more))
-        np.testing.assert_allclose(run.q[:, 5:7], np.column_stack([0.1 + run.t**2 / 2, run.t]), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            run.q[:, 5:7], np.column_stack([0.1 + run.t**2 / 2, run.t]), rtol=0, atol=1e-12
+        )
         assert run.balanced == balanced == ("drive of the ground" in summary(run))
         if balanced:
             assert np.abs(run.works[0] - run.works[1] - run.works[2]).max() < 0.001, "J, of 6"
@@ -433,6 +492,10 @@ def test_known_functions_that_are_refused(given, says):
 
 def test_what_is_given_and_the_start_agree():
     with pytest.raises(BadInput, match="belt is 0.3, but 0.4 by"):
-        simulate(read_varied("examples/specs/moving/conveyor.toml", {"initial": {"q": [0.0, 0.6, 1.2, 0.0, 0.0, 0.3, 0.2]}}))
+        simulate(
+            read_varied(
+                "examples/specs/moving/conveyor.toml", {"initial": {"q": [0.0, 0.6, 1.2, 0.0, 0.0, 0.3, 0.2]}}
+            )
+        )
     with pytest.raises(BadInput, match="labmate has nothing that is given"):
         simulate(read_varied("line", {"given": {"belt": 0.1}}))

@@ -1,5 +1,5 @@
-"""A LABMATE whose coordinates are another point of the body than the vehicle's point: all that reckons does what it does for the
-LABMATE, whose coordinates are the vehicle's point.
+"""A LABMATE whose coordinates are another point of the body than the vehicle's point: all that reckons does
+what it does for the LABMATE, whose coordinates are the vehicle's point.
 
 Both describe one robot, so that every number that does not name the coordinates is the same.
 """
@@ -29,7 +29,8 @@ def twin() -> Mechanism:
     robot = Mechanism("twin", "LABMATE, placed by a point of its axle")
     units = {"x": "m", "y": "m", "phi": "rad", "theta_r": "rad", "theta_l": "rad"}
     x, y, phi, *theta = (robot.coordinate(name, unit) for name, unit in units.items())
-    sizes = {"b": 0.75, "d": 0.30, "r": 0.15, "m_c": 30.0, "m_w": 1.0, "I_c": 15.625, "I_w": 0.005, "I_m": 0.0025, "g": 0.2}
+    sizes = {"b": 0.75, "d": 0.30, "r": 0.15, "m_c": 30.0, "m_w": 1.0, "I_c": 15.625, "I_w": 0.005, "I_m": \
+0.0025, "g": 0.2}
     b, d, r, m_c, m_w, I_c, I_w, I_m, g = (robot.parameter(name, value, "1") for name, value in sizes.items())
     turning = robot.rate(phi)
     forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y) - g * turning
@@ -67,7 +68,8 @@ LINE = '{ kind = "line", A = 0.0, B = 1.0, C = 0.0 }'
 ROUTE = """{ kind = "composite", segments = [
     { kind = "line", from = [0.0, 0.0], to = [1.5, 0.0] }, { kind = "arc", radius = 2.0, angle = 1.5 } ] }"""
 NOISE = '[sensors]\npose = "{pose}"\nnoise = {{ sd = 0.02 }}\ngyro = {{ noise = 0.001, bias = 0.001 }}\n'
-OTHER_D = "[plant]\nd = 0.33\n"  # not known to the controller; it moves the vehicle's point, not the twin's coordinates
+# Not known to the controller; it moves the vehicle's point, not the twin's coordinates
+OTHER_D = "[plant]\nd = 0.33\n"
 CORRECTED = OTHER_D + NOISE.format(pose="reckoned") + '[correction]\nrate = 2.0\nmode = "bumpless"\n'
 FILTERED = (
     OTHER_D
@@ -77,7 +79,10 @@ FILTERED = (
 NOTICED = (
     OTHER_D
     + NOISE.format(pose="reckoned")
-    + ('[contact]\nmu = 0.7\n[limits]\ntorque = 50.0\nmode = "grip"\nnotice_slip = { window = 0.2, least = 0.1 }\n')
+    + (
+        '[contact]\nmu = 0.7\n[limits]\ntorque = 50.0\nmode = "grip"\nnotice_slip = { window = 0.2, least = '
+        "0.1 }\n"
+    )
 )
 
 
@@ -119,7 +124,8 @@ def test_a_run_is_that_of_the_labmate(twin, tmp_path, extra):
 
 
 @pytest.mark.parametrize(
-    "extra", [pytest.param(CORRECTED, id="corrected"), pytest.param(NOTICED, id="noticed", marks=pytest.mark.nightly)]
+    "extra",
+    [pytest.param(CORRECTED, id="corrected"), pytest.param(NOTICED, id="noticed", marks=pytest.mark.nightly)],
 )
 def test_a_sweep_is_that_of_the_labmate(twin, tmp_path, extra):
     outcomes = []
@@ -127,7 +133,11 @@ def test_a_sweep_is_that_of_the_labmate(twin, tmp_path, extra):
         batch = Batch(spec)
         table = np.tile([batch.nominal[name] for name in batch.inputs], (3, 1))
         table[:, batch.inputs.index("plant.d")] = 0.25, 0.3, 0.35
-        of_both = [k for k, name in enumerate(batch.outcomes) if not name.startswith(("end.x", "end.y", "integration"))]
+        of_both = [
+            k
+            for k, name in enumerate(batch.outcomes)
+            if not name.startswith(("end.x", "end.y", "integration"))
+        ]
         outcomes.append(batch.run(table)[:, of_both])
     np.testing.assert_allclose(*outcomes, rtol=0, atol=1e-7)
     assert not np.isclose(outcomes[0][0], outcomes[0][1], atol=1e-3).all()
@@ -146,7 +156,8 @@ def test_certificate_is_that_of_the_labmate(twin, tmp_path, capsys):
 
 @pytest.mark.parametrize("scalar", ["double", pytest.param("float", marks=pytest.mark.nightly)])
 def test_a_follower_is_that_of_the_labmate(twin, scalar):
-    """The same counts give the same torques, and its state has the coordinates at the pose that is reckoned."""
+    """The same counts give the same torques, and its state has the coordinates at the pose that is
+    reckoned."""
     suffix, runs = "" if scalar == "double" else "_f", []
     random = np.random.default_rng(1992)
     steps = np.cumsum(random.integers(0, 9, (300, 2)), axis=0)
@@ -155,9 +166,23 @@ def test_a_follower_is_that_of_the_labmate(twin, scalar):
         config, follower, command, counts = c.new("config"), c.new(""), c.reals(2), c.ffi.new("uint32_t[2]")
         arc = {"x": 1.5, "curvature": 0.5, "length": 3.0}
         segments = c.ffi.new(f"noslip_segment{suffix}[2]", [{"length": 1.5}, arc])
-        config.period, config.counts_per_turn, config.counter_bits, config.fastest = 0.01, [4096, 4096], 24, 50.0
-        config.segments, config.count, config.path.speed, config.path.L, config.astray = segments, 2, 0.5, [0.1, 0.0], 9.0
-        config.gains, config.limits.limit = {"kp_distance": 1.0, "kd_distance": 2.5, "kv_speed": 2.0}, [1e3, 1e3]
+        config.period, config.counts_per_turn, config.counter_bits, config.fastest = (
+            0.01,
+            [4096, 4096],
+            24,
+            50.0,
+        )
+        config.segments, config.count, config.path.speed, config.path.L, config.astray = (
+            segments,
+            2,
+            0.5,
+            [0.1, 0.0],
+            9.0,
+        )
+        config.gains, config.limits.limit = (
+            {"kp_distance": 1.0, "kd_distance": 2.5, "kv_speed": 2.0},
+            [1e3, 1e3],
+        )
         config.start = {"x": 0.2, "y": 0.3, "heading": 0.1}
         assert c.call("init", follower, config) == 0
         rows = []
@@ -174,9 +199,13 @@ def test_a_follower_is_that_of_the_labmate(twin, scalar):
 
 
 def test_firmware_is_that_of_the_labmate(twin, tmp_path):
-    """The place that its rows show as seen is that of the coordinates, near the true one; the arm is 0.36 m long."""
+    """The place that its rows show as seen is that of the coordinates, near the true one;
+    the arm is 0.36 m long."""
     counted = '[sensors]\npose = "reckoned"\ncounts = 8192\n[limits]\ntorque = 20.0\n'
-    specs = [replace(spec, simulation=replace(spec.simulation, backend="cf")) for spec in both(twin, tmp_path, counted)]
+    specs = [
+        replace(spec, simulation=replace(spec.simulation, backend="cf"))
+        for spec in both(twin, tmp_path, counted)
+    ]
     assert all(map(runs_as_firmware, specs))
     one, other = map(simulate, specs)
     assert len(one.t) == len(other.t) == 301 and one.stopped is other.stopped is None
@@ -186,7 +215,8 @@ def test_firmware_is_that_of_the_labmate(twin, tmp_path):
 
 
 def test_reckoned_columns_are_coordinates_on_a_floor(twin, tmp_path):
-    """Without noise dead reckoning in the engine ends where the coordinates are, not at the vehicle's point 0.36 m away."""
+    """Without noise dead reckoning in the engine ends where the coordinates are,
+    not at the vehicle's point 0.36 m away."""
     pytest.importorskip("mujoco")
     spec, _ = both(twin, tmp_path, path=LINE)
     run = simulate(spec, engine="mujoco")

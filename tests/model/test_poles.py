@@ -26,7 +26,8 @@ PLACES = 40
 
 
 def ball_in_a_cylinder() -> Mechanism:
-    """A ball that rolls inside an upright cylinder, its orientation by Euler angles (z, x, z): singular at sin(beta) = 0 only."""
+    """A ball that rolls inside an upright cylinder, its orientation by Euler angles (z, x, z):
+    singular at sin(beta) = 0 only."""
     robot = Mechanism("ball")
     R, a = robot.parameter("R", 1.0, "m", "", "positive"), robot.parameter("a", 0.2, "m", "", "positive")
     m, inertia = robot.parameter("m", 2.0, "kg"), robot.parameter("I_b", 0.03, "kg m^2")
@@ -42,7 +43,11 @@ def ball_in_a_cylinder() -> Mechanism:
     robot.rolls("around", (R - a) * rate(theta) + a * z_rate)
     robot.rolls("upward", rate(z) + a * (x_rate * sin(theta) - y_rate * cos(theta)))
     spin = x_rate * cos(theta) + y_rate * sin(theta)
-    for name, unit, velocity in (("around", "rad/s", rate(theta)), ("up", "m/s", rate(z)), ("spin", "rad/s", spin)):
+    for name, unit, velocity in (
+        ("around", "rad/s", rate(theta)),
+        ("up", "m/s", rate(z)),
+        ("spin", "rad/s", spin),
+    ):
         robot.quasi_velocity(f"{name}_rate", unit, velocity)
         robot.input(f"push_{name}", "", on=velocity)
     robot.output("place", "", [("theta_out", "rad", theta), ("z_out", "m", z), ("spin_out", "rad/s", spin)])
@@ -60,7 +65,9 @@ def test_the_ball_has_no_pole_of_its_own():
     system = reduce(ball_in_a_cylinder())
     assert system.S[1, 2].is_zero()
     mechanism = system.mechanism
-    functions = ca.Function("f", [mechanism.q, mechanism.p], [system.S, system.Mbar, *square_of(system), mechanism.M])
+    functions = ca.Function(
+        "f", [mechanism.q, mechanism.p], [system.S, system.Mbar, *square_of(system), mechanism.M]
+    )
     random = np.random.default_rng(4)
     for k in range(PLACES):
         q = random.uniform(0.3, 1.2, 5)
@@ -76,7 +83,11 @@ def test_the_ball_s_law_has_no_pole_of_its_own():
     system = reduce(ball_in_a_cylinder())
     law = control_law(system, output_map(system, "place"))
     plain, staged = (
-        next(body.quantities["tau"] for entry, body in compile_law(law, optimize=each).entries.items() if entry.name == "step")
+        next(
+            body.quantities["tau"]
+            for entry, body in compile_law(law, optimize=each).entries.items()
+            if entry.name == "step"
+        )
         for each in (False, True)
     )
     functions = in_c(np.float64, lambda angle: (math.sin(angle), math.cos(angle)))
@@ -85,11 +96,22 @@ def test_the_ball_s_law_has_no_pole_of_its_own():
         offset = 10.0 ** -(seed % 13)
 
         def leaf(node: Node, values=values, offset=offset) -> mpmath.mpf:
-            at = 0.7 if node.name == "theta" else 0.7 + math.pi / 2 + offset if node.name == "alpha" else values(node)
+            at = (
+                0.7
+                if node.name == "theta"
+                else 0.7 + math.pi / 2 + offset
+                if node.name == "alpha"
+                else values(node)
+            )
             return mpmath.mpf(float(at))
 
         truth = evaluate([n for row in plain for n in row], leaf)
-        ours = evaluate([n for row in staged for n in row], lambda n, leaf=leaf: np.float64(leaf(n)), np.float64, functions)
+        ours = evaluate(
+            [n for row in staged for n in row],
+            lambda n, leaf=leaf: np.float64(leaf(n)),
+            np.float64,
+            functions,
+        )
         assert relative_error([mpmath.mpf(float(x)) for x in ours], truth) <= 1e-11
 
 
@@ -111,7 +133,8 @@ def test_a_pole_that_is_added_is_found():
     assert added_pole(with_divisor(other, 2 + sin(x)), (one, other), quotient, both) is None
     assert added_pole(1 / other, (other, one), quotient, both) is None  # the matrix is singular there
     assert added_pole(with_divisor(other, x + y), (one, other), quotient, y) is not None
-    assert added_pole(with_divisor(other, x + y), (one, other), quotient, ca.SX(0, 1)) is None  # positive, both
+    # Positive, both
+    assert added_pole(with_divisor(other, x + y), (one, other), quotient, ca.SX(0, 1)) is None
     assert {str(each) for each in denominators(1 / (2 * x * ca.sqrt(y)))} == {"x", "y"}
 
 
@@ -145,7 +168,9 @@ def test_a_pole_that_stays_is_refused(monkeypatch):
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     for way in ("_by_pivots", "_by_cofactors"):
         monkeypatch.setattr(linear, way, lambda matrix, right: with_divisor(right, sin(x + y)))
-    with pytest.raises(ModelError, match=r"cart: no expression for S was found without a division by sin\(\(x\+y\)\)"):
+    with pytest.raises(
+        ModelError, match=r"cart: no expression for S was found without a division by sin\(\(x\+y\)\)"
+    ):
         eliminate(ca.SX.eye(1), x - y, ca.vertcat(x, y), "cart")
 
 
@@ -187,12 +212,17 @@ def test_a_pole_of_the_equations_by_bodies_is_refused(name, monkeypatch):
 
 
 def test_a_pole_of_the_weighted_inverse_is_refused(monkeypatch):
-    """Of more inputs than degrees of freedom; and of the acceleration, which is solved for in the same way."""
+    """Of more inputs than degrees of freedom; and of the acceleration,
+    which is solved for in the same way."""
     system = reduce(ROBOTS["four_wheel"]())
     assert system.redundant and system.input_inverse() is not None
     q, original = system.mechanism.coordinates[2].symbol, reduction.solve_symmetric
-    monkeypatch.setattr(reduction, "solve_symmetric", lambda *arguments: with_divisor(original(*arguments), sin(q)))
-    with pytest.raises(ModelError, match=r"no expression for \(S'E\)\^\+ was found without a division by sin"):
+    monkeypatch.setattr(
+        reduction, "solve_symmetric", lambda *arguments: with_divisor(original(*arguments), sin(q))
+    )
+    with pytest.raises(
+        ModelError, match=r"no expression for \(S'E\)\^\+ was found without a division by sin"
+    ):
         system.input_inverse()
     with pytest.raises(ModelError, match="no expression for nudot was found without a division by sin"):
         system.acceleration(ca.vertcat(*[tau.symbol for tau in system.mechanism.inputs]))
@@ -219,7 +249,9 @@ def test_a_long_denominator_is_named_by_its_symbols():
     for pole, text in ((shared + shared**3, "an expression in x, y"), (shared, "sin((x-y))")):
         with pytest.raises(ModelError) as refused:
             without_pole("cart", "S", with_divisor(x, pole), (ca.SX(1), x), quotient, ca.vertcat(x, y))
-        assert f"cart: no expression for S was found without a division by {text}, which vanishes" in str(refused.value)
+        assert f"cart: no expression for S was found without a division by {text}, which vanishes" in str(
+            refused.value
+        )
 
 
 def lever() -> Mechanism:
@@ -238,7 +270,10 @@ def lever() -> Mechanism:
 
 WARNINGS = {
     "lever": (lever, ["lever: the constraints lose rank where x = 0"]),
-    "ball": (ball_in_a_cylinder, ["ball: the quasi-velocities do not determine the motion where sin(beta) = 0"]),
+    "ball": (
+        ball_in_a_cylinder,
+        ["ball: the quasi-velocities do not determine the motion where sin(beta) = 0"],
+    ),
     "car": (ROBOTS["car"], ["car: the quasi-velocities do not determine the motion where cos(delta) = 0"]),
     "labmate": (ROBOTS["labmate"], []),
     "tricycle": (ROBOTS["tricycle"], []),
@@ -249,11 +284,15 @@ WARNINGS = {
 def test_where_rank_is_lost(name):
     build, expected = WARNINGS[name]
     lines = warnings(reduce(build()))
-    assert len(lines) == len(expected) and all(line.startswith(start) for line, start in zip(lines, expected, strict=True))
+    assert len(lines) == len(expected) and all(
+        line.startswith(start) for line, start in zip(lines, expected, strict=True)
+    )
 
 
 @pytest.mark.parametrize(
-    "command", [["generate"], ["generate", "--check"], ["export"], ["export", "--firmware", "generic"]], ids=" ".join
+    "command",
+    [["generate"], ["generate", "--check"], ["export"], ["export", "--firmware", "generic"]],
+    ids=" ".join,
 )
 def test_the_commands_say_once_where_rank_is_lost(command, tmp_path, capsys):
     main([*command, f"{__file__}:lever", "-o", str(tmp_path / "c"), "--scalar", "double"])

@@ -1,6 +1,7 @@
 """The C of random robots against projected Newton-Euler in 40 digits: see random_robots.py.
 
-`python -m noslip.tests.model.test_random_robots FIRST COUNT` prints the table of those robots, and what is off.
+`python -m noslip.tests.model.test_random_robots FIRST COUNT` prints the table of those robots, and what is
+off.
 """
 
 import re
@@ -17,10 +18,16 @@ from noslip.codegen.dynamics import ENTRIES
 from noslip.codegen.files import robot_files
 from noslip.model import ModelError, control_law, reduce
 from noslip.model.outputs import output_map
-from noslip.simulation.controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
+from noslip.simulation.controllers.compiled import (
+    CompiledController,
+    CompiledDynamics,
+    DynamicsLibrary,
+    Library,
+)
 from noslip.tests.random_robots import drawn, mechanism, states, truth
 
-LIMIT = {"double": 1e-10, "float": 2e-4}  # of a quantity's largest entry, or of a tenth of its median size over the states
+# Of a quantity's largest entry, or of a tenth of its median size over the states
+LIMIT = {"double": 1e-10, "float": 2e-4}
 STATES = 6
 HEAVY = 1e3  # the largest condition number of S'MS at a state that is compared, scaled to a diagonal of ones
 NIGHTLY, PIECE = range(160), 20  # robots of the night, and of each of its tests
@@ -38,7 +45,11 @@ class Outcome:
 
     def wrong(self) -> list[str]:
         """What is beyond its limit."""
-        return [f"robot {self.seed}, {scalar}: {name} off by {e:.1e}" for scalar, e, name in self.worst if not e <= LIMIT[scalar]]
+        return [
+            f"robot {self.seed}, {scalar}: {name} off by {e:.1e}"
+            for scalar, e, name in self.worst
+            if not e <= LIMIT[scalar]
+        ]
 
 
 @cache
@@ -49,13 +60,18 @@ def outcome(seed: int) -> Outcome:
         system = reduce(mechanism(robot))
         law = control_law(system, output_map(system, "own"))
         files = robot_files(system, [law])
-        libraries = {scalar: (Library(law, scalar, files), DynamicsLibrary(system, scalar, files)) for scalar in LIMIT}
+        libraries = {
+            scalar: (Library(law, scalar, files), DynamicsLibrary(system, scalar, files)) for scalar in LIMIT
+        }
     except ModelError as error:
         return Outcome(seed, str(error))
     assert law.linearization.relative_degree == tuple(degree for degree, _ in robot.outputs)
     names = [q.name for q in system.quasi_velocities]
     possible = ((state, truth(robot, state, names)) for state in states(robot, 4 * STATES))
-    inputs, right = zip(*islice(((state, exact) for state, exact in possible if _is_heavy(exact["Mbar"])), STATES), strict=True)
+    inputs, right = zip(
+        *islice(((state, exact) for state, exact in possible if _is_heavy(exact["Mbar"])), STATES),
+        strict=True,
+    )
     worst = []
     for scalar, (law_library, dynamics_library) in libraries.items():
         errors: dict[str, list[tuple[float, float, str]]] = {}
@@ -90,7 +106,8 @@ def _answers(law, law_library, dynamics_library, state) -> dict[str, dict[str, n
 
 
 def _is_heavy(mass: np.ndarray) -> bool:
-    """Is S'MS, scaled to a diagonal of ones, well conditioned? Float's 6e-8 times the bound is well below its LIMIT.
+    """Is S'MS, scaled to a diagonal of ones, well conditioned? Float's 6e-8 times the bound is well below its
+    LIMIT.
 
     Which quasi-velocities a robot has may be the reduction's choice, and the condition depends on it.
     """
@@ -148,7 +165,9 @@ if __name__ == "__main__":
     outcomes = []
     for seed in range(first, first + count):
         outcomes.append(outcome(seed))
-        for line in outcomes[-1].wrong() or ([f"robot {seed} refused: {outcomes[-1].refused}"] if outcomes[-1].refused else []):
+        for line in outcomes[-1].wrong() or (
+            [f"robot {seed} refused: {outcomes[-1].refused}"] if outcomes[-1].refused else []
+        ):
             print(line, flush=True)
         if len(outcomes) % 25 == 0 or len(outcomes) == count:
             print(table(outcomes), flush=True)

@@ -13,7 +13,14 @@ from noslip.analysis.distributions.distribution import distribution
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.algebra.exact import canonical
 from noslip.model.algebra.expression import fold
-from noslip.model.rolling.contact import PlanarContact, RollingContact, mirrors, rolling_growth, rolls_on, vanishes
+from noslip.model.rolling.contact import (
+    PlanarContact,
+    RollingContact,
+    mirrors,
+    rolling_growth,
+    rolls_on,
+    vanishes,
+)
 from noslip.model.rolling.surfaces import (
     Curve,
     Surface,
@@ -52,7 +59,8 @@ SURFACES = {
     "ball": stereographic(3),
     "cap": monge,
 }
-OUTWARD = {"bowl": -1, "hollow_ellipsoid": -1}  # side of the centre the normal is not on; the others point away from it
+# Side of the centre the normal is not on; the others point away from it
+OUTWARD = {"bowl": -1, "hollow_ellipsoid": -1}
 PAIRS = [
     ("sphere", "plane"),
     ("plane", "sphere"),
@@ -91,12 +99,13 @@ def naive_frame(f: ca.SX, u: ca.SX, v: ca.SX, outward: int = 1) -> ca.SX:
     return ca.horzcat(x, ca.cross(z, x), z)
 
 
-# -- surfaces -----------------------------------------------------------------------------------------------------------
+# -- surfaces ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_forms_are_their_definitions(name):
-    """f' = [x y] M, K M = [x y]' z', T M = y' x' with a frame made by normalizing, differentiated by CasADi."""
+    """f' = [x y] M, K M = [x y]' z', T M = y' x' with a frame made by normalizing,
+    differentiated by CasADi."""
     surface = SURFACES[name]
     u, v = ca.vertsplit(surface.coordinates)
     f = surface.point
@@ -105,7 +114,9 @@ def test_forms_are_their_definitions(name):
     d = [ca.jacobian(column, surface.coordinates) for column in (f, x, z)]
     defined = (frame, frame[:, :2].T @ d[0], frame[:, :2].T @ d[2], y.T @ d[1], z.T @ d[0])
     forms = (surface.frame, surface.M, surface.K @ surface.M, surface.T @ surface.M, ca.SX(1, 2))
-    function = numeric(surface, *defined, *forms, ca.det(surface.K), surface.gaussian, surface.K - surface.K.T)
+    function = numeric(
+        surface, *defined, *forms, ca.det(surface.K), surface.gaussian, surface.K - surface.K.T
+    )
     for place in places(50, 2, 1):
         *values, det_K, gaussian, skew = (np.array(value) for value in function(place))
         for expected, form in zip(values[:5], values[5:], strict=True):
@@ -113,7 +124,9 @@ def test_forms_are_their_definitions(name):
         assert abs(det_K - gaussian) < 1e-12 * max(1.0, abs(gaussian)) and np.abs(skew).max() < 1e-12
 
 
-@pytest.mark.parametrize("name", ["sphere", "ellipsoid", "spheroid", "ball", "cap", "bowl", "hollow_ellipsoid"])
+@pytest.mark.parametrize(
+    "name", ["sphere", "ellipsoid", "spheroid", "ball", "cap", "bowl", "hollow_ellipsoid"]
+)
 def test_normals_point_out_of_the_body(name):
     """Of a convex body about the origin, and into the hollow of a hollow one."""
     surface = SURFACES[name]
@@ -142,7 +155,12 @@ def test_forms_of_the_sphere_and_the_torus_as_published():
     ]
     for form, expected in published:
         assert canonical(form - expected).is_zero()
-    assert ball.orthogonal and ring.orthogonal and not ellipsoid(2, 1.5, 1).orthogonal and ellipsoid(R, R, r).orthogonal
+    assert (
+        ball.orthogonal
+        and ring.orthogonal
+        and not ellipsoid(2, 1.5, 1).orthogonal
+        and ellipsoid(R, R, r).orthogonal
+    )
 
 
 def test_flat_surfaces_are_flat():
@@ -154,7 +172,8 @@ def test_flat_surfaces_are_flat():
 
 
 def test_total_curvature_is_two_pi_times_euler():
-    """Gauss and Bonnet: the integral of the curvature over a closed surface is 4 pi for an ellipsoid, 0 for a torus."""
+    """Gauss and Bonnet: the integral of the curvature over a closed surface is 4 pi for an ellipsoid,
+    0 for a torus."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     turn = 2 * np.pi * (np.arange(80) + 0.5) / 80
     for surface, u, w, total in (
@@ -162,15 +181,20 @@ def test_total_curvature_is_two_pi_times_euler():
         (torus(2, 0.5), turn, np.full(80, np.pi / 40), 0.0),
     ):
         function = numeric(surface, surface.gaussian * ca.det(surface.M))
-        value = sum(float(function([a, b])) * weight * np.pi / 40 for a, weight in zip(u, w, strict=True) for b in turn)
+        value = sum(
+            float(function([a, b])) * weight * np.pi / 40
+            for a, weight in zip(u, w, strict=True)
+            for b in turn
+        )
         assert abs(value - total) < 1e-9
 
 
-# -- rigid bodies that roll ---------------------------------------------------------------------------------------------
+# -- rigid bodies that roll ----------------------------------------------------------------------------------
 
 
 def rigid_bodies(contact: RollingContact) -> ca.Function:
-    """(q, q') -> slip at the contact and relative angular velocity, in frame 1, from the pose of body 2 alone."""
+    """(q, q') -> slip at the contact and relative angular velocity, in frame 1,
+    from the pose of body 2 alone."""
     q, rates = contact.q, ca.SX.sym("rates", 5)
     f, frames = [], []
     for surface, own in ((contact.first, q[:2]), (contact.second, q[2:4])):
@@ -178,7 +202,8 @@ def rigid_bodies(contact: RollingContact) -> ca.Function:
         frames.append(naive_frame(f[-1], own[0], own[1], surface.outward))
     x, y, z = ca.horzsplit(frames[0])
     psi = q[4]
-    other = ca.horzcat(cos(psi) * x - sin(psi) * y, -sin(psi) * x - cos(psi) * y, -z)  # x_2, y_2, z_2 in body 1
+    # x_2, y_2, z_2 in body 1
+    other = ca.horzcat(cos(psi) * x - sin(psi) * y, -sin(psi) * x - cos(psi) * y, -z)
     rotation = other @ frames[1].T
     origin = f[0] - rotation @ f[1]
     turning = ca.reshape(ca.jtimes(ca.vec(rotation), q, rates), 3, 3)
@@ -202,7 +227,10 @@ def test_what_montanas_rates_do_to_rigid_bodies(pair):
         slip, omega, rotation, origin, ours = (np.array(value).ravel() for value in bodies(place, S @ nu))
         size = max(1.0, np.abs(S).max())
         assert np.abs(slip).max() < 1e-11 * size and np.abs(omega + nu).max() < 1e-11 * size
-        assert max(np.abs(rotation).max(), np.abs(origin).max()) < 1e-12 and np.abs(ours - nu).max() < 1e-11 * size
+        assert (
+            max(np.abs(rotation).max(), np.abs(origin).max()) < 1e-12
+            and np.abs(ours - nu).max() < 1e-11 * size
+        )
         assert np.abs(A @ S).max() < 1e-12 * size and np.abs(A @ basis).max() < 1e-12 * size
         # the basis moves the contact along x_1 and y_1 at nu_1 and nu_2 and turns at nu_3
         slip, omega, *_ = (np.array(value).ravel() for value in bodies(place, basis @ nu))
@@ -240,7 +268,14 @@ def test_A_S_is_zero_exactly(second, spin):
 def rolled(contact: RollingContact, start, rates, duration: float) -> np.ndarray:
     """q at the end, rolling at these quasi-velocities of the basis, functions of q."""
     basis = ca.Function("basis", [contact.q], [contact.basis])
-    run = solve_ivp(lambda _, q: np.array(basis(q)) @ rates(q), (0, duration), start, rtol=1e-12, atol=1e-12, method="DOP853")
+    run = solve_ivp(
+        lambda _, q: np.array(basis(q)) @ rates(q),
+        (0, duration),
+        start,
+        rtol=1e-12,
+        atol=1e-12,
+        method="DOP853",
+    )
     return run.y[:, -1]
 
 
@@ -252,7 +287,8 @@ def turn(axis, angle) -> np.ndarray:
 
 
 def test_sphere_on_plane_rolls_straight():
-    """Its centre moves by d, it turns by |d| / R about the horizontal across d; the contact draws a great circle."""
+    """Its centre moves by d, it turns by |d| / R about the horizontal across d;
+    the contact draws a great circle."""
     contact = contact_of("plane", "sphere", spin=False)
     pose = ca.Function("pose", [contact.q], [contact.rotation, contact.origin])
     start, velocity = np.array([0.2, -0.1, 0.3, 0.4, 0.5]), np.array([0.4, -0.2])
@@ -280,11 +316,13 @@ def test_sphere_on_sphere_turns_once_more():
 
     end = rolled(contact, start, along, 0.9)
     (rotation, origin), (turned, moved) = ([np.array(v) for v in pose(q)] for q in (start, end))
-    assert np.abs(moved - turn(axis, 0.9) @ origin).max() < 1e-9 and abs(np.linalg.norm(moved) - R1 - R2) < 1e-9
+    assert (
+        np.abs(moved - turn(axis, 0.9) @ origin).max() < 1e-9 and abs(np.linalg.norm(moved) - R1 - R2) < 1e-9
+    )
     assert np.abs(turned @ rotation.T - turn(axis, 0.9 * (1 + R1 / R2))).max() < 1e-9
 
 
-# -- the distribution ---------------------------------------------------------------------------------------------------
+# -- the distribution ----------------------------------------------------------------------------------------
 
 IV = mpmath.ctx_iv.MPIntervalContext()
 OPERATIONS = {
@@ -294,7 +332,12 @@ OPERATIONS = {
         ca.OP_MUL: lambda a, b: a * b,
         ca.OP_DIV: lambda a, b: a / b,
     },
-    **{ca.OP_NEG: lambda a: -a, ca.OP_SQ: lambda a: a * a, ca.OP_TWICE: lambda a: 2 * a, ca.OP_INV: lambda a: 1 / a},
+    **{
+        ca.OP_NEG: lambda a: -a,
+        ca.OP_SQ: lambda a: a * a,
+        ca.OP_TWICE: lambda a: 2 * a,
+        ca.OP_INV: lambda a: 1 / a,
+    },
     **{ca.OP_SIN: IV.sin, ca.OP_COS: IV.cos, ca.OP_SQRT: IV.sqrt},
 }
 
@@ -324,14 +367,18 @@ def surely_independent(columns: list[ca.SX], q: ca.SX, place: list[Fraction]) ->
     )
     n, k = matrix.shape
     rows = [[entries[i + n * j] for j in range(k)] for i in range(n)]
-    return any(0 not in determinant([rows[i] for i in chosen]) for chosen in itertools.combinations(range(n), k))
+    return any(
+        0 not in determinant([rows[i] for i in chosen]) for chosen in itertools.combinations(range(n), k)
+    )
 
 
 def determinant(rows):
     if len(rows) == 1:
         return rows[0][0]
     return sum(
-        (-1) ** k * row * determinant([[*r[:k], *r[k + 1 :]] for r in rows[1:]]) for k, row in enumerate(rows[0]) if row != 0
+        (-1) ** k * row * determinant([[*r[:k], *r[k + 1 :]] for r in rows[1:]])
+        for k, row in enumerate(rows[0])
+        if row != 0
     ) + IV.mpf(0)
 
 
@@ -354,7 +401,10 @@ INVOLUTIVE = {
     "sphere in two coordinates": (sphere(R1), stereographic(R1)),
     "crossed cylinders": (cylinder(R1), cylinder(R2)),
     "cylinder on plane": (cylinder(R1), plane()),
-    "cone on cylinder": (Surface("cone", lambda u, v: (u * cos(v), u * sin(v), -R1 * u), at={"u": 1}), cylinder(R2)),
+    "cone on cylinder": (
+        Surface("cone", lambda u, v: (u * cos(v), u * sin(v), -R1 * u), at={"u": 1}),
+        cylinder(R2),
+    ),
 }
 
 
@@ -366,23 +416,30 @@ def contact_in(case: str, spin: bool = False) -> RollingContact:
 
 @pytest.mark.parametrize("case", FILLING)
 def test_growth_2_3_5(case):
-    """Pure rolling: brackets of the basis fill the space, proved by intervals; the structure equations say the same."""
+    """Pure rolling: brackets of the basis fill the space, proved by intervals;
+    the structure equations say the same."""
     contact = contact_in(case)
     growth = growth_of(contact)
     assert growth.vector == (2, 3, 5) and growth.holonomic == 0
     first = list(ca.horzsplit(contact.basis))
     second = bracket(*first, contact.q)
     assert surely_independent([*first, second], contact.q, PLACE)
-    assert surely_independent([*first, second, *[bracket(f, second, contact.q) for f in first]], contact.q, PLACE)
+    assert surely_independent(
+        [*first, second, *[bracket(f, second, contact.q) for f in first]], contact.q, PLACE
+    )
 
 
 @pytest.mark.parametrize("case", [*FILLING, "equal spheres"])
 def test_growth_3_5_with_spin(case):
-    contact = contact_in(case, spin=True) if case in FILLING else RollingContact(sphere(1), sphere(1), spin=True)
+    contact = (
+        contact_in(case, spin=True) if case in FILLING else RollingContact(sphere(1), sphere(1), spin=True)
+    )
     growth = growth_of(contact)
     assert growth.vector == (3, 5) and growth.holonomic == 0 and growth.drops_where is None
     fields = list(ca.horzsplit(contact.basis))
-    assert surely_independent([*fields, *[bracket(fields[2], f, contact.q) for f in fields[:2]]], contact.q, PLACE)
+    assert surely_independent(
+        [*fields, *[bracket(fields[2], f, contact.q) for f in fields[:2]]], contact.q, PLACE
+    )
 
 
 @pytest.mark.parametrize("case", INVOLUTIVE)
@@ -399,7 +456,8 @@ def test_same_constant_curvature_is_involutive(case):
 
 @pytest.mark.parametrize("pair", [*(p for p in PAIRS if p[0] != p[1]), ("torus", "torus")], ids=" on ".join)
 def test_structure_equations(pair):
-    """[e_1, e_2] = -T1 (e_1, e_2)' + (kappa_2 - kappa_1) E, and the determinants of `rolling_growth`, at random places."""
+    """[e_1, e_2] = -T1 (e_1, e_2)' + (kappa_2 - kappa_1) E, and the determinants of `rolling_growth`,
+    at random places."""
     contact = contact_of(*pair)
     e1, e2, E = ca.horzsplit(contact.basis)
     q, T1 = contact.q, contact.forms[0][2]
@@ -421,7 +479,8 @@ def test_structure_equations(pair):
 
 @pytest.mark.parametrize("case", [*FILLING, *INVOLUTIVE])
 def test_brackets_of_the_exact_analysis_agree(case):
-    """`distribution` forms the brackets and knows nothing of curvature; two ellipsoids of three axes are too much for it."""
+    """`distribution` forms the brackets and knows nothing of curvature;
+    two ellipsoids of three axes are too much for it."""
     for spin in (False, True):
         contact = contact_in(case, spin)
         if case != "congruent ellipsoids":
@@ -457,7 +516,9 @@ def test_congruent_ellipsoids_have_one_special_orbit():
     rng = np.random.default_rng(8)
     push = rng.normal(size=(2, 4))
     end = rolled(contact, mirror, lambda q: push @ np.sin(q[:2].sum() * np.arange(1, 5)), 1.0)
-    assert np.abs(end - [end[0], end[1], end[0], -end[1], 0.0]).max() < 1e-8 and np.abs(end - mirror).max() > 0.1
+    assert (
+        np.abs(end - [end[0], end[1], end[0], -end[1], 0.0]).max() < 1e-8 and np.abs(end - mirror).max() > 0.1
+    )
     end = rolled(contact, twisted, lambda q: push @ np.sin(q[:2].sum() * np.arange(1, 5)), 1.0)
     difference = ca.Function("D", [contact.q], [contact.curvature_difference])
     assert abs(float(difference(end))) > 1e-3
@@ -466,13 +527,18 @@ def test_congruent_ellipsoids_have_one_special_orbit():
 def test_surfaces_of_revolution_have_a_family_of_special_orbits():
     contact = contact_in("tori")
     assert growth_of(contact).special[0] == "u2 = u1, v2 = -v1 + const, psi = 0"
-    assert iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.0], 3) == 2 and iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.2], 3) == 5
-    assert not mirrors(RollingContact(torus(2, 0.5), torus(3, 0.5))) and not mirrors(RollingContact(sphere(1), plane()))
+    assert (
+        iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.0], 3) == 2
+        and iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.2], 3) == 5
+    )
+    assert not mirrors(RollingContact(torus(2, 0.5), torus(3, 0.5))) and not mirrors(
+        RollingContact(sphere(1), plane())
+    )
     inside = RollingContact(SURFACES["ellipsoid"], hollow(ellipsoid(2, 1.5, 1)))
     assert "u2 = u1, v2 = v1, psi = 0" in rolling_growth(inside).special
 
 
-# -- what is refused or marked ------------------------------------------------------------------------------------------
+# -- what is refused or marked -------------------------------------------------------------------------------
 
 
 def test_contact_along_a_line_is_marked_and_refused():
@@ -484,7 +550,9 @@ def test_contact_along_a_line_is_marked_and_refused():
             _ = contact.S
     robot = Mechanism("roller")
     q = [robot.coordinate(name, "1") for name in ("a", "b", "c", "d", "e")]
-    with pytest.raises(ModelError, match="roller: drum: cylinder on plane: the relative curvature is singular everywhere"):
+    with pytest.raises(
+        ModelError, match="roller: drum: cylinder on plane: the relative curvature is singular everywhere"
+    ):
         rolls_on(robot, "drum", RollingContact(cylinder(1), plane()), q)
     rolls_on(robot, "drum", RollingContact(cylinder(1), plane()), q, formal=True)
     assert robot.A.shape == (3, 5)
@@ -525,8 +593,14 @@ BAD_SURFACES = [
     (lambda: Surface("step", lambda u, v: (u, v, ca.if_else(u > 0, u, 0))), "not smooth"),
     (lambda: Surface("flat", lambda u, v: (u, v)), "3 components, it has 2"),
     (lambda: Surface("thread", lambda u, v: (u, 2 * u, 0)), r"zero everywhere: not a surface"),
-    (lambda: Surface("thin", lambda u, v: (u + v, 2 * (u + v), sin(u + v))), r"zero everywhere: not a surface"),
-    (lambda: Surface("colatitude", lambda u, v: (sin(u) * cos(v), sin(u) * sin(v), cos(u))), "name a regular place with at="),
+    (
+        lambda: Surface("thin", lambda u, v: (u + v, 2 * (u + v), sin(u + v))),
+        r"zero everywhere: not a surface",
+    ),
+    (
+        lambda: Surface("colatitude", lambda u, v: (sin(u) * cos(v), sin(u) * sin(v), cos(u))),
+        "name a regular place with at=",
+    ),
     (lambda: Surface("typo", lambda u, v: (u, v, 0), at={"w": 1}), "unknown name 'w'"),
     (lambda: Surface("taken", lambda u, v: (u, v, ca.SX.sym("u"))), "'u' is a coordinate"),
     (lambda: Surface("side", lambda u, v: (u, v, 0), outward=0), "outward must be 1 or -1"),
@@ -556,15 +630,25 @@ def test_names_cannot_be_mixed_up():
         _ = RollingContact(sphere(ca.SX.sym("psi")), plane()).parameters
 
 
-# -- curves -------------------------------------------------------------------------------------------------------------
+# -- curves --------------------------------------------------------------------------------------------------
 
 
 def test_planar_rolling_is_holonomic_and_right():
-    """m1 u1' = m2 u2' from the bodies' motion: one turns on the other so that tangents agree, and nothing slips."""
+    """m1 u1' = m2 u2' from the bodies' motion: one turns on the other so that tangents agree,
+    and nothing slips."""
     oval = Curve("oval", lambda u: (2 * cos(u), sin(u)))
-    for first, second in ((oval, line()), (circle(0.4), backward(circle(0.7))), (oval, backward(oval)), (circle(1), circle(3))):
+    for first, second in (
+        (oval, line()),
+        (circle(0.4), backward(circle(0.7))),
+        (oval, backward(oval)),
+        (circle(1), circle(3)),
+    ):
         contact = PlanarContact(first, second)
-        assert canonical(contact.A @ contact.basis).is_zero() and contact.basis.shape == (2, 1) and not contact.formal
+        assert (
+            canonical(contact.A @ contact.basis).is_zero()
+            and contact.basis.shape == (2, 1)
+            and not contact.formal
+        )
         q, rates = contact.q, ca.SX.sym("rates", 2)
         f = [ca.vertcat(*body.position(q[k])) for k, body in enumerate((first, second))]
         d = [ca.jacobian(f[k], q[k]) for k in (0, 1)]
@@ -594,7 +678,7 @@ def test_planar_degenerate():
         PlanarContact(circle(1), circle(0.5)).refuse([0.0, 0.0], {})
 
 
-# -- as constraints of a mechanism --------------------------------------------------------------------------------------
+# -- as constraints of a mechanism ---------------------------------------------------------------------------
 
 
 def ball_on_plane(spin: bool) -> Mechanism:
@@ -606,7 +690,8 @@ def ball_on_plane(spin: bool) -> Mechanism:
     contact = RollingContact(plane(), sphere(R), spin)
     rolls_on(robot, "ball", contact, q)
     velocity = robot.rate(ca.substitute(contact.origin, contact.q, q))
-    omega = -ca.substitute(contact.angular_velocity(robot.qdot), contact.q, q)  # of the ball: body 2 relative to body 1
+    # Of the ball: body 2 relative to body 1
+    omega = -ca.substitute(contact.angular_velocity(robot.qdot), contact.q, q)
     robot.kinetic_energy(m * ca.sumsqr(velocity) / 2 + 2 * m * R**2 / 5 * ca.sumsqr(omega) / 2)
     for k, axis in enumerate("xyz"[: 3 if spin else 2]):
         robot.input(f"torque_{axis}", "N m", on=omega[k])
@@ -616,7 +701,8 @@ def ball_on_plane(spin: bool) -> Mechanism:
 
 @pytest.mark.parametrize("spin", [False, True])
 def test_ball_on_plane_as_a_mechanism(spin):
-    """S'MS is 7/5 m R^2 (2/5 about the vertical), no bias, and the ball's point of contact moves at omega x R."""
+    """S'MS is 7/5 m R^2 (2/5 about the vertical), no bias, and the ball's point of contact moves at omega x
+    R."""
     robot = ball_on_plane(spin)
     assert robot.constraint_names[0] == "ball: no slip along x_2" and robot.A.shape == (2 if spin else 3, 5)
     assert distribution(robot).growth == ((3, 5) if spin else (2, 3, 5))
@@ -633,7 +719,10 @@ def test_sizes_that_overlap_are_refused_at_the_defaults():
     robot = Mechanism("ball_in_bowl")
     R, r = robot.parameter("R", 0.1, "m"), robot.parameter("r", 0.2, "m")
     q = [robot.coordinate(name, "1") for name in "abcde"]
-    with pytest.raises(ModelError, match="ball_in_bowl: ball: trace of the relative curvature: .* negative where they overlap"):
+    with pytest.raises(
+        ModelError,
+        match="ball_in_bowl: ball: trace of the relative curvature: .* negative where they overlap",
+    ):
         rolls_on(robot, "ball", RollingContact(sphere(r), hollow(sphere(R))), q)
     with pytest.raises(ModelError, match="torus: R - r must be positive"):
         rolls_on(robot, "ring", RollingContact(torus(R, r), plane()), q)
@@ -643,8 +732,13 @@ def test_sizes_that_overlap_are_refused_at_the_defaults():
 
 @pytest.mark.nightly
 def test_numbers_that_are_rounded_never_decide():
-    """0.1 is rounded: two ways to write one sphere are not said to be two spheres; A and S keep the number as it is written."""
-    for pair in ((sphere(0.1), sphere(0.1)), (sphere(0.1), stereographic(0.1)), (cylinder(0.3), rounded_cone)):
+    """0.1 is rounded: two ways to write one sphere are not said to be two spheres;
+    A and S keep the number as it is written."""
+    for pair in (
+        (sphere(0.1), sphere(0.1)),
+        (sphere(0.1), stereographic(0.1)),
+        (cylinder(0.3), rounded_cone),
+    ):
         assert distribution(RollingContact(*pair).kinematics()).growth == (2,)
     for radius in (0.1, 0.3 - 0.2):  # the difference is read as the decimal that it is but for its rounding
         assert rolling_growth(RollingContact(sphere(0.1), sphere(radius))).vector == (2,)

@@ -1,4 +1,5 @@
-"""What is decided by the structure of an expression, for functions whose derivatives vanish almost everywhere."""
+"""What is decided by the structure of an expression, for functions whose derivatives vanish almost
+everywhere."""
 
 import itertools
 import math
@@ -77,7 +78,8 @@ DAMPERS = {
 
 @pytest.mark.parametrize("name", DAMPERS)
 def test_forces_that_are_no_polynomial_stay_in_the_law(name):
-    """The law in steps is the plain law, and the reduced equations have the force that the robot was given."""
+    """The law in steps is the plain law, and the reduced equations have the force that the robot was
+    given."""
     system = reduce(sledge(lambda robot, v, w: robot.force(DAMPERS[name](v, w), on=v)))
     law = control_law(system, output_map(system, "speeds"))
     plain, staged = (compile_law(law, optimize=each) for each in (False, True))
@@ -86,11 +88,16 @@ def test_forces_that_are_no_polynomial_stay_in_the_law(name):
         for (entry, body), truth in zip(staged.entries.items(), plain.entries.values(), strict=True):
             for quantity, matrix in body.quantities.items():
                 ours, expected = ([n for row in m for n in row] for m in (matrix, truth.quantities[quantity]))
-                assert relative_error(evaluate(ours, leaf), evaluate(expected, leaf)) <= 1e-30, (entry.name, quantity)
+                assert relative_error(evaluate(ours, leaf), evaluate(expected, leaf)) <= 1e-30, (
+                    entry.name,
+                    quantity,
+                )
     forces = ca.Function("forces", [system.mechanism.q, system.nu], [system.bias])
     for *q, v, w in np.random.default_rng(5).normal(size=(20, 5)):
         expected = [-float(DAMPERS[name](ca.DM(v), ca.DM(w))), 0.0]
-        assert np.allclose(forces(q, [v, w]).full().ravel(), expected, rtol=0, atol=1e-12 * (1 + abs(expected[0])))
+        assert np.allclose(
+            forces(q, [v, w]).full().ravel(), expected, rtol=0, atol=1e-12 * (1 + abs(expected[0]))
+        )
 
 
 REFUSED = {
@@ -98,7 +105,10 @@ REFUSED = {
         lambda robot, v, w: robot.kinetic_energy(fabs(v)),
         "sledge: kinetic energy uses fabs of a rate; it must be a polynomial in the rates",
     ),
-    "kinetic energy with a step": (lambda robot, v, w: robot.kinetic_energy(floor(v)), "kinetic energy: floor is not supported"),
+    "kinetic energy with a step": (
+        lambda robot, v, w: robot.kinetic_energy(floor(v)),
+        "kinetic energy: floor is not supported",
+    ),
     "constraint with a step": (
         lambda robot, v, w: robot.rolls("ratchet", w + sign(w)),
         "constraint 'ratchet': uses sign, which jumps",
@@ -107,13 +117,18 @@ REFUSED = {
         lambda robot, v, w: robot.input("more", "N", on=v + floor(v)),
         "input 'more': floor is not supported",
     ),
-    "force on a step": (lambda robot, v, w: robot.force(1, on=v + floor(v)), "force's velocity: floor is not supported"),
+    "force on a step": (
+        lambda robot, v, w: robot.force(1, on=v + floor(v)),
+        "force's velocity: floor is not supported",
+    ),
     "output of a step": (
         lambda robot, v, w: robot.output("other", "", [("steps", "m/s", floor(v)), ("yaw", "rad/s", w)]),
         "output 'other', steps: floor is not supported",
     ),
     "output that is flat": (
-        lambda robot, v, w: robot.output("other", "", [("fast", "m/s", fmax(v - 50, 0)), ("yaw", "rad/s", w)]),
+        lambda robot, v, w: robot.output(
+            "other", "", [("fast", "m/s", fmax(v - 50, 0)), ("yaw", "rad/s", w)]
+        ),
         "row 'fast' depends on the quasi-velocities, but its derivative by them vanishes",
     ),
 }
@@ -128,7 +143,7 @@ def test_refused(name):
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
-# -- decimals -----------------------------------------------------------------------------------------------------------
+# -- decimals ------------------------------------------------------------------------------------------------
 
 NUMBERS = {
     0.2: Fraction(1, 5),
@@ -153,7 +168,12 @@ def test_numbers_come_back_to_the_last_bit():
     """What is simplified beside a number leaves it as it is."""
     x = ca.SX.sym("x")
     random = np.random.default_rng(54)
-    values = [*NUMBERS, *random.uniform(-1, 1, 200), *(10 ** random.uniform(-12, 12, 200)), *random.integers(1, 99, 50) / 7]
+    values = [
+        *NUMBERS,
+        *random.uniform(-1, 1, 200),
+        *(10 ** random.uniform(-12, 12, 200)),
+        *random.integers(1, 99, 50) / 7,
+    ]
     for value in map(float, values):
         for simplified in (canonical(value * (x + 1) - value), canonical(value * x)):
             assert ca.Function("f", [x], [simplified])(1.0) == value, value
@@ -166,13 +186,18 @@ def numeric(name: str, change: Callable[[float], float], monkeypatch: pytest.Mon
         return reduce(ROBOTS[name]())
 
 
-WRITTEN = {"short": lambda x: x, "long": lambda x: round(1.0371593 * x, 6), "computed": lambda x: x * math.pi / 3}
+WRITTEN = {
+    "short": lambda x: x,
+    "long": lambda x: round(1.0371593 * x, 6),
+    "computed": lambda x: x * math.pi / 3,
+}
 
 
 @pytest.mark.parametrize("written", WRITTEN)
 @pytest.mark.parametrize("name", ["knife_edge", "car", "tricycle"])
 def test_plain_numbers_give_the_law_of_parameters(name, written, monkeypatch):
-    """The same torques, and constants of the size of what they are made of, so that float has no overflow and no zeros."""
+    """The same torques, and constants of the size of what they are made of,
+    so that float has no overflow and no zeros."""
     change = WRITTEN[written]
     by_name = reduce(ROBOTS[name]())
     values = [change(p.default) for p in by_name.mechanism.parameters]
@@ -184,14 +209,25 @@ def test_plain_numbers_give_the_law_of_parameters(name, written, monkeypatch):
     assert 1e-14 <= min(constants) and max(constants) <= 1e6
     groups = ("config", "gains", "state", "reference")
     expected = ca.Function(
-        "tau", [ca.vertcat(*[q.symbol for q in truth.groups[group]]) for group in ("params", *groups)], [truth.tau]
+        "tau",
+        [ca.vertcat(*[q.symbol for q in truth.groups[group]]) for group in ("params", *groups)],
+        [truth.tau],
     )
     for seed in range(5):
         leaf = random_leaves(seed)
-        values_of_groups = [[float(leaf(Leaf(0, (), Group(group), q.name))) for q in truth.groups[group]] for group in groups]
+        values_of_groups = [
+            [float(leaf(Leaf(0, (), Group(group), q.name))) for q in truth.groups[group]] for group in groups
+        ]
         torques = expected(values, *values_of_groups).full().ravel()
         double, single = (
-            np.array(evaluate(roots, lambda node: kind(leaf(node)), kind, in_c(kind, lambda a: (math.sin(a), math.cos(a)))))  # noqa: B023
+            np.array(
+                evaluate(
+                    roots,
+                    lambda node: kind(leaf(node)),  # noqa: B023
+                    kind,
+                    in_c(kind, lambda a: (math.sin(a), math.cos(a))),
+                )
+            )
             for kind in (np.float64, np.float32)
         )
         assert np.abs(double - torques).max() <= 1e-9 * np.abs(torques).max()
@@ -204,25 +240,29 @@ def test_powers_of_two_that_meet_are_one(scalar):
     graph, functions = Graph(), in_c(scalar, lambda angle: (math.sin(angle), math.cos(angle)))
     x, y = graph.leaf("state", "x"), graph.leaf("state", "y")
     powers = [graph.constant(c) for c in (0.5, 2, 0.25, 4, -8)]
-    small = [x, *powers] + [graph.make(Applied, pair, Operation.MUL) for c in powers for pair in ((x, c), (c, y))]
+    small = [x, *powers] + [
+        graph.make(Applied, pair, Operation.MUL) for c in powers for pair in ((x, c), (c, y))
+    ]
     values = {x: scalar(1.2345678), y: scalar(-7.6543211)}
     for operation in (Operation.MUL, Operation.DIV):
         for pair in itertools.product(small, small):
             simple, written = graph.apply(operation, *pair), graph.make(Applied, pair, operation)
             a, b = evaluate([simple, written], values.__getitem__, scalar, functions)
             assert a == b, (operation, pair)
-    assert graph.apply(Operation.MUL, graph.apply(Operation.MUL, graph.constant(0.5), x), graph.constant(2)) is x
+    assert (
+        graph.apply(Operation.MUL, graph.apply(Operation.MUL, graph.constant(0.5), x), graph.constant(2)) is x
+    )
 
 
 def test_a_number_that_no_float_can_hold_is_refused_with_its_line(tmp_path, capsys):
     text = (
-        "from casadi import cos, sin\nfrom noslip.model import Mechanism\n\n\ndef heavy():\n    robot = Mechanism('heavy')\n"
-        "    x, y, phi = robot.coordinate('x', 'm'), robot.coordinate('y', 'm'), robot.coordinate('phi', 'rad')\n"
-        "    rate = robot.rate\n    robot.kinetic_energy(1e45 * (rate(x) ** 2 + rate(y) ** 2) / 2 + rate(phi) ** 2)\n"
-        "    robot.rolls('blade', cos(phi) * rate(y) - sin(phi) * rate(x))\n"
-        "    robot.input('F', 'N', on=cos(phi) * rate(x) + sin(phi) * rate(y))\n    robot.input('T', 'N m', on=rate(phi))\n"
-        "    robot.output('o', '', [('v', 'm/s', cos(phi) * rate(x) + sin(phi) * rate(y)), ('w', 'rad/s', rate(phi))])\n"
-        "    return robot\n"
+        "from casadi import cos, sin\nfrom noslip.model import Mechanism\n\n\ndef heavy():\n    robot = "
+        "Mechanism('heavy')\n    x, y, phi = robot.coordinate('x', 'm'), robot.coordinate('y', 'm'), "
+        "robot.coordinate('phi', 'rad')\n    rate = robot.rate\n    robot.kinetic_energy(1e45 * (rate(x) ** "
+        "2 + rate(y) ** 2) / 2 + rate(phi) ** 2)\n    robot.rolls('blade', cos(phi) * rate(y) - sin(phi) * "
+        "rate(x))\n    robot.input('F', 'N', on=cos(phi) * rate(x) + sin(phi) * rate(y))\n    "
+        "robot.input('T', 'N m', on=rate(phi))\n    robot.output('o', '', [('v', 'm/s', cos(phi) * rate(x) + "
+        "sin(phi) * rate(y)), ('w', 'rad/s', rate(phi))])\n    return robot\n"
     )
     file = tmp_path / "robot.py"
     file.write_text(text)

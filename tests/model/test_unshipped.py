@@ -1,4 +1,5 @@
-"""Robots that are not shipped: their C against projected Newton-Euler, inputs that lose a direction, and verdicts."""
+"""Robots that are not shipped: their C against projected Newton-Euler, inputs that lose a direction,
+and verdicts."""
 
 import math
 import re
@@ -48,12 +49,15 @@ later = partial(pytest.param, marks=pytest.mark.nightly)
 PARALLEL = (np.pi, np.pi / 3, 5 * np.pi / 3)  # rad, legs of the trident that all trail
 
 
-# -- the equations ------------------------------------------------------------------------------------------------------
+# -- the equations -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("described", [later(each) if each in (trident, castor) else each for each in DESCRIBED])
+@pytest.mark.parametrize(
+    "described", [later(each) if each in (trident, castor) else each for each in DESCRIBED]
+)
 def test_the_equations_are_those_of_newton_and_euler(described):
-    """S'MS, the bias, S'E and, where a robot has outputs of its own, Phi and tau, in 40 digits without noslip."""
+    """S'MS, the bias, S'E and, where a robot has outputs of its own, Phi and tau,
+    in 40 digits without noslip."""
     robot = described()
     system = reduce(mechanism(robot), partially=True)
     groups = [system.mechanism.q, system.nu, system.mechanism.p]
@@ -63,10 +67,12 @@ def test_the_equations_are_those_of_newton_and_euler(described):
         right = truth(robot, state, [q.name for q in system.quasi_velocities])
         for name, value in zip(names, function(state.q, state.nu, state.p), strict=True):
             exact = right[name]
-            np.testing.assert_allclose(value.full().reshape(exact.shape), exact, atol=1e-12 * max(1.0, np.abs(exact).max()))
+            np.testing.assert_allclose(
+                value.full().reshape(exact.shape), exact, atol=1e-12 * max(1.0, np.abs(exact).max())
+            )
 
 
-# -- inputs that lose a direction ---------------------------------------------------------------------------------------
+# -- inputs that lose a direction ----------------------------------------------------------------------------
 
 
 def status(backend: str, law, state: np.ndarray) -> str:
@@ -107,11 +113,14 @@ def test_analyse_says_where_inputs_lose_a_direction():
 def test_the_formula_vanishes_where_all_legs_trail():
     (condition,) = analyse(mechanism(trident()), ["own"]).outputs["own"].decoupling.conditions
     assert condition.confirmed and condition.words == "inputs lose a direction"
-    assert {str(s) for s in condition.formula.free_symbols} == {"p_0", "p_1", "leg_1", "leg_2", "leg_3"}  # not the heading
+    # Not the heading
+    assert {str(s) for s in condition.formula.free_symbols} == {"p_0", "p_1", "leg_1", "leg_2", "leg_3"}
 
     def formula(leg_2: float) -> float:
         values = dict(p_0=0.4, p_1=0.6, leg_1=PARALLEL[0], leg_2=leg_2, leg_3=PARALLEL[2])
-        return float(condition.formula.evalf(subs={s: values[str(s)] for s in condition.formula.free_symbols}))
+        return float(
+            condition.formula.evalf(subs={s: values[str(s)] for s in condition.formula.free_symbols})
+        )
 
     assert abs(formula(PARALLEL[1])) < 1e-12 < 0.01 < abs(formula(PARALLEL[1] + 0.1))
 
@@ -119,7 +128,9 @@ def test_the_formula_vanishes_where_all_legs_trail():
 def test_a_bound_of_an_expression_is_one():
     """At random points the entries are within it, and a sine counts as 1."""
     x = ca.SX.sym("x", 3)
-    expression = ca.vertcat(x[0] * ca.sin(x[1]) - x[2], ca.cos(x[0]) / (2 + x[1] ** 2), ca.sqrt(x[2] ** 2 + 1) - 3)
+    expression = ca.vertcat(
+        x[0] * ca.sin(x[1]) - x[2], ca.cos(x[0]) / (2 + x[1] ** 2), ca.sqrt(x[2] ** 2 + 1) - 3
+    )
     function = ca.Function("f", [x], [expression, largest(expression)])
     for point in np.random.default_rng(3).uniform(-2, 2, (50, 3)):
         value, bound = (part.full().ravel() for part in function(point))
@@ -127,7 +138,7 @@ def test_a_bound_of_an_expression_is_one():
         np.testing.assert_allclose(bound[0], abs(point[0]) + abs(point[2]), atol=1e-14)
 
 
-# -- C that is handed out compiles --------------------------------------------------------------------------------------
+# -- C that is handed out compiles ---------------------------------------------------------------------------
 
 
 def law_of_follower(make):
@@ -164,7 +175,7 @@ def test_what_does_not_compile_or_link_is_refused(text, says):
     assert re.search(says, rejected({"a.c": text}))
 
 
-# -- zero dynamics of points of other bodies ----------------------------------------------------------------------------
+# -- zero dynamics of points of other bodies -----------------------------------------------------------------
 
 
 def form_of(robot: Mechanism, law: str) -> forms.NormalForm:
@@ -174,7 +185,9 @@ def form_of(robot: Mechanism, law: str) -> forms.NormalForm:
 
 p_0, v = sp.Symbol("p_0", positive=True), sp.Symbol("v")
 phi, psi, gamma, n_x = (sp.Symbol(name, real=True) for name in ("phi", "psi", "gamma", "n_x"))
-HELD = {  # robot, point, joint, its rate with the motion of the point held, by hand, the way it is stable, where it goes
+# Robot, point, joint, its rate with the motion of the point held, by hand, the way it is stable, where it
+# goes
+HELD = {
     "loader": (loader, rear_of_loader, "gamma", sp.sin(gamma) / p_0, -1, "gamma -> 0"),
     "off_axle": (off_axle, trailer_of_off_axle, "phi", sp.sin(phi - psi) / p_0, -1, "phi -> psi_"),
     "castor": (castor, castor_wheel, "n_x", -sp.sin(n_x) / p_0, 1, "n_x -> 0"),
@@ -188,7 +201,8 @@ def held(name: str) -> tuple[Mechanism, str]:
 
 @pytest.mark.parametrize("name", ["loader", "off_axle", later("castor")])
 def test_what_a_joint_does_while_another_body_moves_straight(name):
-    """A body whose axle is p_0 from a joint that moves straight: its heading errs at +-v sin(error)/p_0, + where it is pushed."""
+    """A body whose axle is p_0 from a joint that moves straight: its heading errs at +-v sin(error)/p_0,
+    + where it is pushed."""
     *_, joint, rate, way, goes = HELD[name]
     form = form_of(*held(name))
     (each,) = form.shape.followers
@@ -242,19 +256,25 @@ def test_a_robot_whose_outputs_need_an_extension_has_laws():
     assert find_laws(system_of(robot)) == ("pose_extended",)
 
 
-# -- names --------------------------------------------------------------------------------------------------------------
+# -- names ---------------------------------------------------------------------------------------------------
 
 
 def answers(heading: str, of_trailer: str) -> list[str]:
-    """What is said of the motion of a unicycle with a trailer whose angles have these names, with the names of any other."""
+    """What is said of the motion of a unicycle with a trailer whose angles have these names,
+    with the names of any other."""
     robot, plain = mechanism(replace(off_axle(), coordinates=("x", "y", heading, of_trailer))), []
     for law in ("type_i", "type_iv_circle", "type_i_extended", "type_iv_circle_extended"):
         form = form_of(robot, law)
         lines = [*form.shape.lines(), form.zero_dynamics, form.stability]
         for moving in form.moving:
             lines += [str(moving), *(f"{name}: {about}" for name, about in sorted(moving.symbols.items()))]
-        mine = {heading: "ETA", of_trailer: "THETA"} | {form.decoupling.names[name]: f"<{name}>" for name in OWN}
-        plain += [re.sub(r"\b[A-Za-z]\w*\b", lambda word, mine=mine: mine.get(word[0], word[0]), line) for line in lines]
+        mine = {heading: "ETA", of_trailer: "THETA"} | {
+            form.decoupling.names[name]: f"<{name}>" for name in OWN
+        }
+        plain += [
+            re.sub(r"\b[A-Za-z]\w*\b", lambda word, mine=mine: mine.get(word[0], word[0]), line)
+            for line in lines
+        ]
     return plain
 
 
@@ -267,14 +287,19 @@ def test_names_of_the_answers_differ_from_those_of_a_robot(names):
     assert answers(*names) == right and "<psi>" in "".join(right) and "<s>" in "".join(right)
 
 
-# -- readable formulas --------------------------------------------------------------------------------------------------
+# -- readable formulas ---------------------------------------------------------------------------------------
 
 
 def test_readable_formulas_are_the_same_functions():
     """Sums that become one sine, with all signs, and long ones: equal at random points."""
     a, b, h, l = sp.symbols("a b h l", real=True)  # noqa: E741
     waves = [sp.sin(a), sp.cos(a), sp.sin(b), sp.cos(b)]
-    sums = [s * x * y + t * z * w for s in (1, -1) for t in (1, -1) for x, y, z, w in [waves, [waves[k] for k in (0, 3, 1, 2)]]]
+    sums = [
+        s * x * y + t * z * w
+        for s in (1, -1)
+        for t in (1, -1)
+        for x, y, z, w in [waves, [waves[k] for k in (0, 3, 1, 2)]]
+    ]
     draw = np.random.default_rng(5)
     pairs = [(x, y) for x in waves for y in waves]
     long = sum(int(draw.integers(-3, 4)) * x * y * sp.Symbol(f"k_{k % 5}") for k, (x, y) in enumerate(pairs))
@@ -284,7 +309,7 @@ def test_readable_formulas_are_the_same_functions():
     assert str(readable(h * sp.sin(a) * sp.sin(b) + h * sp.cos(a) * sp.cos(b) + l)) == "h*cos(a - b) + l"
 
 
-# -- underactuated robots -----------------------------------------------------------------------------------------------
+# -- underactuated robots ------------------------------------------------------------------------------------
 
 
 def verdict_of(robot: Mechanism, name: str):
@@ -305,7 +330,8 @@ def test_whether_static_feedback_linearizes_an_underactuated_robot_is_decided():
 
 
 def chain() -> Mechanism:
-    """Two masses on a line with a spring between them, of which the first is pushed: linear, and so linearizable."""
+    """Two masses on a line with a spring between them, of which the first is pushed: linear,
+    and so linearizable."""
     robot = Mechanism("chain", "two carts and a wheel")
     a, b, c = robot.coordinate("a", "m"), robot.coordinate("b", "m"), robot.coordinate("c", "rad")
     robot.kinetic_energy((robot.rate(a) ** 2 + robot.rate(b) ** 2 + 0.1 * robot.rate(c) ** 2) / 2)
@@ -325,7 +351,9 @@ def cart(*, pendulum: bool) -> Mechanism:
     rate = robot.rate
     robot.rolls("wheel", rate(x) - 0.1 * rate(b))
     robot.kinetic_energy(rate(x) ** 2 / 2)
-    robot.kinetic_energy(0.3 * ((rate(x) + 0.5 * ca.cos(a) * rate(a)) ** 2 + (0.5 * ca.sin(a) * rate(a)) ** 2) / 2)
+    robot.kinetic_energy(
+        0.3 * ((rate(x) + 0.5 * ca.cos(a) * rate(a)) ** 2 + (0.5 * ca.sin(a) * rate(a)) ** 2) / 2
+    )
     robot.potential_energy(0.3 * 9.81 * 0.5 * ca.cos(a) if pendulum else 52.0 * x**2 / 2)
     robot.input("tau", "N m", on=rate(b) if pendulum else rate(a))
     robot.output("held", "", [("h", "m", x) if pendulum else ("h", "rad", a)])
@@ -334,24 +362,31 @@ def cart(*, pendulum: bool) -> Mechanism:
 
 @pytest.mark.parametrize(("robot", "linearizable"), [(chain, True), (partial(cart, pendulum=True), False)])
 def test_with_one_input_dynamic_feedback_linearizes_what_static_feedback_does(robot, linearizable):
-    """A linear robot is linearizable; a cart with a pole is not, by static feedback, as is known, nor by any other."""
+    """A linear robot is linearizable; a cart with a pole is not, by static feedback, as is known,
+    nor by any other."""
     for name in ("input_state_linearizable", "dynamic_feedback_linearizable"):
         found = [check.verdict for check in analyse(robot()).constraints.checks if check.name == name]
         assert found[-1] is linearizable
 
 
-@pytest.mark.parametrize(("pendulum", "size"), [(True, math.sqrt(9.81 / 0.5)), (False, 1j * math.sqrt(52.0 / 1.3))])
+@pytest.mark.parametrize(
+    ("pendulum", "size"), [(True, math.sqrt(9.81 / 0.5)), (False, 1j * math.sqrt(52.0 / 1.3))]
+)
 def test_zero_dynamics_at_rest_are_those_of_the_body_that_is_left(pendulum, size):
-    """With the cart held the pole falls, with the arm held both swing on the spring: rates by hand, confirmed by a run."""
+    """With the cart held the pole falls, with the arm held both swing on the spring: rates by hand,
+    confirmed by a run."""
     system = reduce(cart(pendulum=pendulum), partially=True)
     form = forms.normal_form(decouple(linearize(system, output_map(system, "held"))))
     confirm(form)
-    assert sorted(form.modes, key=lambda rate: rate.real + rate.imag) == pytest.approx([-size, 0, size], abs=1e-6)
+    assert sorted(form.modes, key=lambda rate: rate.real + rate.imag) == pytest.approx(
+        [-size, 0, size], abs=1e-6
+    )
 
 
 @pytest.mark.nightly
 def test_an_output_that_is_declared_may_be_flat():
-    """Position and heading of a bicycle with two steered wheels give both steering angles; the search finds only pairs."""
+    """Position and heading of a bicycle with two steered wheels give both steering angles;
+    the search finds only pairs."""
     answer = analyse(with_output(two_steered(), "pose", *AT, PHI), ["pose_extended"])
     (flat,) = answer.constraints.flatness
     assert flat.check.verdict is True and flat.missing == "y_0, y_1, y_2, of pose"

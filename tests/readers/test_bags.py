@@ -1,4 +1,5 @@
-"""Bags of ROS 1 and 2, written by the library rosbags: they give the numbers that are in them, or the cause is said."""
+"""Bags of ROS 1 and 2, written by the library rosbags: they give the numbers that are in them,
+or the cause is said."""
 
 import csv
 import json
@@ -29,8 +30,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 START = 1_764_230_000_250_000_000  # ns since 1970
 KINDS = ("one.bag", "two_db3", "two_mcap", "two_db3/two_db3.db3", "two_mcap/two_mcap.mcap")
 WHEELS = {"theta_r": "/joint_states:right_wheel.position", "theta_l": "/joint_states:left_wheel.position"}
-PLACE = {"x_c": "/odom:pose.pose.position.x", "y_c": "/odom:pose.pose.position.y", "phi": "/odom:pose.pose.orientation"}
-PART = 0.4  # of a row, after which poses are measured: within a row the angles are linear, and the vehicle drives an arc
+PLACE = {
+    "x_c": "/odom:pose.pose.position.x",
+    "y_c": "/odom:pose.pose.position.y",
+    "phi": "/odom:pose.pose.orientation",
+}
+# Of a row, after which poses are measured: within a row the angles are linear, and the vehicle drives an arc
+PART = 0.4
 
 
 def options(mapped) -> list[str]:
@@ -54,7 +60,9 @@ class Store:
     def header(self, t):
         ns = 0 if t is None else START + round(t * 1e9)
         stamp = self.new("builtin_interfaces/Time", ns // 10**9, ns % 10**9)
-        return self.new("std_msgs/Header", **({"seq": 0} if self.is_first else {}), stamp=stamp, frame_id="odom")
+        return self.new(
+            "std_msgs/Header", **({"seq": 0} if self.is_first else {}), stamp=stamp, frame_id="odom"
+        )
 
     def joints(self, t, position, velocity=(), effort=()):
         """Without numbers, the topic does not say velocity or effort."""
@@ -80,17 +88,22 @@ class Store:
             header=self.header(t),
             child_frame_id="base_link",
             pose=self.new("geometry_msgs/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-            twist=self.new("geometry_msgs/TwistWithCovariance", twist=self.twist(0, 0), covariance=np.zeros(36)),
+            twist=self.new(
+                "geometry_msgs/TwistWithCovariance", twist=self.twist(0, 0), covariance=np.zeros(36)
+            ),
         )
 
 
 @cache
 def driven(rows: int = 240):
-    """Times and angles of a drive whose heading passes pi; times and poses between rows, exactly on the arcs."""
+    """Times and angles of a drive whose heading passes pi; times and poses between rows,
+    exactly on the arcs."""
     right, left = geometry.winding(rows)
     start = (1.0, -2.0, 3.4)
     axle = geometry.reckoned(right, left, start)
-    angles = np.column_stack([np.concatenate([[0.0], np.cumsum(each)]) / geometry.TRUE["r"] for each in (right, left)])
+    angles = np.column_stack(
+        [np.concatenate([[0.0], np.cumsum(each)]) / geometry.TRUE["r"] for each in (right, left)]
+    )
     measured = range(0, rows, 3)
     poses = [geometry.reckoned([PART * right[k]], [PART * left[k]], axle[k])[1] for k in measured]
     times = (np.array(measured) + PART) * geometry.PERIOD
@@ -98,13 +111,22 @@ def driven(rows: int = 240):
 
 
 def drive(made: Store, late=(0.002, 0.005)):
-    """(topic, time of the bag, message) of a drive: the order of joints is another one each time, the floor is not level."""
+    """(topic, time of the bag, message) of a drive: the order of joints is another one each time,
+    the floor is not level."""
     t, angles, times, poses = driven()
     for k, (right, left) in enumerate(angles):
         joints = {"right_wheel": right, "left_wheel": left, "turret.pan": 0.3}
-        yield "/joint_states", t[k] + late[0], made.joints(t[k], random.Random(k).sample(sorted(joints.items()), 3))
+        yield (
+            "/joint_states",
+            t[k] + late[0],
+            made.joints(t[k], random.Random(k).sample(sorted(joints.items()), 3)),
+        )
     for time, (x, y, heading) in zip(times, poses, strict=True):
-        yield "/odom", time + late[1], made.odometry(time, x, y, Rotation.from_euler("ZYX", [heading, 0.05, -0.03]))
+        yield (
+            "/odom",
+            time + late[1],
+            made.odometry(time, x, y, Rotation.from_euler("ZYX", [heading, 0.05, -0.03])),
+        )
 
 
 def write(path, messages, made: Store, writer):
@@ -165,7 +187,8 @@ def folder(tmp_path_factory):
 
 
 def changed(change):
-    """A drive with messages in another form, or without some: `change` returns the messages instead of each."""
+    """A drive with messages in another form, or without some:
+    `change` returns the messages instead of each."""
     return lambda made: (each for message in drive(made) for each in change(made, *message))
 
 
@@ -192,7 +215,7 @@ def fitted(file, capsys):
 TRUE = {name: pytest.approx(geometry.TRUE[name], rel=1e-7) for name in ("r", "b")}
 
 
-# -- what a bag tells ------------------------------------------------------------------------------------------------------
+# -- what a bag tells ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -204,14 +227,18 @@ def test_every_kind_has_every_number(kind, folder):
     assert np.array_equal(np.column_stack([columns[name] for name in WHEELS]), angles)
     assert np.array_equal(np.column_stack([columns["x_c"], columns["y_c"]]), poses[:, :2])
     off = (columns["phi"] - poses[:, 2] + math.pi) % (2 * math.pi) - math.pi
-    assert np.abs(off).max() < 1e-12 < math.pi < np.abs(poses[:, 2]).max() and np.abs(columns["phi"]).max() <= math.pi
+    assert (
+        np.abs(off).max() < 1e-12 < math.pi < np.abs(poses[:, 2]).max()
+        and np.abs(columns["phi"]).max() <= math.pi
+    )
     assert table.clocks["/joint_states"].numbers("s") == pytest.approx(t, abs=1e-9)
     assert table.clocks["/odom"].numbers("s") == pytest.approx(times, abs=1e-9) and not table.remarks
 
 
 @pytest.mark.parametrize("kind", ["one.bag", "two_mcap"])
 def test_numbers_of_the_vehicle(kind, folder, capsys):
-    """Angles are linear within a row, and poses are compared when they were measured: nothing is lost in joining."""
+    """Angles are linear within a row, and poses are compared when they were measured:
+    nothing is lost in joining."""
     values, remarks = fitted(folder / kind, capsys)
     assert values == TRUE and remarks == [
         f"{name} of /joint_states is interpolated linearly at the times of other topics" for name in WHEELS
@@ -235,7 +262,8 @@ def test_joints_by_their_place_would_be_found(folder, monkeypatch):
 
 
 def by_two_drivers(made, topic, t, message):
-    """Each wheel by a driver of its own, the left one 13 ms later, when it has turned on; messages of the right one come late."""
+    """Each wheel by a driver of its own, the left one 13 ms later, when it has turned on;
+    messages of the right one come late."""
     if topic != "/joint_states":
         return [(topic, t, message)]
     angles = dict(zip(message.name, message.position, strict=True))
@@ -249,7 +277,8 @@ def by_two_drivers(made, topic, t, message):
 def test_wheels_with_a_driver_each(tmp_path, capsys):
     """Messages of a topic that each lack a joint, and not in the order of their stamps."""
     values, remarks = fitted(first(tmp_path / "log.bag", changed(by_two_drivers)), capsys)
-    assert values == {name: pytest.approx(geometry.TRUE[name], rel=5e-4) for name in TRUE}  # its corners are cut
+    # Its corners are cut
+    assert values == {name: pytest.approx(geometry.TRUE[name], rel=5e-4) for name in TRUE}
     assert "/joint_states:right_wheel.position is in 241 of 482 messages" in remarks
 
 
@@ -262,8 +291,11 @@ def test_a_message_without_a_joint(tmp_path, capsys):
         return [(topic, t, message)]
 
     values, remarks = fitted(second(tmp_path / "log", changed(change)), capsys)
-    assert f"/joint_states:right_wheel.position is in {241 - len(range(3, 241, 7))} of 241 messages" in remarks
-    assert values == {name: pytest.approx(geometry.TRUE[name], rel=1e-3) for name in TRUE}  # its speed changes over two rows
+    assert (
+        f"/joint_states:right_wheel.position is in {241 - len(range(3, 241, 7))} of 241 messages" in remarks
+    )
+    # Its speed changes over two rows
+    assert values == {name: pytest.approx(geometry.TRUE[name], rel=1e-3) for name in TRUE}
 
 
 def at(offset, unstamped=()):
@@ -283,21 +315,28 @@ def test_clocks_that_differ_are_told(tmp_path, capsys):
     assert values == TRUE
     (said,) = (each for each in remarks if "later" in each)
     assert "by 0.002 s for /joint_states, 0.305 s for /odom; that differs by more than 0.05 s" in said
-    table = table_of_log(first(tmp_path / "b.bag", at({"/odom": 0.13, "/joint_states": 0.09})), (), WHEELS | PLACE)
+    table = table_of_log(
+        first(tmp_path / "b.bag", at({"/odom": 0.13, "/joint_states": 0.09})), (), WHEELS | PLACE
+    )
     assert not table.remarks
 
 
 def test_times_of_the_bag_where_headers_have_none(tmp_path):
-    file = second(tmp_path / "log", at({"/odom": -0.005, "/joint_states": -0.002}, ["/odom", "/joint_states"]))
+    file = second(
+        tmp_path / "log", at({"/odom": -0.005, "/joint_states": -0.002}, ["/odom", "/joint_states"])
+    )
     table = table_of_log(file, (), WHEELS | PLACE)
     assert table.clocks["/odom"].numbers("s") == pytest.approx(driven()[2], abs=1e-9)
     assert "messages of /odom have no stamps in a header: their times are those of the bag" in table.remarks
-    one = table_of_log(first(tmp_path / "log.bag", at({"/odom": 0.0, "/joint_states": 0.1}, ["/odom"])), (), WHEELS | PLACE)
+    one = table_of_log(
+        first(tmp_path / "log.bag", at({"/odom": 0.0, "/joint_states": 0.1}, ["/odom"])), (), WHEELS | PLACE
+    )
     assert "0.102 s for /joint_states, 0 s for /odom" in one.remarks[-1]
 
 
 def recorded(made):
-    """The run of test_identification with rates and torques of the joints, the rate of a gyro and speeds that were commanded."""
+    """The run of test_identification with rates and torques of the joints,
+    the rate of a gyro and speeds that were commanded."""
     names, rows = dynamics.columns(), dynamics.table()
     for row in rows:
         of, rates = dict(zip(names, map(float, row), strict=True)), [1.5, -2.5, 3.5]
@@ -306,7 +345,10 @@ def recorded(made):
         named = dict(zip(("left", "pan", "right"), joints[0], strict=True))
         yield "/joint_states", of["t"] + 0.001, made.joints(of["t"], named, *joints[1:])
         yield "/cmd_vel", of["t"] + 0.004, made.twist(of["x_c"], of["phi"])
-        covariance = {f"{each}_covariance": np.zeros(9) for each in ("orientation", "angular_velocity", "linear_acceleration")}
+        covariance = {
+            f"{each}_covariance": np.zeros(9)
+            for each in ("orientation", "angular_velocity", "linear_acceleration")
+        }
         imu = made.new(
             "sensor_msgs/Imu",
             header=made.header(of["t"]),
@@ -345,14 +387,18 @@ def test_masses_from_rates_and_torques_of_joints(tmp_path):
 @pytest.mark.nightly
 def test_masses_at_the_command_line(tmp_path, capsys):
     file = second(tmp_path / "log", recorded, "SQLITE3")
-    assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json", *options(DYNAMIC)]) == 0
+    assert (
+        main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json", *options(DYNAMIC)])
+        == 0
+    )
     values = json.loads(capsys.readouterr().out)["parameters"]
     assert {name: values[name]["value"] for name in dynamics.PLANT} == pytest.approx(dynamics.PLANT, rel=1e-4)
 
 
 @pytest.mark.parametrize("mapped", [WHEELS | PLACE, PLACE | WHEELS], ids=["wheels first", "poses first"])
 def test_a_table_has_the_rows_of_the_first_topic(mapped, folder, tmp_path, capsys):
-    """The others are interpolated linearly, the heading over pi too, and nothing is beyond the messages of a topic."""
+    """The others are interpolated linearly, the heading over pi too,
+    and nothing is beyond the messages of a topic."""
     output = tmp_path / "run.csv"
     assert main(["log", str(folder / "two_mcap"), "-o", str(output), *options(mapped)]) == 0
     said = capsys.readouterr().out
@@ -365,7 +411,10 @@ def test_a_table_has_the_rows_of_the_first_topic(mapped, folder, tmp_path, capsy
     made = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     made["phi"] += 2 * math.pi  # the first yaw is below pi
     assert made["t"] == pytest.approx(expected, abs=1e-9)
-    for name, own, values in (*zip(WHEELS, (t, t), angles.T, strict=True), *zip(PLACE, (times,) * 3, poses.T, strict=True)):
+    for name, own, values in (
+        *zip(WHEELS, (t, t), angles.T, strict=True),
+        *zip(PLACE, (times,) * 3, poses.T, strict=True),
+    ):
         assert made[name] == pytest.approx(np.interp(expected, own, values), abs=1e-8), name
     others = "x_c, y_c, phi of /odom" if is_first else "theta_r, theta_l of /joint_states"
     assert f"interpolated linearly in time: {others}" in said
@@ -383,7 +432,9 @@ def test_a_run_is_drawn(tmp_path, capsys, monkeypatch, bad_input):
 
     file = first(tmp_path / "log.bag", messages)
     monkeypatch.setattr("noslip.simulation.plot.draw", lambda run: drawn.append(run) or Figure())
-    rates = {f"thetadot_{s}": f"/joint_states:{joint}.velocity" for s, joint in (("r", "right"), ("l", "left"))}
+    rates = {
+        f"thetadot_{s}": f"/joint_states:{joint}.velocity" for s, joint in (("r", "right"), ("l", "left"))
+    }
     view = ["view", file, "--spec", "circle", "-o", str(tmp_path / "run.png")]
     assert main([*view, *options(PLACE | rates)]) == 0
     said = capsys.readouterr().out
@@ -393,7 +444,7 @@ def test_a_run_is_drawn(tmp_path, capsys, monkeypatch, bad_input):
     assert "no column thetadot_r; type_iv_circle of the SPEC needs it" in bad_input([*view, *options(PLACE)])
 
 
-# -- other forms of bags ---------------------------------------------------------------------------------------------------
+# -- other forms of bags -------------------------------------------------------------------------------------
 
 
 def brief(made):
@@ -401,7 +452,11 @@ def brief(made):
     yield from (each for each in drive(made) if each[1] < 2.0)
     layout = made.new("std_msgs/MultiArrayLayout", [], 0)
     for k in range(20):
-        yield "/ticks", 0.1 * k, made.new("std_msgs/Int32MultiArray", layout=layout, data=np.array([k, 7], np.int32))
+        yield (
+            "/ticks",
+            0.1 * k,
+            made.new("std_msgs/Int32MultiArray", layout=layout, data=np.array([k, 7], np.int32)),
+        )
 
 
 MODES = (("SQLITE3", "FILE"), ("SQLITE3", "MESSAGE"), ("MCAP", "STORAGE"))
@@ -421,7 +476,9 @@ def test_compressed_and_older_bags(made, tmp_path):
     table = table_of_log(made(tmp_path / "log"), (), mapped)
     assert table[WHEELS["theta_r"]].numbers() == pytest.approx(driven()[1][:40, 0])
     assert table[PLACE["x_c"]].numbers() == pytest.approx(driven()[3][:14, 0])
-    assert table["/ticks:data[0]"].numbers().tolist() == [*range(20)] and set(table["/ticks:data.1"].entries) == {7.0}
+    assert table["/ticks:data[0]"].numbers().tolist() == [*range(20)] and set(
+        table["/ticks:data.1"].entries
+    ) == {7.0}
 
 
 def test_types_of_ones_own(tmp_path, bad_input):
@@ -439,22 +496,37 @@ def test_types_of_ones_own(tmp_path, bad_input):
     assert np.array_equal(table["/wheels:left"].numbers(), driven()[1][:, 1])
     file = without_definitions(tmp_path / "log.db3", messages, store)
     said = bad_input(calibrate(file, mapped))
-    assert "/wheels (mine/Wheels, 241 messages) cannot be decoded: the bag has no definition of its type; record it" in said
+    assert (
+        "/wheels (mine/Wheels, 241 messages) cannot be decoded: the bag has no definition of its type; "
+        "record it" in said
+    )
     assert len(table_of_log(file, (), PLACE)[PLACE["phi"]].entries) == 80
 
 
-# -- what cannot be read ---------------------------------------------------------------------------------------------------
+# -- what cannot be read -------------------------------------------------------------------------------------
 
-TOPICS = "its topics are /joint_states (sensor_msgs/JointState, 241 messages), /odom (nav_msgs/Odometry, 80 messages)"
-FIELDS = "its fields are header.stamp, pose.pose.position.x, pose.pose.position.y, pose.pose.position.z, pose.pose.orientation, "
+TOPICS = (
+    "its topics are /joint_states (sensor_msgs/JointState, 241 messages), /odom (nav_msgs/Odometry, 80 "
+    "messages)"
+)
+FIELDS = (
+    "its fields are header.stamp, pose.pose.position.x, pose.pose.position.y, pose.pose.position.z, "
+    "pose.pose.orientation, "
+)
 JOINTS = "its joints are left_wheel, right_wheel, turret.pan, each with .position, .velocity, .effort"
 ERRORS = {
-    "no topic": ("/joints:right_wheel.position", f"no topic '/joints'; did you mean '/joint_states'?; {TOPICS}"),
+    "no topic": (
+        "/joints:right_wheel.position",
+        f"no topic '/joints'; did you mean '/joint_states'?; {TOPICS}",
+    ),
     "no field": ("/odom:pose.position.x", f"/odom:pose.position.x: no such field; {FIELDS}"),
     "a text": ("/odom:child_frame_id", f"not a number; {FIELDS}"),
     "part of a message": ("/odom:pose.pose", f"not a number; {FIELDS}"),
     "topic only": ("/odom", f"no field of /odom is named; write /odom:FIELD, {FIELDS}"),
-    "no joint": ("/joint_states:wheel.position", f"/joint_states:wheel.position is in none of 241 messages; {JOINTS}"),
+    "no joint": (
+        "/joint_states:wheel.position",
+        f"/joint_states:wheel.position is in none of 241 messages; {JOINTS}",
+    ),
     "empty velocity": ("/joint_states:right_wheel.velocity", f"is in none of 241 messages; {JOINTS}"),
     "joint by place": ("/joint_states:position[0]", f"no such field; {JOINTS}"),
     "beyond an array": ("/odom:pose.covariance[36]", f"is in none of 80 messages; {FIELDS}"),
@@ -502,7 +574,10 @@ def test_a_topic_without_messages(tmp_path, bad_input):
         message = made.joints(0.0, {"left_wheel": 0.0})
         bag.write(joints, START, made.store.serialize_ros1(message, message.__msgtype__))
     said = bad_input(calibrate(tmp_path / "a.bag", PLACE))
-    assert "topic /odom has no messages; its topics are /joint_states (sensor_msgs/JointState, 1 messages), /odom (" in said
+    assert (
+        "topic /odom has no messages; its topics are /joint_states (sensor_msgs/JointState, 1 messages), "
+        "/odom (" in said
+    )
 
 
 def test_clocks_without_a_time_in_common(tmp_path, bad_input):
@@ -515,13 +590,16 @@ def test_clocks_without_a_time_in_common(tmp_path, bad_input):
         stamp.sec -= 5 * (t > 7)
         return [(topic, t, message)]
 
-    assert "the clock was set back; cut the log there" in bad_input(calibrate(first(tmp_path / "b.bag", changed(back))))
+    assert "the clock was set back; cut the log there" in bad_input(
+        calibrate(first(tmp_path / "b.bag", changed(back)))
+    )
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.nightly) for k in range(1, 8))])
 @pytest.mark.parametrize("kind", [KINDS[0], *KINDS[3:]])
 def test_damaged_bags(kind, seed, folder, tmp_path):
-    """Cut, or with wrong bytes: refused in words, or, where they are not in what is read, the same; never with fewer messages."""
+    """Cut, or with wrong bytes: refused in words, or, where they are not in what is read, the same;
+    never with fewer messages."""
     draw, whole = random.Random(seed), (folder / kind).read_bytes()
     file = tmp_path / f"log.{kind.rpartition('.')[2]}"
     lengths = {name: len(column.entries) for name, column in table_of_log(folder / kind, (), PLACE).items()}

@@ -1,4 +1,5 @@
-"""What noslip did not make it neither removes nor overwrites; what is damaged or could be another user's it does not use."""
+"""What noslip did not make it neither removes nor overwrites;
+what is damaged or could be another user's it does not use."""
 
 import os
 import shutil
@@ -27,7 +28,16 @@ SAMPLES = 40
 def sweep(tmp_path):
     """The command of a small sweep into o.parquet."""
     (tmp_path / "s.toml").write_text(SWEPT)
-    return ["sweep", str(tmp_path / "s.toml"), "--samples", str(SAMPLES), "-o", str(tmp_path / "o.parquet"), "--jobs", "1"]
+    return [
+        "sweep",
+        str(tmp_path / "s.toml"),
+        "--samples",
+        str(SAMPLES),
+        "-o",
+        str(tmp_path / "o.parquet"),
+        "--jobs",
+        "1",
+    ]
 
 
 @pytest.fixture
@@ -44,7 +54,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-# -- a sweep's folder ------------------------------------------------------------------------------------------------------
+# -- a sweep's folder ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["thesis.tex", "0000000", ".hidden", "sweep.txt"])
@@ -94,11 +104,14 @@ def test_a_sweep_goes_where_a_link_leads(sweep, tmp_path):
     (tmp_path / "real").mkdir()
     (tmp_path / "o.parquet").symlink_to("real/o.parquet")
     assert main(sweep) == 0
-    assert (tmp_path / "o.parquet").is_symlink() and [path.name for path in (tmp_path / "real").iterdir()] == ["o.parquet"]
+    assert (tmp_path / "o.parquet").is_symlink() and [
+        path.name for path in (tmp_path / "real").iterdir()
+    ] == ["o.parquet"]
 
 
 def test_a_damaged_part_is_computed_again(sweep, parts, tmp_path):
-    """Whichever bit is not as it was written, the size the same; nor is a part used in the place of another."""
+    """Whichever bit is not as it was written, the size the same;
+    nor is a part used in the place of another."""
     file = parts.folder / "0000000"
     whole = file.read_bytes()
     random = np.random.default_rng(3)
@@ -139,7 +152,7 @@ def test_a_damaged_sweep_is_not_read(sweep, tmp_path, capsys):
         assert main(["simulate", str(file), "--sample", "3", "-o", str(tmp_path / "run.csv")]) == 2
 
 
-# -- other folders and files -----------------------------------------------------------------------------------------------
+# -- other folders and files ---------------------------------------------------------------------------------
 
 
 def test_stale_files_are_in_the_folder_and_as_they_were_made(tmp_path):
@@ -150,11 +163,15 @@ def test_stale_files_are_in_the_folder_and_as_they_were_made(tmp_path):
     (tmp_path / "thesis.tex").write_text("mine")
     manifest = (folder / "manifest.json").read_text()
     digest = "7baa60a1b0f2eacbd3d0bb8ba4a1d4c3c9d7c4f4f4a5a1"  # any
-    (folder / "manifest.json").write_text(manifest.replace('"files": {', f'"files": {{"../../thesis.tex": "{digest}",'))
+    (folder / "manifest.json").write_text(
+        manifest.replace('"files": {', f'"files": {{"../../thesis.tex": "{digest}",')
+    )
     (folder / "labmate_type_i_f.c").write_text("edited")
     assert main([*command, "type_ii"]) == 0
     assert (tmp_path / "thesis.tex").read_text() == "mine"
-    assert (folder / "labmate_type_i_f.c").read_text() == "edited" and not (folder / "labmate_type_i_f.h").exists()
+    assert (folder / "labmate_type_i_f.c").read_text() == "edited" and not (
+        folder / "labmate_type_i_f.h"
+    ).exists()
 
 
 @pytest.mark.parametrize("files", ["[]", '["../x"]', "3", "null", '{"a": {}}', "[" * 3000])
@@ -163,7 +180,9 @@ def test_a_manifest_of_another_program_is_not_overwritten(files, tmp_path, bad_i
     (tmp_path / "labmate/manifest.json").write_text(f'{{"files": {files}}}')
     (tmp_path / "labmate/labmate.h").write_text("mine")
     before = contents(tmp_path)
-    assert "not written by noslip; move it" in bad_input(["generate", "labmate", "-o", str(tmp_path), "--output", "type_i"])
+    assert "not written by noslip; move it" in bad_input(
+        ["generate", "labmate", "-o", str(tmp_path), "--output", "type_i"]
+    )
     assert contents(tmp_path) == before
 
 
@@ -228,7 +247,11 @@ def test_a_file_is_replaced_whole_with_its_permissions(tmp_path):
     file.chmod(0o640)
     (tmp_path / "link").symlink_to("run.csv")
     write_whole(tmp_path / "link", "new")
-    assert file.read_text() == "new" and file.stat().st_mode & 0o777 == 0o640 and (tmp_path / "link").is_symlink()
+    assert (
+        file.read_text() == "new"
+        and file.stat().st_mode & 0o777 == 0o640
+        and (tmp_path / "link").is_symlink()
+    )
     with pytest.raises(ZeroDivisionError), replacing(file) as new:
         new.write_text("half")
         raise ZeroDivisionError
@@ -239,14 +262,16 @@ def test_a_loop_of_links_is_refused(tmp_path, bad_input):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
     (tmp_path / "s.toml").write_text(SPEC)
-    assert "is a link to itself" in bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a")])
+    assert "is a link to itself" in bad_input(
+        ["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a")]
+    )
     bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a" / "r.csv")])
     with pytest.raises(OSError):
         write_whole(tmp_path / "a", "x")
     assert (tmp_path / "a").is_symlink() and (tmp_path / "b").is_symlink()
 
 
-# -- the cache of compiled laws --------------------------------------------------------------------------------------------
+# -- the cache of compiled laws ------------------------------------------------------------------------------
 
 SOURCE = {"two.c": "double two(void);\ndouble two(void) { return 2.0; }\n"}
 
@@ -280,7 +305,9 @@ def test_a_cache_that_others_can_write_is_refused(cache):
     for path, mode in ((cache, 0o777), (cache, 0o770), (library, 0o722), (library, 0o720)):
         before = path.stat().st_mode
         path.chmod(mode)
-        with pytest.raises(BadInput, match="can be written by others, and noslip does not execute programs of others"):
+        with pytest.raises(
+            BadInput, match="can be written by others, and noslip does not execute programs of others"
+        ):
             build.shared_library(SOURCE)
         path.chmod(before)
     assert build.shared_library(SOURCE) == library
@@ -329,13 +356,22 @@ def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
 def test_without_a_home_there_is_one_line(tmp_path):
     """Where no folder is known, and where it cannot be made."""
     environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "NOSLIP_CACHE", "XDG_CACHE_HOME")}
-    code = f"import pathlib; pathlib.Path.home = lambda: (_ for _ in ()).throw(RuntimeError('no home')); {NOSLIP[2]}"
+    code = (
+        "import pathlib; pathlib.Path.home = lambda: (_ for _ in ()).throw(RuntimeError('no home')); "
+        f"{NOSLIP[2]}"
+    )
     cases = str(ROOT / "examples/specs/reference/labmate_paper.json")
-    ended = subprocess.run([NOSLIP[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True)
-    assert ended.returncode == 2 and ended.stderr.startswith("noslip: there is no home folder") and ended.stderr.count("\n") == 1
+    ended = subprocess.run(
+        [NOSLIP[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True
+    )
+    assert (
+        ended.returncode == 2
+        and ended.stderr.startswith("noslip: there is no home folder")
+        and ended.stderr.count("\n") == 1
+    )
 
 
-# -- files from elsewhere ----------------------------------------------------------------------------------------------------
+# -- files from elsewhere ------------------------------------------------------------------------------------
 
 EVIL = """from pathlib import Path
 from noslip.model.robots import ROBOTS
@@ -378,6 +414,16 @@ def test_a_sweep_whose_spec_was_exchanged_is_refused(evil, sweep, tmp_path, bad_
     assert main(sweep) == 0
     table = pq.read_table(tmp_path / "o.parquet")
     text = SWEPT.replace('robot = "labmate"', f'robot = "{evil}:r"')
-    pq.write_table(table.replace_schema_metadata({**table.schema.metadata, b"noslip.spec": text}), tmp_path / "o.parquet")
-    command = ["simulate", str(tmp_path / "o.parquet"), "--sample", "3", "-o", str(tmp_path / "r.csv"), "--trust"]
+    pq.write_table(
+        table.replace_schema_metadata({**table.schema.metadata, b"noslip.spec": text}), tmp_path / "o.parquet"
+    )
+    command = [
+        "simulate",
+        str(tmp_path / "o.parquet"),
+        "--sample",
+        "3",
+        "-o",
+        str(tmp_path / "r.csv"),
+        "--trust",
+    ]
     assert "is damaged" in bad_input(command) and not (tmp_path / "ran").exists()

@@ -28,7 +28,9 @@ def test_an_entry_is_found_by_parts_of_its_name(capsys):
     assert capsys.readouterr().out.splitlines() == list(glossary())
 
 
-@pytest.mark.parametrize("word, hint", [("involutve", "did you mean 'involutive'"), ("wombat", "it has Approach,"), ("", "has")])
+@pytest.mark.parametrize(
+    "word, hint", [("involutve", "did you mean 'involutive'"), ("wombat", "it has Approach,"), ("", "has")]
+)
 def test_an_unknown_word_is_refused(capsys, word, hint):
     assert main(["glossary", word]) == 2
     said = capsys.readouterr().err

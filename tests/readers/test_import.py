@@ -1,4 +1,5 @@
-"""`noslip import`: robot files from URDFs, against the URDFs' own links in space, by our kinematics and by Pinocchio's."""
+"""`noslip import`: robot files from URDFs, against the URDFs' own links in space,
+by our kinematics and by Pinocchio's."""
 
 import json
 import os
@@ -39,7 +40,9 @@ from noslip.tests.urdfs import (
     with_arm,
 )
 
-pytestmark = pytest.mark.skipif(find_spec("yourdfpy") is None, reason="yourdfpy, of the extra `physics`, reads URDFs")
+pytestmark = pytest.mark.skipif(
+    find_spec("yourdfpy") is None, reason="yourdfpy, of the extra `physics`, reads URDFs"
+)
 STATES = 5
 
 
@@ -66,7 +69,9 @@ def made(tmp_path_factory):
 
 def options(name: str) -> Options:
     """What is named on the command line for the URDFs in tests/urdfs.py."""
-    return Options(track=0.8 if name == "skid_steer" else None, arm=("elbow", "shoulder") if "arm" in name else ())
+    return Options(
+        track=0.8 if name == "skid_steer" else None, arm=("elbow", "shoulder") if "arm" in name else ()
+    )
 
 
 def along(angle: ca.SX) -> ca.SX:
@@ -74,13 +79,18 @@ def along(angle: ca.SX) -> ca.SX:
 
 
 def rates(name: str, q: dict, qdot: dict) -> dict[str, ca.SX]:
-    """The rate of every joint of the URDFs in tests/urdfs.py, written down by hand from their sizes; wheels have radius 0.1 m."""
+    """The rate of every joint of the URDFs in tests/urdfs.py, written down by hand from their sizes;
+    wheels have radius 0.1 m."""
     if "arm" in name:
         below = {"arm": "two_wheels", "arm_on_rollers": "mecanum", "arm_on_a_car": "car"}[name]
         return rates(below, q, qdot) | {"shoulder": qdot["q_1"], "elbow": -qdot["q_2"], "wrist": 0}
     forward = ca.cos(q["phi"]) * qdot["x"] + ca.sin(q["phi"]) * qdot["y"]
     if name == "skid_steer":
-        return {f"{end}_{side}_joint": qdot[f"theta_{side[0]}"] for end in ("front", "rear") for side in ("left", "right")}
+        return {
+            f"{end}_{side}_joint": qdot[f"theta_{side[0]}"]
+            for end in ("front", "rear")
+            for side in ("left", "right")
+        }
     if name == "mecanum":
         found = {f"{end}_left_joint": -qdot[f"theta_{end[0]}l"] for end in ("front", "rear")}
         found |= {f"{end}_right_joint": qdot[f"theta_{end[0]}r"] for end in ("front", "rear")}
@@ -90,7 +100,8 @@ def rates(name: str, q: dict, qdot: dict) -> dict[str, ca.SX]:
         count = sum(coordinate.startswith("phi_") for coordinate in q)
         axle = ca.vertcat(q["x"], q["y"]) - 0.1 * along(q["phi"])  # here still the hitch
         for k in range(1, count + 1):
-            heading, sign = q[f"phi_{k}"], -1 if k == count else 1  # the last hangs on a joint that is upside down
+            # The last hangs on a joint that is upside down
+            heading, sign = q[f"phi_{k}"], -1 if k == count else 1
             found[f"hitch_{k}"] = sign * (qdot[f"phi_{k}"] - qdot[f"phi_{k - 1}" if k > 1 else "phi"])
             axle = axle - 0.5 * along(heading)
             for side, left in (("left", 0.15), ("right", -0.15)):
@@ -111,7 +122,8 @@ def rates(name: str, q: dict, qdot: dict) -> dict[str, ca.SX]:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_mass_matrix_and_bias_are_those_of_pinocchio(name, made):
-    """Of the URDF as a free flyer, with the velocities that the constraints allow: T'M T and T'(M Tdot nu + h)."""
+    """Of the URDF as a free flyer, with the velocities that the constraints allow:
+    T'M T and T'(M Tdot nu + h)."""
     pin = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
     system, _ = made(name)
     robot = system.mechanism
@@ -121,10 +133,14 @@ def test_mass_matrix_and_bias_are_those_of_pinocchio(name, made):
     c, s = ca.cos(q["phi"]), ca.sin(q["phi"])
     given = rates(name, q, qdot)
     joints = [given[model.names[k]] for k in range(2, model.njoints)]  # 0 is the world, 1 the free flyer
-    v = ca.vertcat(c * qdot["x"] + s * qdot["y"], c * qdot["y"] - s * qdot["x"], 0, 0, 0, qdot["phi"], *joints)
+    v = ca.vertcat(
+        c * qdot["x"] + s * qdot["y"], c * qdot["y"] - s * qdot["x"], 0, 0, 0, qdot["phi"], *joints
+    )
     T = ca.jacobian(v, system.nu)
     Tdot = ca.jtimes(T, robot.q, system.qdot)
-    f = ca.Function("f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (T, Tdot, system.Mbar, system.bias)])
+    f = ca.Function(
+        "f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (T, Tdot, system.Mbar, system.bias)]
+    )
     names = [model.names[k] for k in range(2, model.njoints)]
     position = ca.Function("position", [robot.q], [ca.vertcat(*positions(names, q))])
     values, random, data = [p.default for p in robot.parameters], np.random.default_rng(5), model.createData()
@@ -179,7 +195,8 @@ def test_mass_matrix_is_that_of_the_links(name, made):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_file_is_the_urdf(name, made):
-    """Its mass matrix is that of the links in space, and where each wheel has its own constraint no rim slips."""
+    """Its mass matrix is that of the links in space, and where each wheel has its own constraint no rim
+    slips."""
     system, layout = made(name)
     difference, slip = compare(system, layout)
     assert difference < SAME / 100 and (slip is None or slip < SAME / 100)
@@ -206,7 +223,11 @@ def test_two_wheels_have_the_laws_of_labmate(tmp_path, capsys):
     assert main(["import", written(tmp_path, two_wheels()), "-o", str(target), "--json"]) == 0
     out, err = capsys.readouterr()
     said = json.loads(out)
-    assert said["robot"] == "cart" and said["castors"] == ["castor"] and list(said["wheels"]) == ["right_joint", "left_joint"]
+    assert (
+        said["robot"] == "cart"
+        and said["castors"] == ["castor"]
+        and list(said["wheels"]) == ["right_joint", "left_joint"]
+    )
     assert "castor" in err and "lidar_joint" in err and len(err.splitlines()) == len(said["notes"]) == 2
     assert said["mass_matrix_difference"] < SAME
     laws = find_laws(system_of(find_robot(f"{target}:cart")))
@@ -221,7 +242,8 @@ def test_two_wheels_have_the_laws_of_labmate(tmp_path, capsys):
 
 @pytest.mark.parametrize("model", ["burger", "waffle_pi"])
 def test_the_shipped_turtlebot3_is_its_links(model, tmp_path):
-    """Mass matrix, bias and loads at random states: those of the robot that is imported from its maker's numbers."""
+    """Mass matrix, bias and loads at random states: those of the robot that is imported from its maker's
+    numbers."""
     layout = recognize(read(written(tmp_path, turtlebot3(model))), Options())
     shipped = f"turtlebot3_{model}"
     file = tmp_path / f"{shipped}.py"
@@ -231,9 +253,16 @@ def test_the_shipped_turtlebot3_is_its_links(model, tmp_path):
         system = system_of(find_robot(name))
         robot, random = system.mechanism, np.random.default_rng(3)
         loads = ca.vertcat(*[contact.mass for contact in robot.contacts])
-        f = ca.Function("f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (system.Mbar, system.bias, loads)])
+        f = ca.Function(
+            "f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (system.Mbar, system.bias, loads)]
+        )
         states = [(random.uniform(-2, 2, 5), random.uniform(-5, 5, 2)) for _ in range(STATES)]
-        found.append([np.vstack([v.full().reshape(-1, 1) for v in f(*s, [p.default for p in robot.parameters])]) for s in states])
+        found.append(
+            [
+                np.vstack([v.full().reshape(-1, 1) for v in f(*s, [p.default for p in robot.parameters])])
+                for s in states
+            ]
+        )
     assert np.allclose(*found, rtol=1e-10, atol=0)
 
 
@@ -268,8 +297,11 @@ BAD = {
         "joint 'right_wheel' is fixed; if it is a wheel, make it continuous",
     ),
     "rollers on a swivel": (
-        lambda: swivelled().text.replace('"base"/><child link="rear_left"/>', '"swivel"/><child link="rear_left"/>'),
-        "joint 'rear_left_joint' is a wheel with rollers on the vertical joint 'swivel_joint'; make that fixed",
+        lambda: swivelled().text.replace(
+            '"base"/><child link="rear_left"/>', '"swivel"/><child link="rear_left"/>'
+        ),
+        "joint 'rear_left_joint' is a wheel with rollers on the vertical joint 'swivel_joint'; make that "
+        "fixed",
     ),
     "no wheel inertia": (
         without_inertial("left"),
@@ -292,7 +324,10 @@ BAD = {
         replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0.0 0.3 -1.0"'),
         "joint 'right_joint': its axis is 16.7 deg from horizontal",
     ),
-    "toe": (replaced(f'rpy="{WHEEL}"', f'rpy="{WHEEL}.3"'), "'right_joint' and 'left_joint' differ by 17.2 deg"),
+    "toe": (
+        replaced(f'rpy="{WHEEL}"', f'rpy="{WHEEL}.3"'),
+        "'right_joint' and 'left_joint' differ by 17.2 deg",
+    ),
     "cylinder askew": (
         replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0.3 0.0 -1.0"'),
         "link 'right': its cylinder is not centred on the axle",
@@ -301,36 +336,61 @@ BAD = {
         replaced('<axis xyz="0.0 0.0 -1.0"/>', ""),
         "; without <axis>, so that it is 1 0 0: joints 'right_joint'",
     ),
-    "axis zero": (replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0 0 0"'), "joint 'right_joint': its axis has length zero"),
+    "axis zero": (
+        replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0 0 0"'),
+        "joint 'right_joint': its axis has length zero",
+    ),
     "no mesh": (
         replaced(CYLINDER, MESH),
         "link 'right': its mesh package://cart/left.stl is not found; give its radius by --radius right=",
     ),
-    "cylinder across": (replaced(f"<collision>{CYLINDER}", f'<collision><origin rpy="1 0 0"/>{CYLINDER}'), "not along the axle"),
+    "cylinder across": (
+        replaced(f"<collision>{CYLINDER}", f'<collision><origin rpy="1 0 0"/>{CYLINDER}'),
+        "not along the axle",
+    ),
     "radius zero": (replaced(CYLINDER, CYLINDER.replace("0.1", "0", 1)), "the radius of its cylinder is 0 m"),
     "twice": (replaced('link name="box"', 'link name="base"'), "link 'base' is defined twice"),
-    "no parent": (replaced('parent link="base"', 'parent link="bass"'), "its parent is no link: 'bass'; did you mean 'base'?"),
+    "no parent": (
+        replaced('parent link="base"', 'parent link="bass"'),
+        "its parent is no link: 'bass'; did you mean 'base'?",
+    ),
     "two roots": (replaced('<link name="box">', '<link name="loose"/><link name="box">'), "have no parent"),
-    "two carriers": (replaced('child link="castor"', 'child link="box"'), "link 'box' is the child of joints"),
+    "two carriers": (
+        replaced('child link="castor"', 'child link="box"'),
+        "link 'box' is the child of joints",
+    ),
     "type": (replaced('type="continuous"', 'type="spinning"'), "unknown type 'spinning'"),
-    "floating": (replaced('"lidar_joint" type="continuous"', '"lidar_joint" type="floating"'), "joint 'lidar_joint' is floating"),
+    "floating": (
+        replaced('"lidar_joint" type="continuous"', '"lidar_joint" type="floating"'),
+        "joint 'lidar_joint' is floating",
+    ),
     "mecanum": (
         replaced(CYLINDER, MESH.replace("left", "mecanum")),
-        "joint 'right_joint': 'package://cart/mecanum.stl' is a wheel with rollers (mecanum or omnidirectional)",
+        "joint 'right_joint': 'package://cart/mecanum.stl' is a wheel with rollers (mecanum or "
+        "omnidirectional)",
     ),
-    "unlike rollers": (replaced('sphere radius="0.02"', 'box size="1 1 1"', mecanum), "give the radius of the wheel by --radius"),
+    "unlike rollers": (
+        replaced('sphere radius="0.02"', 'box size="1 1 1"', mecanum),
+        "give the radius of the wheel by --radius",
+    ),
     "three with rollers": (
         lambda: three_with_rollers(),
         "are wheels with rollers; a robot file describes four",
     ),
-    "roller askew": (replaced('axis xyz="0.5000000000000001', 'axis xyz="0.3', mecanum), "its rollers are not alike"),
+    "roller askew": (
+        replaced('axis xyz="0.5000000000000001', 'axis xyz="0.3', mecanum),
+        "its rollers are not alike",
+    ),
     "skid": (lambda: four_wheels().text, "--skid-steer-track METRES"),
     "unbalanced": (
         replaced('xyz="0.0 0.0 0.01" rpy="0.0 0.0 0.3"', 'xyz="0.05 0.0 0.01"'),
         "centre of mass is 50% of the radius away",
     ),
     "limits": (replaced('lower="-1.0"', 'lower="0.5"', urdf=lambda: lifted()), "beyond its limits 0.5 to 1"),
-    "apart": (lambda: apart().text, "joint 'steering_left' mimics 'steering_right' by 1: the wheels turn apart"),
+    "apart": (
+        lambda: apart().text,
+        "joint 'steering_left' mimics 'steering_right' by 1: the wheels turn apart",
+    ),
     "two pairs": (lambda: crab().text, "joints 'steering', 'steering_rear' steer wheels"),
 }
 
@@ -384,8 +444,14 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
     [
         (["--wheels", "lefty_joint"], "no 'lefty_joint'; did you mean 'left_joint'?"),
         (["--wheels", "castor_joint", "left_joint"], "joint 'castor_joint' cannot be a wheel: it is fixed"),
-        (["--wheels", "lidar_joint"], "joint 'lidar_joint' cannot be a wheel: its axis is 90 deg from horizontal"),
-        (["--castors", "left_joint"], "wheels on 'base', without castors and those on vertical joints: 'right_joint'"),
+        (
+            ["--wheels", "lidar_joint"],
+            "joint 'lidar_joint' cannot be a wheel: its axis is 90 deg from horizontal",
+        ),
+        (
+            ["--castors", "left_joint"],
+            "wheels on 'base', without castors and those on vertical joints: 'right_joint'",
+        ),
         (["--castors", "box"], "--castors: link 'box'"),
         (["--arm", "lidar"], "there is no 'lidar'; did you mean 'lidar_joint'?"),
         (["--arm", "left_joint"], "--arm: joint 'left_joint' carries the wheel 'left'"),
@@ -398,7 +464,9 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
     ],
 )
 def test_bad_options_are_one_line(more, said, tmp_path, bad_input):
-    assert said in bad_input(["import", written(tmp_path, two_wheels()), *more, "-o", str(tmp_path / "robot.py")])
+    assert said in bad_input(
+        ["import", written(tmp_path, two_wheels()), *more, "-o", str(tmp_path / "robot.py")]
+    )
 
 
 def test_an_inertia_that_no_body_has_is_noted(tmp_path, capsys):
@@ -408,26 +476,28 @@ def test_an_inertia_that_no_body_has_is_noted(tmp_path, capsys):
     made.parts[at] = re.sub(r'izz="[^"]*"', 'izz="0.9"', made.parts[at])
     assert main(["import", written(tmp_path, made), "-o", str(tmp_path / "cart.py")]) == 0
     assert (
-        "no body has such an inertia, with a principal moment above the sum of the others; correct <inertia>: links left\n"
-        in (capsys.readouterr().err)
+        "no body has such an inertia, with a principal moment above the sum of the others; correct "
+        "<inertia>: links left\n" in (capsys.readouterr().err)
     )
 
 
 def test_a_chassis_that_stands_on_a_ball_of_its_own(tmp_path, capsys):
-    """It is no castor apart, and its part of the weight is there; of two <inertial> the first counts, as in ROS, and is said."""
+    """It is no castor apart, and its part of the weight is there; of two <inertial> the first counts,
+    as in ROS, and is said."""
 
     def solid(mass: float, shape: str, more: str = "") -> str:
         inertial = (
-            f'<inertial><mass value="{mass}"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>'
+            f'<inertial><mass value="{mass}"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" '
+            'izz="1e-3"/></inertial>'
         )
         return f"{inertial}{more}<collision>{shape}</collision>"
 
     disc = '<geometry><cylinder radius="0.05" length="0.01"/></geometry>'
     ball = '<collision><origin xyz="-0.1 0 0.02"/><geometry><sphere radius="0.02"/></geometry></collision>'
     axle = {
-        side: f'<joint name="{side}" type="continuous"><origin xyz="0.02 {y} 0.05" rpy="-1.5707963267948966 0 0"/>'
-        f'<parent link="base"/><child link="{side}_wheel"/><axis xyz="0 0 1" rpy="0 0"/></joint>'
-        f'<link name="{side}_wheel">{solid(0.1, disc)}</link>'
+        side: f'<joint name="{side}" type="continuous"><origin xyz="0.02 {y} 0.05" rpy="-1.5707963267948966 '
+        f'0 0"/><parent link="base"/><child link="{side}_wheel"/><axis xyz="0 0 1" rpy="0 '
+        f'0"/></joint><link name="{side}_wheel">{solid(0.1, disc)}</link>'
         for side, y in (("left", 0.1), ("right", -0.1))
     }
     box = '<origin xyz="0 0 0.06"/><geometry><box size="0.2 0.2 0.05"/></geometry>'
@@ -435,38 +505,51 @@ def test_a_chassis_that_stands_on_a_ball_of_its_own(tmp_path, capsys):
     (tmp_path / "cart.urdf").write_text(f'<robot name="cart">{base}{"".join(axle.values())}</robot>')
     assert main(["import", str(tmp_path / "cart.urdf"), "-o", str(tmp_path / "cart.py")]) == 0
     out, err = capsys.readouterr()
-    assert "warning: given more than once, of which the first counts, as in ROS: <inertial> of link base\n" in err
+    assert (
+        "warning: given more than once, of which the first counts, as in ROS: <inertial> of link base\n"
+        in err
+    )
     robot = find_robot(f"{tmp_path / 'cart.py'}:cart")
     size = {p.name: p.default for p in robot.parameters}
     assert size["m"] == pytest.approx(3.2) and "castors base carry" in out
-    assert size["load_c1"] == pytest.approx(3.0 * 0.02 / 0.12 / 3.2) and size["d"] == pytest.approx(-3.0 * 0.02 / 3.2)
+    assert size["load_c1"] == pytest.approx(3.0 * 0.02 / 0.12 / 3.2) and size["d"] == pytest.approx(
+        -3.0 * 0.02 / 3.2
+    )
 
 
 def test_what_stands_on_the_ground_is_no_arm(tmp_path, bad_input):
-    """Nor is the joint of a castor's swivel, nor one that carries the vertical joint of a trailer's wheels."""
+    """Nor is the joint of a castor's swivel, nor one that carries the vertical joint of a trailer's
+    wheels."""
     castor, truck = two_wheels(), trailers(2)
     castor.link("fork", 0.1)
     castor.joint("swivel", "continuous", "base", "fork", (0.4, 0, 0.05))
     castor.wheel("roller", "fork", (-0.03, 0, 0), radius=0.05, mass=0.1)
     for made, joint, what in ((castor, "swivel", "castor 'roller'"), (truck, "hitch_1", "wheel 'right_1'")):
-        line = bad_input(["import", written(tmp_path, made), "--arm", joint, "-o", str(tmp_path / "robot.py")])
+        line = bad_input(
+            ["import", written(tmp_path, made), "--arm", joint, "-o", str(tmp_path / "robot.py")]
+        )
         assert f"--arm: joint {joint!r} carries the {what}" in line
 
 
 @pytest.mark.nightly
 def test_an_arm_is_driven_from_its_file(tmp_path, capsys, bad_input):
-    """It has as many outputs as inputs, and the loop holds them, on a floor, too. What does not move in the plane is held, with a
-    word, or refused if it is named.
+    """It has as many outputs as inputs, and the loop holds them, on a floor, too. What does not move in the
+    plane is held, with a word, or refused if it is named.
     """
     file, target = written(tmp_path, with_arm(two_wheels())), tmp_path / "cart.py"
     assert main(["import", file, "--arm", "elbow", "shoulder", "-o", str(target), "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["arm"] == ["shoulder", "elbow"]
     assert "held fixed at zero, with all that they carry: joints lidar_joint, wrist; --arm makes" in err
-    assert "wrist': its axis is 90 deg from vertical" in bad_input(["import", file, "--arm", "wrist", "-o", str(target)])
+    assert "wrist': its axis is 90 deg from vertical" in bad_input(
+        ["import", file, "--arm", "wrist", "-o", str(target)]
+    )
     (tmp_path / "arm.toml").write_text(ARM)
     for engine in ([], ["--engine", "mujoco"] if find_spec("mujoco") else []):
-        assert main(["simulate", str(tmp_path / "arm.toml"), *engine, "-o", str(tmp_path / "run.csv"), "--json"]) == 0
+        assert (
+            main(["simulate", str(tmp_path / "arm.toml"), *engine, "-o", str(tmp_path / "run.csv"), "--json"])
+            == 0
+        )
         said = json.loads(capsys.readouterr().out)
         assert {name: abs(e["final"]) < 0.01 for name, e in said["errors"].items()} == dict.fromkeys(
             ("x_p", "y_p", "angle_1", "angle_2"), True
@@ -489,18 +572,31 @@ def given(**degrees: float) -> list[str]:
 
 
 def test_rollers_that_have_no_joints_are_named(tmp_path, bad_input, capsys):
-    """Their directions, given, lead to the robot of the URDF whose rollers have joints; otherwise one line says what to give."""
+    """Their directions, given, lead to the robot of the URDF whose rollers have joints;
+    otherwise one line says what to give."""
     for urdf, options in ((mecanum(), []), (mecanum(0), given(**ROLLERS))):
-        assert main(["import", written(tmp_path, urdf), *options, "-o", str(tmp_path / "robot.py"), "--json"]) == 0
+        assert (
+            main(["import", written(tmp_path, urdf), *options, "-o", str(tmp_path / "robot.py"), "--json"])
+            == 0
+        )
         wheels = json.loads(capsys.readouterr().out)["wheels"]
-        found = {joint.removesuffix("_joint"): (wheel["radius"], np.degrees(wheel["roller"])) for joint, wheel in wheels.items()}
+        found = {
+            joint.removesuffix("_joint"): (wheel["radius"], np.degrees(wheel["roller"]))
+            for joint, wheel in wheels.items()
+        }
         assert found == {name: pytest.approx((0.1, angle)) for name, angle in ROLLERS.items()}
     file = written(tmp_path, mecanum(0))
     for options, said in (
         (given(front_right=45), "joint 'front_left_joint' is a wheel without rollers beside others"),
-        (given(**ROLLERS | {"front_left": 45, "rear_right": 45}), "cannot turn the body and move it sideways"),
+        (
+            given(**ROLLERS | {"front_left": 45, "rear_right": 45}),
+            "cannot turn the body and move it sideways",
+        ),
         (given(**ROLLERS, box=45), "--rollers: joint 'box_joint' is no wheel on 'base'"),
-        ([*given(**ROLLERS), "--skid-steer-track", "1"], "--skid-steer-track: wheels with rollers do not slip"),
+        (
+            [*given(**ROLLERS), "--skid-steer-track", "1"],
+            "--skid-steer-track: wheels with rollers do not slip",
+        ),
         (given(door=45), "--rollers: there is no 'door_joint'"),
         (given(front_right=90), "between -90 and 90 deg"),
         (["--rollers", "front_right_joint"], "give JOINT=ANGLE"),
@@ -520,18 +616,29 @@ def test_loads_of_four_wheels_with_rollers(made):
     for _ in range(20):
         x, tau = random.uniform(-2, 2, 10), random.uniform(-3, 3, 4)
         (vx, vy, turn), (ax, ay, spin) = x[7:], plant.rate(x, tau)[7:]
-        pull = size["m"] * np.array([ax - vy * turn - d * turn**2 - e * spin, ay + vx * turn + d * spin - e * turn**2])
+        pull = size["m"] * np.array(
+            [ax - vy * turn - d * turn**2 - e * spin, ay + vx * turn + d * spin - e * turn**2]
+        )
         load, still = (
             np.array([contact.load[0] for contact in contact_forces(plant, x, tau, ContactSection(height=h))])
             for h in (height, 0.0)
         )
-        assert np.abs(np.vstack([np.ones(4), places.T]) @ (load - still) + [0.0, *(height * pull)]).max() < 1e-9
-        assert np.abs(still @ np.column_stack([np.ones(4), places]) - 9.81 * size["m"] * np.array([1, d, e])).max() < 1e-8
+        assert (
+            np.abs(np.vstack([np.ones(4), places.T]) @ (load - still) + [0.0, *(height * pull)]).max() < 1e-9
+        )
+        assert (
+            np.abs(
+                still @ np.column_stack([np.ones(4), places]) - 9.81 * size["m"] * np.array([1, d, e])
+            ).max()
+            < 1e-8
+        )
 
 
 def test_files_that_cannot_be_read_or_written(tmp_path, bad_input):
     file = written(tmp_path, two_wheels())
-    assert "check the path" in bad_input(["import", str(tmp_path / "none.urdf"), "-o", str(tmp_path / "robot.py")])
+    assert "check the path" in bad_input(
+        ["import", str(tmp_path / "none.urdf"), "-o", str(tmp_path / "robot.py")]
+    )
     assert "ends in .py" in bad_input(["import", file, "-o", str(tmp_path / "robot")])
     assert "does not exist" in bad_input(["import", file, "-o", str(tmp_path / "none" / "robot.py")])
     own = tmp_path / "own.py"
@@ -545,7 +652,9 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     (tmp_path / "cart").mkdir()
     trimesh.creation.cylinder(50.0, 20.0, sections=64).export(tmp_path / "cart" / "left.stl")
-    mesh = f'<origin rpy="0 0 {QUARTER!r}"/>{MESH.replace("/>", " scale={}/>", 1)}'.format('"0.002 0.002 0.001"')
+    mesh = f'<origin rpy="0 0 {QUARTER!r}"/>{MESH.replace("/>", " scale={}/>", 1)}'.format(
+        '"0.002 0.002 0.001"'
+    )
     urdf = two_wheels()
     file = tmp_path / "cart.urdf"
     file.write_text(urdf.text.replace(CYLINDER, mesh, 1))
@@ -554,7 +663,10 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
     assert "mesh" in layout.base.wheels[0].source
     for scale, said in (
         ("0.002 0.001 0.001", "not round about the axle"),
-        ("2 2 1", r"its radius, 100 m \(link right, collision mesh\), does not fit wheels that are 0.4 m apart"),
+        (
+            "2 2 1",
+            r"its radius, 100 m \(link right, collision mesh\), does not fit wheels that are 0.4 m apart",
+        ),
         ("2e-6 2e-6 1e-6", "does not fit wheels that are 0.4 m apart"),
         ("0 0 0", "left.stl has no size; correct its scale"),
     ):
@@ -564,7 +676,8 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
 
 
 def test_a_mirrored_mesh_is_mirrored(tmp_path):
-    """A negative scale across the axle leaves the wheel as it is; along the axle it moves the middle to the other side."""
+    """A negative scale across the axle leaves the wheel as it is;
+    along the axle it moves the middle to the other side."""
     trimesh = pytest.importorskip("trimesh")
     (tmp_path / "cart").mkdir()
     shape = trimesh.creation.cylinder(0.1, 0.04, sections=64)
@@ -573,7 +686,9 @@ def test_a_mirrored_mesh_is_mirrored(tmp_path):
     file, sides = tmp_path / "cart.urdf", {}
     for scale in ("1 1 1", "-1 1 1", "1 1 -1", "-1 -1 -1"):
         mesh = MESH.replace("/></", f' scale="{scale}"/></')
-        file.write_text(two_wheels().text.replace(f'<origin xyz="0 0 {BESIDE}"/>', "").replace(CYLINDER, mesh))
+        file.write_text(
+            two_wheels().text.replace(f'<origin xyz="0 0 {BESIDE}"/>', "").replace(CYLINDER, mesh)
+        )
         wheels = recognize(read(str(file)), Options()).base.wheels
         assert [wheel.radius for wheel in wheels] == pytest.approx([0.1, 0.1], rel=1e-4)
         sides[scale] = [float(wheel.centre[1]) for wheel in wheels]
@@ -585,7 +700,9 @@ def test_a_mirrored_mesh_is_mirrored(tmp_path):
 def test_text_of_a_urdf_stays_text(tmp_path):
     """A name with quotation marks, a line break and a backslash becomes a comment, never code."""
     evil = "&#10;raise SystemExit(7)&#10;&quot;&quot;&quot;\\"
-    text = two_wheels().text.replace('"lidar', f'"{evil}lidar').replace('link name="box"', f'link name="{evil}"')
+    text = (
+        two_wheels().text.replace('"lidar', f'"{evil}lidar').replace('link name="box"', f'link name="{evil}"')
+    )
     file = tmp_path / "cart.urdf"
     file.write_text(text.replace('link="box"', f'link="{evil}"'))
     target = tmp_path / "cart.py"
@@ -604,13 +721,17 @@ def test_what_is_named_on_the_command_line(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert json.loads(out)["wheels"]["right_joint"]["radius"] == 0.1
     assert (
-        "damping and friction are left out: joints left_joint" in err and "--radius right" in (tmp_path / "cart.py").read_text()
+        "damping and friction are left out: joints left_joint" in err
+        and "--radius right" in (tmp_path / "cart.py").read_text()
     )
 
 
-@pytest.mark.skipif("NOSLIP_URDFS" not in os.environ, reason="NOSLIP_URDFS has no paths of URDFs, separated as those of PATH")
+@pytest.mark.skipif(
+    "NOSLIP_URDFS" not in os.environ, reason="NOSLIP_URDFS has no paths of URDFs, separated as those of PATH"
+)
 def test_urdfs_of_others(tmp_path, capsys):
-    """Each becomes a robot file, whose mass matrix and rims are compared before it is written, or is refused in one line."""
+    """Each becomes a robot file, whose mass matrix and rims are compared before it is written,
+    or is refused in one line."""
     for file in os.environ["NOSLIP_URDFS"].split(os.pathsep):
         status = main(["import", file, "-o", str(tmp_path / "robot.py")])
         out, err = capsys.readouterr()

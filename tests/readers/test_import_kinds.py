@@ -1,4 +1,5 @@
-"""Each kind of published URDF, imported: masses, geometry, signs and sides against the links in space, which share no code."""
+"""Each kind of published URDF, imported: masses, geometry, signs and sides against the links in space,
+which share no code."""
 
 import json
 import os
@@ -32,12 +33,15 @@ STATES = 4
 
 @pytest.fixture
 def imported(tmp_path, capsys):
-    """A function that imports a URDF with options and returns the reduced robot, its JSON and what stderr said."""
+    """A function that imports a URDF with options and returns the reduced robot,
+    its JSON and what stderr said."""
 
     def imported(made: Bought, *options: str):
         file, target = tmp_path / "robot.urdf", tmp_path / "robot.py"
         file.write_text(made.text, encoding="utf-8")
-        assert main(["import", str(file), *options, "-o", str(target), "--json"]) == 0, capsys.readouterr().err
+        assert main(["import", str(file), *options, "-o", str(target), "--json"]) == 0, (
+            capsys.readouterr().err
+        )
         out, err = capsys.readouterr()
         said = json.loads(out)
         return system_of(find_robot(f"{target}:{said['robot']}")), said, err
@@ -63,8 +67,9 @@ def exact(text: str) -> str:
 
 
 def check(made: Bought, system, slips: bool = False) -> None:
-    """At random velocities that the robot file allows: a wheel rolls at the rate of the coordinate of its side, no rim slips, and
-    the energy is that of all links, with wheels that turn so, and nothing else that moves.
+    """At random velocities that the robot file allows: a wheel rolls at the rate of the coordinate of its
+    side, no rim slips, and the energy is that of all links, with wheels that turn so, and nothing else that
+    moves.
     """
     links, random, robot = Links(exact(made.text)), np.random.default_rng(3), system.mechanism
     names = [c.name for c in robot.coordinates]
@@ -89,7 +94,8 @@ def check(made: Bought, system, slips: bool = False) -> None:
             assert slips or forward == pytest.approx(made.radius * coordinate, rel=1e-9)
             assert slips or abs(v[1] + centre[0] * v[5]) < 1e-9  # to the left
             k = 6 + links.moving.index(joint)
-            left = frames[links.joints[joint].find("child").get("link")][2][4, k]  # part of its axis that is to the left
+            # Part of its axis that is to the left
+            left = frames[links.joints[joint].find("child").get("link")][2][4, k]
             assert abs(left) == pytest.approx(1.0, abs=1e-9)
             v[k] = np.sign(left) * coordinate
         assert float(energy) == pytest.approx(v @ M @ v / 2, rel=1e-9)
@@ -109,7 +115,9 @@ def test_a_kind_is_its_links(kind, imported):
     }
     if made.castors and kind != "idle":
         balanced(robot, mass, centre)
-    assert "warning" not in err and (("sonar_link" in err and "camera_link" in err) or "sonar_link" not in made.text)
+    assert "warning" not in err and (
+        ("sonar_link" in err and "camera_link" in err) or "sonar_link" not in made.text
+    )
     vehicle = robot.vehicle
     assert [str(vehicle.x), str(vehicle.y), str(vehicle.heading)] == ["x", "y", "phi"]
 
@@ -140,7 +148,8 @@ simulation = { duration = 4.0, period = 0.01 }
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kind_is_driven_in_the_engine(kind, imported, tmp_path, capsys):
-    """Along a circle, by its own dead reckoning, on all that it stands on; wheels on several axles skid, as the engine says."""
+    """Along a circle, by its own dead reckoning, on all that it stands on; wheels on several axles skid,
+    as the engine says."""
     pytest.importorskip("mujoco")
     made = KINDS[kind]()
     imported(made, *(["--skid-steer-track", str(SKID[kind])] if kind in SKID else []))
@@ -162,12 +171,16 @@ def test_a_kind_is_driven_in_the_engine(kind, imported, tmp_path, capsys):
     said = json.loads(capsys.readouterr().out)
     stands, (mass, centre) = said["floor"]["stands"], Links(exact(made.text)).centre_of_mass()
     assert (stands["mass"], stands["height"]) == pytest.approx((mass, centre[2]), rel=1e-6)
-    assert set(stands["castors"]) == set(made.castors) and sum(stands["loads"].values()) == pytest.approx(9.81 * mass, rel=1e-4)
+    assert set(stands["castors"]) == set(made.castors) and sum(stands["loads"].values()) == pytest.approx(
+        9.81 * mass, rel=1e-4
+    )
     assert kind in SKID or abs(said["errors"]["distance"]["final"]) < 2e-3
     assert (said["floor"]["skids"] is None) == (kind not in SKID)
 
 
-@pytest.mark.parametrize("castors", [[(0.2, 0.0), (-0.2, 0.0)], [(0.2, 0.1), (0.2, -0.1), (-0.2, 0.0)]], ids=len)
+@pytest.mark.parametrize(
+    "castors", [[(0.2, 0.0), (-0.2, 0.0)], [(0.2, 0.1), (0.2, -0.1), (-0.2, 0.0)]], ids=len
+)
 def test_castors_in_front_and_behind_carry_what_statics_says(castors, imported):
     """With the mass above the axle: on equal springs, which stay in a plane."""
     made = bought(castors=castors, centre=(0, 0, 0.1))
@@ -182,8 +195,8 @@ def test_castors_in_front_and_behind_carry_what_statics_says(castors, imported):
 
 
 def test_loads_of_a_tricycle_with_castors_balance_its_forces(imported):
-    """Newton and Euler for the whole robot as one body, at any steering angle: what the forces on the ground, in the axes of the
-    body, add to the loads, and their moments about the height of the centre of mass.
+    """Newton and Euler for the whole robot as one body, at any steering angle: what the forces on the ground,
+    in the axes of the body, add to the loads, and their moments about the height of the centre of mass.
     """
     made = bought(castors=[(-0.1, 0.3), (-0.1, -0.3)], centre=(0.1, 0, 0.2), drive="none")
     add_castor(made, "idle", "steering_0", 0.6, 0.0)
@@ -192,12 +205,16 @@ def test_loads_of_a_tricycle_with_castors_balance_its_forces(imported):
     robot, random = system.mechanism, np.random.default_rng(5)
     values, names = [p.default for p in robot.parameters], [c.name for c in robot.coordinates]
     lying = [p.default * (p.name not in ("h", "h_s")) for p in robot.parameters]
-    place = ca.horzcat(*[ca.vertcat(*[getattr(each, way) for each in robot.standing]) for way in ("ahead", "left")])
+    place = ca.horzcat(
+        *[ca.vertcat(*[getattr(each, way) for each in robot.standing]) for way in ("ahead", "left")]
+    )
     places = ca.Function("f", [robot.p], [place])(values).full()
     height = float(ca.Function("f", [robot.p], [robot.height])(values))
     for _ in range(5):
         x, tau = random.uniform(-1, 1, len(names) + system.dof), random.uniform(-3, 3, 2)
-        high, flat = (contact_forces(Plant(system, p), x[None], tau[None], ContactSection()) for p in (values, lying))
+        high, flat = (
+            contact_forces(Plant(system, p), x[None], tau[None], ContactSection()) for p in (values, lying)
+        )
         change = np.array([a.load[0] - b.load[0] for a, b in zip(high, flat, strict=True)])
         delta, rear, front = x[names.index("delta")], *high[:2]
         along, across = front.longitudinal[0], front.lateral[0]
@@ -212,8 +229,8 @@ def test_loads_of_a_tricycle_with_castors_balance_its_forces(imported):
 
 @pytest.mark.parametrize("kind", ["collision", "visual"])
 def test_the_middle_of_a_tyre_with_a_shaft_is_that_of_its_rim(kind, tmp_path, imported, monkeypatch):
-    """In one mesh in mm: a tyre from 0 to 25 mm along the axle, a shaft on to 80 mm. The check of import finds the middle of the
-    whole mesh, which no mass matrix tells from that of the rim."""
+    """In one mesh in mm: a tyre from 0 to 25 mm along the axle, a shaft on to 80 mm. The check of import
+    finds the middle of the whole mesh, which no mass matrix tells from that of the rim."""
     pytest.importorskip("trimesh")
     mesh_with_shaft(tmp_path, "wheel.stl")
     shown = "<collision>" if kind == "visual" else "<visual>"  # left with a box, which has no rim
@@ -225,7 +242,10 @@ def test_the_middle_of_a_tyre_with_a_shaft_is_that_of_its_rim(kind, tmp_path, im
     (tmp_path / "meshes").mkdir()
     (tmp_path / "wheel.stl").rename(tmp_path / "meshes" / "wheel.stl")
     hidden = re.compile(f"{shown}(<origin[^>]*>)<geometry><mesh[^>]*></geometry>")
-    made.parts = [hidden.sub(rf'{shown}\1<geometry><box size="0.01 0.01 0.01"/></geometry>', part) for part in made.parts]
+    made.parts = [
+        hidden.sub(rf'{shown}\1<geometry><box size="0.01 0.01 0.01"/></geometry>', part)
+        for part in made.parts
+    ]
     for centre in made.wheels.values():
         centre[1] += 0.0125  # z is to the left
     system = imported(made)[0]
@@ -246,22 +266,30 @@ def test_joints_nearly_in_line_are_moved_into_line_and_said(off, angle, toe, imp
     straight, made = (bought(radius=radius, castors=[(0.2, 0)], centre=(0.03, 0, 0.1)) for _ in range(2))
     at = next(k for k, part in enumerate(made.parts) if 'joint name="wheel_left_joint"' in part)
     turn = f"0 0 {angle!r}" if toe else f"{angle!r} 0 0"
-    made.parts[at] = made.parts[at].replace('xyz="0.0 ', f'xyz="{off!r} ').replace('rpy="0 0 0"', f'rpy="{turn}"')
+    made.parts[at] = (
+        made.parts[at].replace('xyz="0.0 ', f'xyz="{off!r} ').replace('rpy="0 0 0"', f'rpy="{turn}"')
+    )
     system, said, err = imported(made)
     moved, turned = re.search(r"joints were moved.*wheel_left_joint by (\S+) mm and (\S+) deg", err).groups()
-    # each joint by half of what they differ by; with toe the heading is the mean of both wheels', which are 0.2 m away
+    # each joint by half of what they differ by; with toe the heading is the mean of both wheels', which are
+    # 0.2 m away
     assert float(moved) == pytest.approx(500 * off + toe * 100 * angle, rel=0.02)
     assert float(turned) == pytest.approx(np.degrees(angle) / (2 if toe else 1), rel=0.2)  # two digits
     assert said["mass_matrix_difference"] < 2 * off / 0.2 + 4 * angle
-    size, other = ({p.name: p.default for p in each.mechanism.parameters} for each in (system, imported(straight)[0]))
+    size, other = (
+        {p.name: p.default for p in each.mechanism.parameters} for each in (system, imported(straight)[0])
+    )
     assert {name: size.get(name, 0.0) for name in other} == pytest.approx(
         other, rel=2 * off / radius + 3 * angle, abs=off + angle
     )
 
 
-@pytest.mark.parametrize("name", [n if n in ("car", "trailer") else pytest.param(n, marks=pytest.mark.nightly) for n in ROBOTS])
+@pytest.mark.parametrize(
+    "name", [n if n in ("car", "trailer") else pytest.param(n, marks=pytest.mark.nightly) for n in ROBOTS]
+)
 def test_every_robot_nearly_in_line_is_moved_into_line(name, tmp_path, capsys):
-    """All joints but rollers' displaced and turned at random: what is written is compared with what was moved to 1e-9."""
+    """All joints but rollers' displaced and turned at random:
+    what is written is compared with what was moved to 1e-9."""
     random = np.random.default_rng(11)
 
     def off(joint: re.Match) -> str:
@@ -279,7 +307,12 @@ def test_every_robot_nearly_in_line_is_moved_into_line(name, tmp_path, capsys):
     (tmp_path / "robot.urdf").write_text(text)
     track = ["--skid-steer-track", "0.8"] if name == "skid_steer" else []
     arm = ["--arm", "shoulder", "elbow"] if "arm" in name else []
-    assert main(["import", str(tmp_path / "robot.urdf"), *track, *arm, "-o", str(tmp_path / "robot.py"), "--json"]) == 0
+    assert (
+        main(
+            ["import", str(tmp_path / "robot.urdf"), *track, *arm, "-o", str(tmp_path / "robot.py"), "--json"]
+        )
+        == 0
+    )
     out, err = capsys.readouterr()
     assert "joints were moved" in err and 1e-9 < json.loads(out)["mass_matrix_difference"] < 0.02
 
@@ -289,7 +322,9 @@ def test_several_axles_are_not_taken_as_one(tmp_path, bad_input):
     for made, place in ((bought(), "0.0 0.2"), (bought(wheelbase=0.22), "0.11 0.2")):
         text = made.text.replace(f'xyz="{place}', f'xyz="{float(place.split()[0]) + 0.03!r} 0.2')
         (tmp_path / "robot.urdf").write_text(text)
-        assert "skid steer" in bad_input(["import", str(tmp_path / "robot.urdf"), "-o", str(tmp_path / "robot.py")])
+        assert "skid steer" in bad_input(
+            ["import", str(tmp_path / "robot.urdf"), "-o", str(tmp_path / "robot.py")]
+        )
 
 
 SWAPPED = {
@@ -361,10 +396,15 @@ def test_masses_that_are_missing_are_named_at_once(tmp_path, bad_input, imported
         return text
 
     said = line(bare(made.text, "base_link", "wheel_left"))
-    assert "links without mass: 'wheel_left' (a wheel), 'base_link' (the chassis)" in said and "sonar_link, camera_link" in said
+    assert (
+        "links without mass: 'wheel_left' (a wheel), 'base_link' (the chassis)" in said
+        and "sonar_link, camera_link" in said
+    )
     assert "'base_link' (the chassis)" in line(made.text.replace('value="8.0"', 'value="0"'))
     # the chassis is fixed below an empty base_link that carries the wheels, and only a sensor has a mass
-    below = bare(made.text, "base_link").replace('<link name="base_link">', '<link name="base_link"></link><link name="body">', 1)
+    below = bare(made.text, "base_link").replace(
+        '<link name="base_link">', '<link name="base_link"></link><link name="body">', 1
+    )
     below = below.replace(
         "</robot>",
         '<joint name="b" type="fixed"><parent link="base_link"/><child link="body"/></joint></robot>',
@@ -373,32 +413,46 @@ def test_masses_that_are_missing_are_named_at_once(tmp_path, bad_input, imported
 
 
 def test_a_link_without_shape_may_have_the_inertia_of_the_chassis(recognized):
-    """Fixed to it, as where the root must not have one: the same robot, unless that link has a shape, as a sensor has."""
+    """Fixed to it, as where the root must not have one: the same robot, unless that link has a shape,
+    as a sensor has."""
     made = bought(castors=[(0.2, 0)], centre=(0.05, 0, 0.1))
     whole, _ = recognized(made)
     at = next(k for k, part in enumerate(made.parts) if part.startswith('<link name="base_link">'))
-    inertial, rest = re.fullmatch(r'<link name="base_link">(<inertial>.*</inertial>)(.*)</link>', made.parts[at], re.S).groups()
+    inertial, rest = re.fullmatch(
+        r'<link name="base_link">(<inertial>.*</inertial>)(.*)</link>', made.parts[at], re.S
+    ).groups()
     joint = '<joint name="i" type="fixed"><parent link="base_link"/><child link="inertia"/></joint>'
-    made.parts[at : at + 1] = [f'<link name="base_link">{rest}</link>', f'<link name="inertia">{inertial}</link>', joint]
+    made.parts[at : at + 1] = [
+        f'<link name="base_link">{rest}</link>',
+        f'<link name="inertia">{inertial}</link>',
+        joint,
+    ]
     apart, said = recognized(made)
     for name in ("mass", "ahead", "left", "height", "inertia"):
         assert getattr(apart.base, name) == pytest.approx(getattr(whole.base, name), rel=1e-12, abs=1e-15)
     assert "without mass" not in said
-    made.parts[at + 1] = made.parts[at + 1].replace("</inertial>", "</inertial>" + shape('<sphere radius="0.02"/>'))
+    made.parts[at + 1] = made.parts[at + 1].replace(
+        "</inertial>", "</inertial>" + shape('<sphere radius="0.02"/>')
+    )
     with pytest.raises(BadInput, match=r"without mass: 'base_link' \(the chassis\)"):
         recognized(made)
 
 
 def test_a_wheel_that_is_steered_on_its_axle_is_refused(recognized):
-    """A car whose front wheels turn first, and are steered on what turns: no differential drive whose front wheels drag."""
+    """A car whose front wheels turn first, and are steered on what turns:
+    no differential drive whose front wheels drag."""
     made = bought(centre=(0.1, 0, 0.1))
     disc = shape('<cylinder radius="0.1" length="0.02"/>', rpy="1.5707963267948966 0 0")
     for side, left in (("left", 0.2), ("right", -0.2)):
         made.link(f"{side}_hub", 0.1, moments=(1e-4,) * 3)
-        made.joint(f"front_{side}_wheel", "continuous", "base_link", f"{side}_hub", (0.5, left, 0.08), axis="0 1 0")
+        made.joint(
+            f"front_{side}_wheel", "continuous", "base_link", f"{side}_hub", (0.5, left, 0.08), axis="0 1 0"
+        )
         made.link(f"front_{side}", 0.3, disc, moments=(1e-3,) * 3)
         made.joint(f"{side}_steering", "revolute", f"{side}_hub", f"front_{side}", axis="0 0 1")
-    with pytest.raises(BadInput, match="link 'front_left' lies on the ground as a wheel does, and joint 'front_left_wheel'"):
+    with pytest.raises(
+        BadInput, match="link 'front_left' lies on the ground as a wheel does, and joint 'front_left_wheel'"
+    ):
         recognized(made)
     layout, _ = recognized(made, Options(castors=("front_left", "front_right")))  # said to slide
     assert layout.kind == "two wheels" and [*layout.castors] == ["front_left", "front_right"]
@@ -408,7 +462,8 @@ def test_a_wheel_that_is_steered_on_its_axle_is_refused(recognized):
 
 
 def test_transmissions_decide_between_a_castor_and_a_steered_wheel(recognized):
-    """A swivel above its wheel, that nothing drives: with both wheels driven it is a castor, otherwise it steers."""
+    """A swivel above its wheel, that nothing drives: with both wheels driven it is a castor,
+    otherwise it steers."""
     for drive, kind in (
         ("transmission", "two wheels"),
         ("ros2_control", "two wheels"),
@@ -433,8 +488,8 @@ def test_what_is_doubtful_is_said(tmp_path, recognized):
     before, visual, after = made.parts[at].partition("<visual>")
     made.parts[at] = before + visual + after.replace('radius="0.1"', 'radius="0.17"')
     assert (
-        "wheel_left_joint: the radius of its wheel is 0.1 m by link wheel_left, collision cylinder, but 0.17 m by"
-        in recognized(made)[1]
+        "wheel_left_joint: the radius of its wheel is 0.1 m by link wheel_left, collision cylinder, but 0.17 "
+        "m by" in recognized(made)[1]
     )
     made = bought(castors=[(0.2, 0)], castor="box")
     ball = '<mesh filename="ball.stl" scale="0.001 0.001 0.001"/>'
@@ -442,12 +497,17 @@ def test_what_is_doubtful_is_said(tmp_path, recognized):
     layout, err = recognized(made)
     assert layout.castors == {} and "links named as castors carry nothing" in err and "caster_0_link" in err
     layout, err = recognized(made, Options(castors=["caster_0_link"]))
-    assert layout.castors["caster_0_link"][0] == pytest.approx(0.2) and "it is taken to stand below its origin" in err
+    assert (
+        layout.castors["caster_0_link"][0] == pytest.approx(0.2)
+        and "it is taken to stand below its origin" in err
+    )
     trimesh.creation.icosphere(radius=40.0).export(tmp_path / "ball.stl")
     layout, err = recognized(made)
     assert layout.castors["caster_0_link"][0] == pytest.approx(0.2, abs=1e-3) and "nothing" not in err
     made = bought(castors=[(0.2, 0)], mass=8.0)
-    made.parts = [re.sub(r'(link name="base_link".*?izz=")[0-9.]*', r"\g<1>480000", part) for part in made.parts]
+    made.parts = [
+        re.sub(r'(link name="base_link".*?izz=")[0-9.]*', r"\g<1>480000", part) for part in made.parts
+    ]
     assert "is it in other units, such as kg mm^2?" in recognized(made)[1]
 
 
@@ -460,13 +520,16 @@ MECANUM_MJCF = """<mujoco model="rover">
 
 
 def test_wheels_with_rollers_by_the_name_of_their_mesh_are_asked_for_rollers(tmp_path, bad_input, imported):
-    """Before a skid steer is offered; in an MJCF, too, whose meshes are read. Plain wheels of the same names are named."""
+    """Before a skid steer is offered; in an MJCF, too, whose meshes are read. Plain wheels of the same names
+    are named."""
     trimesh = pytest.importorskip("trimesh")
     mesh = shape('<mesh filename="package://base/meshes/Mecanum_{}.dae"/>', kinds=["visual"])
     made = bought(wheelbase=0.5, geometry='<cylinder radius="0.1" length="0.03"/>')
     file = tmp_path / "robot.urdf"
     file.write_text(re.sub(r'(<link name="wheel_.*?)</link>', rf"\1{mesh}</link>", made.text))
-    assert "give the direction of the axis of the roller" in bad_input(["import", str(file), "-o", str(tmp_path / "robot.py")])
+    assert "give the direction of the axis of the roller" in bad_input(
+        ["import", str(file), "-o", str(tmp_path / "robot.py")]
+    )
     pytest.importorskip("mujoco")
     trimesh.creation.cylinder(0.1, 0.04, sections=48).export(tmp_path / "wheel.stl")
     at = [(x, y) for x in (0.25, -0.25) for y in (0.2, -0.2)]

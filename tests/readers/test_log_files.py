@@ -1,4 +1,5 @@
-"""Files of logs and of paths as other programs write them: the columns are those that were written, or the cause is said."""
+"""Files of logs and of paths as other programs write them: the columns are those that were written,
+or the cause is said."""
 
 import csv
 import gzip
@@ -47,20 +48,46 @@ def read_columns(log: PoseLog) -> np.ndarray:
     return np.column_stack([log.t - log.t[0], log.angles, log.pose])
 
 
-# -- dialects at random ----------------------------------------------------------------------------------------------------
+# -- dialects at random --------------------------------------------------------------------------------------
 
 SEPARATORS = (",", ", ", ";", " ; ", "\t", "|", " ", "   ")
 ENDS = ("\n", "\r\n", "\r", None)  # None: mixed
 CODES = ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "latin-1", "gz")
-HEADERS = ("names", "comment", "percent", "brackets", "parentheses", "row of units", "suffix", "CASE", "columns", "numbers")
+HEADERS = (
+    "names",
+    "comment",
+    "percent",
+    "brackets",
+    "parentheses",
+    "row of units",
+    "suffix",
+    "CASE",
+    "columns",
+    "numbers",
+)
 TIMES = ("s", "ms", "us", "epoch s", "epoch ms", "epoch us", "epoch ns", "date", "of day", "two columns")
 TIME_NAMES = ("t", "time", "timestamp", "Time", "stamp", "time_stamp")
-FORMS = ("separated",) * 5 + ("objects", "array of objects", "object of arrays", "rows", "pairs", "block of pairs", "equations")
-EXTRAS = {"status": lambda k: "ok", "seq": str, "frame_id": lambda k: "base_link", "empty": lambda k: "", "flag": lambda k: "-"}
+FORMS = ("separated",) * 5 + (
+    "objects",
+    "array of objects",
+    "object of arrays",
+    "rows",
+    "pairs",
+    "block of pairs",
+    "equations",
+)
+EXTRAS = {
+    "status": lambda k: "ok",
+    "seq": str,
+    "frame_id": lambda k: "base_link",
+    "empty": lambda k: "",
+    "flag": lambda k: "-",
+}
 
 
 class Dialect:
-    """A way to write a log, drawn at random: the content of the file, and the options with which it is read."""
+    """A way to write a log, drawn at random: the content of the file,
+    and the options with which it is read."""
 
     def __init__(self, seed: int):
         self.of = random.Random(seed)
@@ -83,7 +110,13 @@ class Dialect:
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in shown.split())
 
     def number(self, value: float, whole: bool = False) -> str:
-        text = str(round(value)) if whole else repr(float(value)) if self.decimals == "repr" else format(value, self.decimals)
+        text = (
+            str(round(value))
+            if whole
+            else repr(float(value))
+            if self.decimals == "repr"
+            else format(value, self.decimals)
+        )
         return text.replace(".", ",") if self.comma else text
 
     def times(self, t: np.ndarray) -> dict[str, list[str]]:
@@ -93,7 +126,9 @@ class Dialect:
             whole = [math.floor(START + each) for each in t]
             return {
                 "header.stamp.sec": [str(each) for each in whole],
-                "header.stamp.nanosec": [str(round((START - k + each) * 1e9)) for k, each in zip(whole, t, strict=True)],
+                "header.stamp.nanosec": [
+                    str(round((START - k + each) * 1e9)) for k, each in zip(whole, t, strict=True)
+                ],
             }
         if self.time in ("date", "of day"):
             dates = [datetime.fromtimestamp(START + each, UTC) for each in t]
@@ -148,13 +183,20 @@ class Dialect:
             csv.writer(text, delimiter=mark, quoting=style, lineterminator="").writerow(cells)
             plain = text.getvalue() if mark != " " or self.quoted else None
             spaced = self.separator if plain is None or '"' not in plain else mark
-            return (self.separator.join(cells) if plain is None else plain.replace(mark, spaced)) + mark * self.trailing
+            return (
+                self.separator.join(cells) if plain is None else plain.replace(mark, spaced)
+            ) + mark * self.trailing
 
         dated = self.time == "date" and self.separator.strip(" ") == "" and not self.quoted
         if dated:  # a date with a space in it is two cells between spaces
-            place = next(k for k, head in enumerate(heads) if head.lower().startswith(("t", "s")) and "-" in rows[0][k])
+            place = next(
+                k for k, head in enumerate(heads) if head.lower().startswith(("t", "s")) and "-" in rows[0][k]
+            )
             rows = [[c.replace(" ", "T") if k == place else c for k, c in enumerate(row)] for row in rows]
-        heads = [head.replace(" ", "") if self.separator.strip(" ") == "" and not self.quoted else head for head in heads]
+        heads = [
+            head.replace(" ", "") if self.separator.strip(" ") == "" and not self.quoted else head
+            for head in heads
+        ]
         lines = [line(row) for row in rows]
         if self.noise:
             lines.insert(self.of.randrange(len(lines)), self.of.choice(("", "# a pause", "   ", "% mark 2")))
@@ -167,7 +209,9 @@ class Dialect:
         elif self.header == "columns":
             self.columns = heads
         elif self.header == "numbers":
-            wanted = {"t": [k for k, h in enumerate(heads) if h.lower().startswith(("time", "stamp")) or h == "t"]}
+            wanted = {
+                "t": [k for k, h in enumerate(heads) if h.lower().startswith(("time", "stamp")) or h == "t"]
+            }
             wanted |= {name: [k for k, h in enumerate(heads) if h == name] for name in NAMES[1:]}
             unit = self.mapped.pop("t", "").partition(" ")[2]
             if not wanted["t"]:  # a pair of columns has no number
@@ -203,7 +247,9 @@ class Dialect:
             return [json.dumps(list(record.values())) for record in plain]
         mark = {"pairs": ": ", "block of pairs": ": ", "equations": "="}[self.form]
         between = "\n" if self.form == "block of pairs" else self.of.choice((", ", "  ", "\t", "; "))
-        lines = [between.join(f"{n}{mark}{self.shown(c)}" for n, c in zip(heads, row, strict=True)) for row in rows]
+        lines = [
+            between.join(f"{n}{mark}{self.shown(c)}" for n, c in zip(heads, row, strict=True)) for row in rows
+        ]
         return ("\n---\n" if self.form == "block of pairs" else "\n").join(lines).split("\n")
 
     @staticmethod
@@ -218,7 +264,8 @@ class Dialect:
 
 
 def compared(seed: int, folder) -> str | None:
-    """Write a log in a dialect, and read it: None if it is as it was, else what was said; fails if it is another one."""
+    """Write a log in a dialect, and read it: None if it is as it was, else what was said;
+    fails if it is another one."""
     dialect, data = Dialect(seed), plain()[: 12 + seed % 40]
     file = folder / f"{seed}.log"
     file.write_bytes(dialect.written(data))
@@ -248,7 +295,8 @@ def test_a_log_is_the_same_in_any_dialect(tmp_path):
     ],
 )
 def test_a_planted_defect_is_found(module, name, planted, monkeypatch, tmp_path):
-    """Units that are not converted, times since 1970 that are not seen, decimals in exponents that are not read."""
+    """Units that are not converted, times since 1970 that are not seen,
+    decimals in exponents that are not read."""
     monkeypatch.setattr(module, name, planted)
     with pytest.raises(AssertionError):
         refused = [said for seed in range(60) if (said := compared(seed, tmp_path))]
@@ -261,13 +309,15 @@ def test_a_log_is_the_same_in_many_dialects(tmp_path):
     assert not refused, (len(refused), refused[0])
 
 
-# -- what is refused, and what is said -------------------------------------------------------------------------------------
+# -- what is refused, and what is said -----------------------------------------------------------------------
 
 HEAD = ",".join(NAMES)
 
 
 def body(rows=None, separator=",", number=repr) -> list[str]:
-    return [separator.join(number(float(value)) for value in row) for row in (plain() if rows is None else rows)]
+    return [
+        separator.join(number(float(value)) for value in row) for row in (plain() if rows is None else rows)
+    ]
 
 
 def lines(*before, rows=None, **form) -> bytes:
@@ -298,19 +348,43 @@ REFUSED = {  # content, what is said
     "header only": (f"{HEAD}\n".encode(), "has a header but no rows"),
     "one row": (lines(HEAD, rows=plain()[:1]), "1 usable rows are too few"),
     "no header": (lines(), "has no header: its first row is 0.0, 0.0, 0.0, 1.28"),
-    "no header, what to do": (lines(), "name its 6 columns in order, --columns t,..., with - for one that is not used"),
+    "no header, what to do": (
+        lines(),
+        "name its 6 columns in order, --columns t,..., with - for one that is not used",
+    ),
     "JSON without names": (json.dumps(plain().tolist()).encode(), "has no header"),
-    "no angles": (lines("t,v,omega,x_c,y_c,phi"), "there are t, v, omega, x_c, y_c, phi; name angles with --map NAME=COLUMN"),
+    "no angles": (
+        lines("t,v,omega,x_c,y_c,phi"),
+        "there are t, v, omega, x_c, y_c, phi; name angles with --map NAME=COLUMN",
+    ),
     "speeds": (lines("t,v,omega,x_c,y_c,phi"), "rates, or speeds of the vehicle, do not tell its geometry"),
     "distances": (lines("t,theta_r [m],theta_l [m],x_c,y_c,phi"), "--map 'NAME=COLUMN [rad/0.15]'"),
-    "two times": (lines("time,timestamp,theta_l,x_c,y_c,theta_r"), "t may be time or timestamp; choose one, --map t=time"),
+    "two times": (
+        lines("time,timestamp,theta_l,x_c,y_c,theta_r"),
+        "t may be time or timestamp; choose one, --map t=time",
+    ),
     "two headings": (lines("t,theta_r,theta_l,x_c,phi,phi"), "two columns are called 'phi'"),
-    "another name": (lines("t,theta_r,theta_l,x,y,phi"), "column 'x_c' is missing; there are t, theta_r, theta_l, x, y, phi"),
-    "twist": (lines("t,theta_r,theta_l,linear.x,angular.z,phi"), "speeds of the vehicle, linear.x, angular.z, are not those of"),
+    "another name": (
+        lines("t,theta_r,theta_l,x,y,phi"),
+        "column 'x_c' is missing; there are t, theta_r, theta_l, x, y, phi",
+    ),
+    "twist": (
+        lines("t,theta_r,theta_l,linear.x,angular.z,phi"),
+        "speeds of the vehicle, linear.x, angular.z, are not those of",
+    ),
     "cut off": (lines(HEAD)[:-70], "row 61: "),
-    "long row": (lines(HEAD) + b",1,2", "row 61: 8 entries, but the header names 6 columns; complete or delete this row"),
-    "text": (lines(HEAD, rows=plain()[:5]) + b"\n1,2,3,4,five,6", "column 'y_c' row 7: 'five' is not a number"),
-    "underscore": (lines(HEAD, rows=plain()[:5]) + b"\n1_0,2,3,4,5,6", "column 't' row 7: '1_0' is not a number"),
+    "long row": (
+        lines(HEAD) + b",1,2",
+        "row 61: 8 entries, but the header names 6 columns; complete or delete this row",
+    ),
+    "text": (
+        lines(HEAD, rows=plain()[:5]) + b"\n1,2,3,4,five,6",
+        "column 'y_c' row 7: 'five' is not a number",
+    ),
+    "underscore": (
+        lines(HEAD, rows=plain()[:5]) + b"\n1_0,2,3,4,5,6",
+        "column 't' row 7: '1_0' is not a number",
+    ),
     "twice": (lines(HEAD) + b"\n" + lines(HEAD), "row 62 repeats the header"),
     "quote": (lines(HEAD) + b'\n"1,2,3,4,5,6\n1,2,3,4,5,6', "row 62: a quotation mark is not closed"),
     "long entry": (lines(HEAD) + b"\n1,2,3,4,5," + b"9" * 140_000, "row 62: field larger than field limit"),
@@ -322,13 +396,25 @@ REFUSED = {  # content, what is said
     "bag": (b"SQLite format 3\0", "cannot be read as a bag: Unrecognized storage format '.csv'"),
     "unit": (lines("t,theta_r [foo],theta_l,x_c,y_c,phi"), "column 'theta_r': unknown unit 'foo'"),
     "kind": (lines("t,theta_r [kg],theta_l,x_c,y_c,phi"), "[kg] is not a unit of a quantity in rad"),
-    "counts": (lines(HEAD, rows=np.round(plain() * [1, 1e4, 1e4, 1, 1, 1])), "say --map 'theta_r=theta_r [turn/COUNTS]' --map"),
+    "counts": (
+        lines(HEAD, rows=np.round(plain() * [1, 1e4, 1e4, 1, 1, 1])),
+        "say --map 'theta_r=theta_r [turn/COUNTS]' --map",
+    ),
     "clock set back": (late(0.6), "row 32: t goes from 1764230001.700 s to 1764230001.150 s, but times must"),
-    "few digits": (lines(HEAD, rows=blunt(plain())), "row 3: t goes from 0.000000000 s to 0.000000000 s, but times"),
-    "thousands": (b"t;theta_r;theta_l;x_c;y_c;phi\n" + b"1,000;2,000;3,000;1,500;1,500;2,500\n" * 9, "00' is not a number; "),
+    "few digits": (
+        lines(HEAD, rows=blunt(plain())),
+        "row 3: t goes from 0.000000000 s to 0.000000000 s, but times",
+    ),
+    "thousands": (
+        b"t;theta_r;theta_l;x_c;y_c;phi\n" + b"1,000;2,000;3,000;1,500;1,500;2,500\n" * 9,
+        "00' is not a number; ",
+    ),
     "broken JSON": (b'{"t": 0.0}\n{"t": 0.1\n', "not JSON, row 2: "),
     "words in JSON": (b'["a", ["b"]]', "JSON, but not a table"),
-    "true in JSON": (json.dumps({**dict.fromkeys(NAMES, [True] * 9), "t": [*range(9)]}).encode(), "'True' is not a number"),
+    "true in JSON": (
+        json.dumps({**dict.fromkeys(NAMES, [True] * 9), "t": [*range(9)]}).encode(),
+        "'True' is not a number",
+    ),
     "unequal JSON": (b'{"t": [0, 1], "phi": [0]}', "different numbers of entries: t 2, phi 1"),
     "deep JSON": (b"[" * 200_000, "not JSON"),
     "pair without value": (b"t: 0.0\nphi: 1.0\n" * 12 + b"phi\n", "row 25: 'phi' is not `name: value`"),
@@ -379,7 +465,12 @@ def test_bytes_at_random_end_in_one_line(tmp_path):
 def test_distances_and_counts_are_angles_by_a_unit_with_a_factor(tmp_path):
     """The radius that is stated cancels: distances of wheels with 0.15 m; counts of 4096 to a turn."""
     data = plain()
-    for factor, unit in ((0.15, "rad/0.15"), (4096 / (2 * math.pi), "turn/4096"), (10 * 180 / math.pi, "0.1 deg"), (-1.0, None)):
+    for factor, unit in (
+        (0.15, "rad/0.15"),
+        (4096 / (2 * math.pi), "turn/4096"),
+        (10 * 180 / math.pi, "0.1 deg"),
+        (-1.0, None),
+    ):
         rows = data.copy()
         rows[:, 1:3] *= factor
         (tmp_path / "log.csv").write_bytes(lines("t,right,left,x_c,y_c,phi", rows=rows))
@@ -407,7 +498,9 @@ def test_what_was_not_used_or_assumed_is_noted(tmp_path):
     rows[:, 0] = np.round((rows[:, 0] + START) * 1000)
     file.write_bytes(lines("a log of Monday", f"timestamp{HEAD[1:]}", rows=rows))
     said = "; ".join(read(file).remarks)
-    assert "left out before the header: 1 line, the last 'a log of Monday'" in said and "ms since 1970" in said
+    assert (
+        "left out before the header: 1 line, the last 'a log of Monday'" in said and "ms since 1970" in said
+    )
 
 
 def test_names_that_only_look_like_units_or_numbers(tmp_path):
@@ -433,9 +526,18 @@ def test_names_that_only_look_like_units_or_numbers(tmp_path):
     ],
 )
 def test_times_by_other_names(names, mapped, tmp_path):
-    times = {"sec": [math.floor(t) for t in plain()[:, 0] + START], "nano": [round((t + START) % 1 * 1e9) for t in plain()[:, 0]]}
-    columns = [times["nano" if "n" in n[-7:-3] else "sec"] if n.endswith(("sec", "secs")) else plain()[:, 0] for n in names]
-    rows = [[*map(str, cells), *map(str, row[1:])] for cells, row in zip(zip(*columns, strict=True), plain(), strict=True)]
+    times = {
+        "sec": [math.floor(t) for t in plain()[:, 0] + START],
+        "nano": [round((t + START) % 1 * 1e9) for t in plain()[:, 0]],
+    }
+    columns = [
+        times["nano" if "n" in n[-7:-3] else "sec"] if n.endswith(("sec", "secs")) else plain()[:, 0]
+        for n in names
+    ]
+    rows = [
+        [*map(str, cells), *map(str, row[1:])]
+        for cells, row in zip(zip(*columns, strict=True), plain(), strict=True)
+    ]
     text = "\n".join([",".join(names) + HEAD[1:], *(",".join(row) for row in rows)])
     (tmp_path / "log.csv").write_text(text)
     assert read_columns(read(tmp_path / "log.csv", (), mapped)) == pytest.approx(plain(), abs=1e-6)
@@ -443,8 +545,11 @@ def test_times_by_other_names(names, mapped, tmp_path):
 
 @pytest.mark.parametrize("stem", ["field.pose.pose.orientation.", "q", "/odom/orientation/", "rot_"])
 def test_columns_of_a_quaternion_are_a_heading(stem, tmp_path, bad_input):
-    """Also of one that is tilted a little, its negative, and one that is zero, which is none; they are no speeds."""
-    turns = Rotation.from_euler("ZYX", np.column_stack([plain()[:, -1], np.full((len(plain()), 2), 0.01)])).as_quat()
+    """Also of one that is tilted a little, its negative, and one that is zero, which is none;
+    they are no speeds."""
+    turns = Rotation.from_euler(
+        "ZYX", np.column_stack([plain()[:, -1], np.full((len(plain()), 2), 0.01)])
+    ).as_quat()
     turns[::2] *= -1
     turns[3] = 0
     rows = np.column_stack([plain()[:, :-1], turns])
@@ -454,10 +559,14 @@ def test_columns_of_a_quaternion_are_a_heading(stem, tmp_path, bad_input):
     right = plain()[:, -1].copy()
     right[3] = math.nan
     found = read_columns(log)
-    assert np.remainder(found[:, -1] - right + 1, 2 * math.pi) - 1 == pytest.approx(0 * right, abs=1e-12, nan_ok=True)
+    assert np.remainder(found[:, -1] - right + 1, 2 * math.pi) - 1 == pytest.approx(
+        0 * right, abs=1e-12, nan_ok=True
+    )
     assert not any("not used" in remark for remark in log.remarks)
     other = read_columns(read(tmp_path / "log.csv", (), {"phi": f"-{stem.rstrip('._/')}"}))
-    assert np.remainder(other[:, -1] + right + 1, 2 * math.pi) - 1 == pytest.approx(0 * right, abs=1e-12, nan_ok=True)
+    assert np.remainder(other[:, -1] + right + 1, 2 * math.pi) - 1 == pytest.approx(
+        0 * right, abs=1e-12, nan_ok=True
+    )
     said = bad_input(["calibrate", str(tmp_path / "log.csv"), "--robot", "labmate", "--map", "phi=heading"])
     assert "speeds" not in said and "column 'heading' is missing" in said
 
@@ -475,14 +584,18 @@ def test_parquet_of_dates_and_structs(tmp_path):
 
     data = plain()
     stamps = [round(START * 1e9) + round(each * 1e9) + 1 for each in data[:, 0]]  # no whole microseconds
-    columns = {"timestamp": pa.array(stamps, pa.timestamp("ns")), "wheel": pa.array([{"r": a, "l": b} for a, b in data[:, 1:3]])}
+    columns = {
+        "timestamp": pa.array(stamps, pa.timestamp("ns")),
+        "wheel": pa.array([{"r": a, "l": b} for a, b in data[:, 1:3]]),
+    }
     columns |= {name: data[:, k] for k, name in enumerate(NAMES) if k > 2}
     parquet.write_table(pa.table(columns), tmp_path / "log")  # no suffix: the content tells
     log = read(tmp_path / "log", (), {"theta_r": "wheel.r", "theta_l": "wheel.l"})
-    assert read_columns(log) == pytest.approx(data, abs=3e-6)  # times of an epoch are doubles with steps of 2.4e-7 s
+    # Times of an epoch are doubles with steps of 2.4e-7 s
+    assert read_columns(log) == pytest.approx(data, abs=3e-6)
 
 
-# -- topics ----------------------------------------------------------------------------------------------------------------
+# -- topics --------------------------------------------------------------------------------------------------
 
 
 def bag(file, messages) -> str:
@@ -502,12 +615,20 @@ def bag(file, messages) -> str:
 
 
 def wheels_and_poses(late=0.0, stamp=lambda t: {}) -> list:
-    """Angles in every row, and poses half a row later in every fifth, from the columns of a log without noise."""
+    """Angles in every row, and poses half a row later in every fifth,
+    from the columns of a log without noise."""
     log = geometry.log_of(*geometry.winding(300))
     middle = (log.pose[1:] + log.pose[:-1]) / 2
-    wheels = [("/wheels", t, {"right": a, "left": b} | stamp(t)) for t, (a, b) in zip(log.t, log.angles, strict=True)]
+    wheels = [
+        ("/wheels", t, {"right": a, "left": b} | stamp(t))
+        for t, (a, b) in zip(log.t, log.angles, strict=True)
+    ]
     poses = [
-        ("/odom", t + 0.025 + late, dict(zip(NAMES[3:], pose, strict=True)) | {"frame": "odom"} | stamp(t + 0.025))
+        (
+            "/odom",
+            t + 0.025 + late,
+            dict(zip(NAMES[3:], pose, strict=True)) | {"frame": "odom"} | stamp(t + 0.025),
+        )
         for t, pose in list(zip(log.t, middle, strict=False))[::5]
     ]
     return [*wheels, *poses]
@@ -529,7 +650,9 @@ def test_topics_are_joined_in_time(late, stamp, tmp_path, capsys):
     for name in ("r", "b"):  # chords instead of arcs, by half a row
         assert said["parameters"][name]["value"] == pytest.approx(geometry.TRUE[name], rel=2e-3)
     assert "theta_r of /wheels is interpolated linearly at the times of other topics" in said["remarks"]
-    assert "not used: column /odom:frame" in said["remarks"] and not any("gap" in each for each in said["remarks"])
+    assert "not used: column /odom:frame" in said["remarks"] and not any(
+        "gap" in each for each in said["remarks"]
+    )
 
 
 def test_commands_of_another_topic_are_held(tmp_path):
@@ -550,12 +673,19 @@ def test_an_angle_that_wraps_is_not_interpolated_where_it_does(tmp_path):
     """The rows of poses at a wrap are left out: halfway there is an angle that the wheel never had."""
     messages = wheels_and_poses()
     for _, _, message in messages:
-        message |= {name: math.remainder(message[name], 2 * math.pi) for name in ("right", "left") if name in message}
+        message |= {
+            name: math.remainder(message[name], 2 * math.pi) for name in ("right", "left") if name in message
+        }
     table = read_table(bag(tmp_path / "log.mcap", messages))
-    log = read_poses(table, geometry.SYSTEM, NAMES[3:], {"theta_r": "/wheels:right", "theta_l": "/wheels:left"})
+    log = read_poses(
+        table, geometry.SYSTEM, NAMES[3:], {"theta_r": "/wheels:right", "theta_l": "/wheels:left"}
+    )
     expected = geometry.log_of(*geometry.winding(300))
     true = np.column_stack([np.interp(log.t - log.t[0], expected.t, each) for each in expected.angles.T])
-    assert np.abs(np.array([[math.remainder(e, 2 * math.pi) for e in row] for row in log.angles - true])).max() < 1e-4
+    assert (
+        np.abs(np.array([[math.remainder(e, 2 * math.pi) for e in row] for row in log.angles - true])).max()
+        < 1e-4
+    )
     assert np.isfinite(log.pose[:, 0]).sum() > 40
 
 
@@ -567,6 +697,8 @@ def test_an_angle_that_wraps_is_not_interpolated_where_it_does(tmp_path):
     ],
 )
 def test_topics_whose_clocks_differ_are_refused(change, message, tmp_path, bad_input):
-    only = [(topic, t, each | (change(t) if topic == "/wheels" else {})) for topic, t, each in wheels_and_poses()]
+    only = [
+        (topic, t, each | (change(t) if topic == "/wheels" else {})) for topic, t, each in wheels_and_poses()
+    ]
     file = bag(tmp_path / "log.mcap", only)
     assert message in bad_input(["calibrate", file, "--robot", "labmate", "--fit", "r", *MAPPED])

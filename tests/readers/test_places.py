@@ -1,4 +1,5 @@
-"""Robot files and SPECs wherever they lie, and commands as people type them: what is beside them, locales, options, extras."""
+"""Robot files and SPECs wherever they lie, and commands as people type them: what is beside them,
+locales, options, extras."""
 
 import os
 import subprocess
@@ -49,7 +50,9 @@ period = 0.01
 
 def run(folder, *argv: str, **environment: str) -> subprocess.CompletedProcess:
     """The command, in a process of its own, in a folder."""
-    return subprocess.run([*NOSLIP, *argv], cwd=folder, capture_output=True, env={**os.environ, **environment})
+    return subprocess.run(
+        [*NOSLIP, *argv], cwd=folder, capture_output=True, env={**os.environ, **environment}
+    )
 
 
 def test_what_lies_beside_a_robot_does_not_replace_a_library(tmp_path):
@@ -58,7 +61,9 @@ def test_what_lies_beside_a_robot_does_not_replace_a_library(tmp_path):
         (tmp_path / f"{name}.py").write_text("raise RuntimeError('not the library')\n")
     (tmp_path / "helper_of_cart.py").write_text("MASS = 12.0\n")
     (tmp_path / "cart.py").write_text(CART.format(more="from helper_of_cart import MASS\n"), encoding="utf-8")
-    done = run(tmp_path.parent, "outer-loop", f"{tmp_path}/cart.py:cart", "--output", "type_i", "--period", "10ms")
+    done = run(
+        tmp_path.parent, "outer-loop", f"{tmp_path}/cart.py:cart", "--output", "type_i", "--period", "10ms"
+    )
     assert done.returncode == 0, done.stderr
     assert find_robot(f"{tmp_path}/cart.py:cart").name == "cart" and str(tmp_path) not in sys.path
 
@@ -69,7 +74,12 @@ def test_files_are_utf_8_whatever_the_locale(locale, tmp_path):
     done = run(tmp_path, "generate", "cart.py:cart", "--output", "type_i", "-o", "c", **locale)
     assert done.returncode == 0, done.stderr
     assert "größer" in (tmp_path / "c/cart/cart.h").read_text(encoding="utf-8")
-    for argv in (("robots",), ("glossary", "Phi"), ("laws", "cart.py:cart"), ("analyse", "cart.py:cart", "--json")):
+    for argv in (
+        ("robots",),
+        ("glossary", "Phi"),
+        ("laws", "cart.py:cart"),
+        ("analyse", "cart.py:cart", "--json"),
+    ):
         done = run(tmp_path, *argv, **locale, PYTHONIOENCODING="ascii")
         assert done.returncode == 0 and b"Traceback" not in done.stderr, done.stderr
 
@@ -94,7 +104,16 @@ def test_options_as_they_are_typed(typed, capsys):
 
 def test_settings_as_they_are_typed(tmp_path):
     for setting in ("simulation.backend=cf", "simulation.period=10ms", "simulation.period='10 ms'"):
-        argv = ["simulate", "line", "--set", "simulation.duration=0.1", "--set", setting, "-o", str(tmp_path / "run.csv")]
+        argv = [
+            "simulate",
+            "line",
+            "--set",
+            "simulation.duration=0.1",
+            "--set",
+            setting,
+            "-o",
+            str(tmp_path / "run.csv"),
+        ]
         assert main(argv) == 0
 
 
@@ -120,7 +139,8 @@ def test_a_drive_by_torque_is_told_how(bad_input, tmp_path):
 
 
 def test_how_an_extra_is_installed(monkeypatch, tmp_path):
-    """In a clone by make; from one, into another environment, by its path; of a wheel by its file, with pip or without."""
+    """In a clone by make; from one, into another environment, by its path; of a wheel by its file,
+    with pip or without."""
     root = Path(errors.__file__).resolve().parents[1]
     monkeypatch.setattr(sys, "prefix", str(root / ".venv"))
     assert installing("physics") == f"`make -C {root} setup` installs it"

@@ -24,7 +24,23 @@ SPECS = Path(noslip.__file__).parent / "examples/specs"
 SHIPPED = sorted(SPECS.rglob("*.toml"))
 SCHEMAS = {"spec": "simulate", "cases": "evaluate"}  # name -> the command that reads such files
 SCHEMA = {name: json.loads((SPECS / f"{name}.schema.json").read_text()) for name in SCHEMAS}
-WRONG = [None, True, 3, -3.5, "x", "3 m", "90 deg", "IV", [], [1.0], [1.0, 2.0], [1.0, 2.0, 3.0], ["1 m", "2 m"], {}, {"x": 1.0}]
+WRONG = [
+    None,
+    True,
+    3,
+    -3.5,
+    "x",
+    "3 m",
+    "90 deg",
+    "IV",
+    [],
+    [1.0],
+    [1.0, 2.0],
+    [1.0, 2.0, 3.0],
+    ["1 m", "2 m"],
+    {},
+    {"x": 1.0},
+]
 
 
 def accepted(name: str, content: object) -> bool:
@@ -36,13 +52,17 @@ def test_the_shipped_schemas_are_current(name, capsys):
     jsonschema.Draft7Validator.check_schema(SCHEMA[name])
     file = SPECS / f"{name}.schema.json"
     assert main([SCHEMAS[name], "--schema"]) == 0
-    assert capsys.readouterr().out == file.read_text(), f"run noslip {SCHEMAS[name]} --schema > examples/specs/{file.name}"
+    assert capsys.readouterr().out == file.read_text(), (
+        f"run noslip {SCHEMAS[name]} --schema > examples/specs/{file.name}"
+    )
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
 def test_shipped_specs_name_their_schema_and_satisfy_it(file):
     directive, named = file.read_text().splitlines()[0].split()
-    assert directive == "#:schema" and (file.parent / named).resolve() == (SPECS / "spec.schema.json").resolve()
+    assert (
+        directive == "#:schema" and (file.parent / named).resolve() == (SPECS / "spec.schema.json").resolve()
+    )
     jsonschema.validate(tomllib.loads(file.read_text()), SCHEMA["spec"])
 
 
@@ -65,32 +85,52 @@ def defaults(schema: dict) -> dict:
 def test_defaults_are_those_of_the_reader():
     stated = defaults(SCHEMA["spec"])
     assert stated["simulation.backend"] == "c" and not {"robot", "output.type"} & stated.keys()
-    needed = {"simulation.period": 0.01, "limits.torque": [20.0], "sensors": {}, "correction.rate": 1.0, "contact": {}}
+    needed = {
+        "simulation.period": 0.01,
+        "limits.torque": [20.0],
+        "sensors": {},
+        "correction.rate": 1.0,
+        "contact": {},
+    }
     needed |= {"reference.approach.acceleration": 0.5, "drive.kind": "torque"}
     noticing = {"limits.mode": "grip", "sensors.gyro": {}}
     needed["floor.rough"] = {"count": 1, "x": [0, 1], "y": [0, 1], "height": 0.01, "radius": 0.1}
-    on_circle = {"output": {"type": "I"}, "reference": {"position": [0.0, 0.0], "circle": {"radius": 1.0, "rate": 0.1}}}
+    on_circle = {
+        "output": {"type": "I"},
+        "reference": {"position": [0.0, 0.0], "circle": {"radius": 1.0, "rate": 0.1}},
+    }
     course = {"position": [0.0, 0.0], "course": {"speed": 0.5, "lengths": [1.0], "curvatures": [0.0, 0.1]}}
     bases = {"reference.circle.": on_circle, "reference.course.": on_circle | {"reference": course}}
     for key, value in stated.items():
         base = next((CIRCLE | changes for start, changes in bases.items() if key.startswith(start)), CIRCLE)
         if key.startswith("estimator."):  # which does not go with a correction
             pose = {"estimator.pose.rate": 1.0, "estimator.pose.sd": 0.1, "estimator.pose.heading_sd": 0.1}
-            given = {name: needed[name] for name in ("simulation.period", "sensors")} | {"estimator.noise": 0.1} | pose
+            given = (
+                {name: needed[name] for name in ("simulation.period", "sensors")}
+                | {"estimator.noise": 0.1}
+                | pose
+            )
         elif key.startswith("adaptation."):  # which does not go with drives
             learned = {"adaptation.bounds": {"m_c": [20.0, 90.0]}, "adaptation.noise": 0.1}
             given = {"simulation.period": 0.01} | learned
         else:
             given = needed
-        more = [] if base is not CIRCLE else [*given.items(), *(noticing.items() if "notice_slip" in key else ())]
+        more = (
+            []
+            if base is not CIRCLE
+            else [*given.items(), *(noticing.items() if "notice_slip" in key else ())]
+        )
         if not key.startswith(("sweep.", "simulation.period")):
             table = reduce(lambda content, item: changed(content, *item), [*more, (key, None)], base)
             assert attrgetter(key)(spec_of_table(table, SPECS / "line.toml")) == value, key
 
 
 def described(schema: object, place: str = "") -> Iterator[tuple[str, dict]]:
-    """Every entry of the tables of a schema, with its place; what is refused, and conditions, are no entries."""
-    parts = schema.items() if isinstance(schema, dict) else enumerate(schema) if isinstance(schema, list) else ()
+    """Every entry of the tables of a schema, with its place; what is refused, and conditions,
+    are no entries."""
+    parts = (
+        schema.items() if isinstance(schema, dict) else enumerate(schema) if isinstance(schema, list) else ()
+    )
     for key, part in parts:
         if key == "properties":
             yield from ((f"{place}.{name}", item) for name, item in part.items() if item is not False)
@@ -102,7 +142,11 @@ def takes_numbers(item: dict) -> bool:
     """Whether an entry is a number, or a list of numbers."""
     items = item.get("items", [])
     parts = [*item.get("anyOf", ()), *(items if isinstance(items, list) else [items])]
-    return item.get("type") == "number" or item.get("$ref") == "#/definitions/number" or any(map(takes_numbers, parts))
+    return (
+        item.get("type") == "number"
+        or item.get("$ref") == "#/definitions/number"
+        or any(map(takes_numbers, parts))
+    )
 
 
 UNIT = re.compile(r"\b(in (SI units|[mNrsH1]\S*)|without unit)")
@@ -183,7 +227,10 @@ BAD = [
     ("output.path", {"kind": "reeds_shepp", "from": [0, 0, 0], "to": [4, 3, 1], "radius": 1.0, "closed": 1}),
     ("output.path", {"kind": "composite", "segments": []}),
     ("output.path", {"kind": "composite", "segments": [{"kind": "spiral"}]}),
-    ("output.path", {"kind": "composite", "segments": [{"kind": "line", "from": [0, 0], "to": [1, 0], "radius": 1.0}]}),
+    (
+        "output.path",
+        {"kind": "composite", "segments": [{"kind": "line", "from": [0, 0], "to": [1, 0], "radius": 1.0}]},
+    ),
     ("gains.kp", True),
     ("parameters", 3.0),
     ("initial.heading", 90.0),

@@ -55,7 +55,12 @@ def test_numbers_with_units_are_read_in_si(text, unit, value):
 @pytest.mark.parametrize(
     ("text", "unit", "words"),
     [
-        ("3 kg", "m", 'x = "3 kg" has the wrong dimension, kilogram; write a number in m, or a number, a space and a unit'),
+        (
+            "3 kg",
+            "m",
+            'x = "3 kg" has the wrong dimension, kilogram; write a number in m, or a number, a space and a '
+            "unit",
+        ),
         ("10 Hz", "rad/s", "wrong dimension"),  # cycles or radians per second?
         ("10 rpm", "1/s", "wrong dimension"),
         ("3 m", "1", "write a number without a unit"),
@@ -86,9 +91,16 @@ def test_what_is_not_such_a_number_is_refused(text, unit, words):
 def test_a_plain_heading_of_more_than_a_turn_is_refused():
     with pytest.raises(BadInput) as raised:
         angle(90, "heading")
-    message = 'heading = 90 rad is more than a turn: did you mean degrees? write "90 deg", or "90 rad" if that is meant'
+    message = (
+        'heading = 90 rad is more than a turn: did you mean degrees? write "90 deg", or "90 rad" if '
+        "that is meant"
+    )
     assert str(raised.value) == message
-    assert angle("90 rad", "heading") == 90.0 and angle(6.2832, "heading") == 6.2832 and angle(-math.tau, "x") == -math.tau
+    assert (
+        angle("90 rad", "heading") == 90.0
+        and angle(6.2832, "heading") == 6.2832
+        and angle(-math.tau, "x") == -math.tau
+    )
     assert pose(["1 km", 2, "180 deg"], "from") == (1000.0, 2.0, math.pi)
     with pytest.raises(BadInput, match=r"from\[2\] = 180 rad is more than a turn"):
         pose([1, 2, 180], "from")
@@ -120,7 +132,15 @@ def test_a_spec_with_units_makes_the_same_loop_as_one_without():
         changes |= {"gains.ki_distance": CHANGES["gains.ki"][k]}
         spec = read_varied("circle", changes)
         loop = make_loop(spec)
-        loops.append((spec, loop.believed.tolist(), loop.plant.parameters.tolist(), loop.gains.tolist(), loop.start.tolist()))
+        loops.append(
+            (
+                spec,
+                loop.believed.tolist(),
+                loop.plant.parameters.tolist(),
+                loop.gains.tolist(),
+                loop.start.tolist(),
+            )
+        )
     assert loops[0] == loops[1]
 
 
@@ -139,7 +159,11 @@ def test_a_spec_with_units_makes_the_same_loop_as_one_without():
         ("initial", {"q": [0, 0, 0, 0, 0], "nu": ["1 m/s", 0]}, "initial.nu[0]"),
         ("plant.m_w", "3 m_c", "unknown unit 'm_c'"),
         ("initial.heading", 90, "did you mean degrees?"),
-        ("output.path", {"kind": "dubins", "from": [0, 0, 90], "to": [9, 9, 0], "radius": 1}, "did you mean degrees?"),
+        (
+            "output.path",
+            {"kind": "dubins", "from": [0, 0, 90], "to": [9, 9, 0], "radius": 1},
+            "did you mean degrees?",
+        ),
         ("sensors.counts", "3 m", "is not an integer"),
     ],
 )
@@ -154,7 +178,11 @@ def test_coordinates_may_be_larger_than_a_turn():
 
 
 def test_set_takes_a_unit_with_and_without_the_quotes_of_toml():
-    assert change('initial.heading="90 deg"') == change("initial.heading=90 deg") == ("initial.heading", "90 deg")
+    assert (
+        change('initial.heading="90 deg"')
+        == change("initial.heading=90 deg")
+        == ("initial.heading", "90 deg")
+    )
     with pytest.raises(BadInput):
         change("initial.heading=90 deg;")
 
@@ -162,7 +190,10 @@ def test_set_takes_a_unit_with_and_without_the_quotes_of_toml():
 def test_distributions_have_units():
     study = study_of(read_text("circle") + SWEPT, "circle", 4)
     margins = study.plan.margins
-    assert margins["initial.heading"].a == pytest.approx(math.pi / 2) and margins["initial.heading"].within[1] == 2.0
+    assert (
+        margins["initial.heading"].a == pytest.approx(math.pi / 2)
+        and margins["initial.heading"].within[1] == 2.0
+    )
     assert margins["initial.point[0]"].a == pytest.approx(30.48)
     assert margins["plant.m_c"].a == pytest.approx(60 * 0.45359237)
 
@@ -204,15 +235,23 @@ def test_plan_takes_units(capsys, bad_input):
     assert len(set(printed)) == 1
     assert "did you mean degrees?" in bad_input([*plan, "4", "3", "90"])
     assert "has the wrong dimension" in bad_input([*plan, "4", "3 kg", "1"])
-    assert "has the wrong dimension" in bad_input(["plan", "dubins", *plan[4:], "4", "3", "1", "--radius", "3 s"])
-    assert "has the wrong dimension" in bad_input(["outer-loop", "labmate", "--output", "type_iv_line", "--speed", "3 kg"])
+    assert "has the wrong dimension" in bad_input(
+        ["plan", "dubins", *plan[4:], "4", "3", "1", "--radius", "3 s"]
+    )
+    assert "has the wrong dimension" in bad_input(
+        ["outer-loop", "labmate", "--output", "type_iv_line", "--speed", "3 kg"]
+    )
 
 
 def test_pint_is_imported_only_for_a_unit():
     code = (
-        "import sys; from noslip.simulation.specification.spec import read_spec; read_spec('line'); print('pint' in sys.modules)"
+        "import sys; from noslip.simulation.specification.spec import read_spec; read_spec('line'); "
+        "print('pint' in sys.modules)"
     )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        == "False\n"
+    )
 
 
 def test_a_robots_unit_that_is_not_si_takes_plain_numbers_only():

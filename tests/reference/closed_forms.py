@@ -1,4 +1,5 @@
-"""The LABMATE in closed form, an oracle that shares nothing with the generator: the paper's matrices, and what follows from them.
+"""The LABMATE in closed form, an oracle that shares nothing with the generator: the paper's matrices, and
+what follows from them.
 
 Everything symbolic is SymPy; numbers are evaluated with 30 digits and rounded once. `lagrange_equations` and
 `rolling_rows` derive the same matrices a second time, from the motion of the bodies.
@@ -57,7 +58,9 @@ BIAS = m_c * d * r**3 / (4 * b**2) * sp.Matrix([nu_2 * (nu_1 - nu_2), -nu_1 * (n
 
 def along_motion(expression: sp.Matrix) -> sp.Matrix:
     """Time derivative along qdot = S nu."""
-    return sum((expression.diff(x) * rate for x, rate in zip(q, S * nu, strict=True)), sp.zeros(*expression.shape))
+    return sum(
+        (expression.diff(x) * rate for x, rate in zip(q, S * nu, strict=True)), sp.zeros(*expression.shape)
+    )
 
 
 def lagrange_equations() -> tuple[sp.Matrix, sp.Matrix]:
@@ -65,7 +68,10 @@ def lagrange_equations() -> tuple[sp.Matrix, sp.Matrix]:
     t = sp.Symbol("t")
     of_time = sp.Matrix([sp.Function(str(symbol))(t) for symbol in q])
     x, y, heading, right_angle, left_angle = of_time
-    forward, left = sp.Matrix([sp.cos(heading), sp.sin(heading)]), sp.Matrix([-sp.sin(heading), sp.cos(heading)])
+    forward, left = (
+        sp.Matrix([sp.cos(heading), sp.sin(heading)]),
+        sp.Matrix([-sp.sin(heading), sp.cos(heading)]),
+    )
     axle = sp.Matrix([x, y]) - d * forward
     kinetic = (m_c * (x.diff(t) ** 2 + y.diff(t) ** 2) + I_c * heading.diff(t) ** 2) / 2
     for wheel, angle in ((axle - b * left, right_angle), (axle + b * left, left_angle)):
@@ -97,7 +103,8 @@ def rolling_rows() -> sp.Matrix:
 
 @dataclass(frozen=True)
 class Output:
-    """An output map of the paper: h(q, nu), the relative degree of each row and det Phi as the paper's table has it."""
+    """An output map of the paper: h(q, nu), the relative degree of each row and det Phi as the paper's table
+    has it."""
 
     h: sp.Matrix
     relative_degree: tuple[int, int]
@@ -108,7 +115,9 @@ class Output:
     def Phi(self) -> sp.Matrix:
         """Decoupling matrix (15); a row of degree 1 is dh/dnu."""
         by_position, by_velocity = self.h.jacobian(q) * S, self.h.jacobian(nu)
-        return sp.Matrix.vstack(*[(by_velocity if k == 1 else by_position)[i, :] for i, k in enumerate(self.relative_degree)])
+        return sp.Matrix.vstack(
+            *[(by_velocity if k == 1 else by_position)[i, :] for i, k in enumerate(self.relative_degree)]
+        )
 
     @cached_property
     def Phidot(self) -> sp.Matrix:
@@ -130,19 +139,29 @@ class Output:
 def _outputs() -> dict[str, Output]:
     x_l, y_l = x_c + L * cos, y_c + L * sin
     speed = r * (nu_1 + nu_2) / 2
-    line_A, line_B, line_C, x_f, y_f, R = (sp.Symbol(f"config.{name}", real=True) for name in ("A", "B", "C", "x_f", "y_f", "R"))
+    line_A, line_B, line_C, x_f, y_f, R = (
+        sp.Symbol(f"config.{name}", real=True) for name in ("A", "B", "C", "x_f", "y_f", "R")
+    )
     half_x, half_y = (sp.Symbol(f"config.{name}", positive=True) for name in ("a", "b"))
     norm, distance = sp.sqrt(line_A**2 + line_B**2), sp.sqrt((x_l - x_f) ** 2 + (y_l - y_f) ** 2)
-    f, slope_x, slope_y = (x_l / half_x) ** 2 + (y_l / half_y) ** 2 - 1, 2 * x_l / half_x**2, 2 * y_l / half_y**2
+    f, slope_x, slope_y = (
+        (x_l / half_x) ** 2 + (y_l / half_y) ** 2 - 1,
+        2 * x_l / half_x**2,
+        2 * y_l / half_y**2,
+    )
     ellipse = f / sp.sqrt(slope_x**2 + slope_y**2)
-    # det Phi of Type IV for any h1: with g = grad h1 at P_l it is r^2 l (g_y cos phi - g_x sin phi)/(2b). On the ellipse
-    # g = grad f/|grad f| - f H grad f/|grad f|^3 with the Hessian H of f.
+    # det Phi of Type IV for any h1: with g = grad h1 at P_l it is r^2 l (g_y cos phi - g_x sin phi)/(2b). On
+    # the ellipse g = grad f/|grad f| - f H grad f/|grad f|^3 with the Hessian H of f.
     cube = sp.sqrt(slope_x**2 + slope_y**2) ** 3
     g_x = slope_x * (cube ** sp.Rational(2, 3) - f * 2 / half_x**2) / cube
     g_y = slope_y * (cube ** sp.Rational(2, 3) - f * 2 / half_y**2) / cube
     # A line or arc by its centre, 1/curvature to the left of the point.
-    x_s, y_s, direction, curvature = (sp.Symbol(f"config.{name}", real=True) for name in ("x_s", "y_s", "direction", "curvature"))
-    from_centre = sp.Matrix([x_l - x_s + sp.sin(direction) / curvature, y_l - y_s - sp.cos(direction) / curvature])
+    x_s, y_s, direction, curvature = (
+        sp.Symbol(f"config.{name}", real=True) for name in ("x_s", "y_s", "direction", "curvature")
+    )
+    from_centre = sp.Matrix(
+        [x_l - x_s + sp.sin(direction) / curvature, y_l - y_s - sp.cos(direction) / curvature]
+    )
     radius = sp.sqrt(from_centre.dot(from_centre))
     inward = -sp.sign(curvature) * from_centre / radius
     four = r**2 * l / (2 * b)
@@ -162,7 +181,9 @@ def _outputs() -> dict[str, Output]:
             four * ((y_c - y_f) * cos - (x_c - x_f) * sin) / distance,
             (L, x_f, y_f, R),
         ),
-        "type_iv_ellipse": Output(sp.Matrix([ellipse, speed]), (2, 1), four * (g_y * cos - g_x * sin), (L, half_x, half_y)),
+        "type_iv_ellipse": Output(
+            sp.Matrix([ellipse, speed]), (2, 1), four * (g_y * cos - g_x * sin), (L, half_x, half_y)
+        ),
         "type_iv_segment": Output(
             sp.Matrix([1 / curvature - sp.sign(curvature) * radius, speed]),
             (2, 1),
@@ -185,7 +206,14 @@ def _platform_function():
 @cache
 def _output_function(law: str):
     output = OUTPUTS[law]
-    quantities = [output.h, output.rate, output.Phi, output.Phidot, output.drift, sp.Matrix([output.determinant])]
+    quantities = [
+        output.h,
+        output.rate,
+        output.Phi,
+        output.Phidot,
+        output.drift,
+        sp.Matrix([output.determinant]),
+    ]
     return sp.lambdify((*STATE, *output.config), quantities, "mpmath", cse=True)
 
 
@@ -206,8 +234,9 @@ def law(
 ) -> dict[str, np.ndarray]:
     """h, ydot, Phi, Phidot, det, u, tau, lam of one law.
 
-    `gains` are kp, kd, kv; `reference` has a row (y, yd, ydd) for each output, a row of degree 1 leaves the middle unused.
-    tau follows (12) with S'E = 1; lambda from the whole system M qddot + A' lambda = E tau - V, A qddot = -Adot qdot.
+    `gains` are kp, kd, kv; `reference` has a row (y, yd, ydd) for each output, a row of degree 1 leaves the
+    middle unused. tau follows (12) with S'E = 1; lambda from the whole system M qddot + A' lambda = E tau -
+    V, A qddot = -Adot qdot.
     """
     output = OUTPUTS[name]
     kp, kd, kv = gains
@@ -229,5 +258,15 @@ def law(
         whole[:5, :5], whole[:5, 5:], whole[5:, :5] = mass, rolling.T, rolling
         lam = mpmath.lu_solve(whole, mpmath.matrix(right))[5:]
         degree_two = [rate[i] for i, degree in enumerate(output.relative_degree) if degree == 2]
-        exact = {"h": h, "Phi": Phi, "Phidot": Phidot, "u": u, "tau": tau, "lam": mpmath.matrix(lam), "det": determinant}
-        return {"ydot": np.array([float(number) for number in degree_two])} | {k: _numbers(x).squeeze() for k, x in exact.items()}
+        exact = {
+            "h": h,
+            "Phi": Phi,
+            "Phidot": Phidot,
+            "u": u,
+            "tau": tau,
+            "lam": mpmath.matrix(lam),
+            "det": determinant,
+        }
+        return {"ydot": np.array([float(number) for number in degree_two])} | {
+            k: _numbers(x).squeeze() for k, x in exact.items()
+        }

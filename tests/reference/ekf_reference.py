@@ -1,7 +1,8 @@
-"""An extended Kalman filter with the full covariance in 50 digits, by hand, for two driven wheels, to compare the C with.
+"""An extended Kalman filter with the full covariance in 50 digits, by hand, for two driven wheels, to compare
+the C with.
 
-The errors of the wheels' angles are estimated together with the states, and derivatives are difference quotients: nothing here
-has the structure of the generated filter.
+The errors of the wheels' angles are estimated together with the states, and derivatives are difference
+quotients: nothing here has the structure of the generated filter.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,14 +29,31 @@ def derivative(function: Callable[[mp.matrix], mp.matrix], at: mp.matrix) -> mp.
 
 
 class Reference:
-    """States: x, y, heading of the point d ahead of the axle, bias of the gyro, and the scales of `scaled`, some of SCALES."""
+    """States: x, y, heading of the point d ahead of the axle, bias of the gyro,
+    and the scales of `scaled`, some of SCALES."""
 
-    def __init__(self, r: float, b: float, d: float, noise, start, start_sd, gyro_noise, bias_sd, bias_walk, scale_sd=None):
+    def __init__(
+        self,
+        r: float,
+        b: float,
+        d: float,
+        noise,
+        start,
+        start_sd,
+        gyro_noise,
+        bias_sd,
+        bias_walk,
+        scale_sd=None,
+    ):
         self.r, self.b, self.d = map(mp.mpf, (r, b, d))
         self.scaled = list(scale_sd or {})
         self.x = vector([*start, 0, *([1] * len(self.scaled))])
         self.P = mp.diag([mp.mpf(sd) ** 2 for sd in (*start_sd, bias_sd, *(scale_sd or {}).values())])
-        self.noise, self.gyro_noise, self.walk = [mp.mpf(v) for v in noise], mp.mpf(gyro_noise), mp.mpf(bias_walk)
+        self.noise, self.gyro_noise, self.walk = (
+            [mp.mpf(v) for v in noise],
+            mp.mpf(gyro_noise),
+            mp.mpf(bias_walk),
+        )
 
     def _rolled(self, x: mp.matrix, angles: mp.matrix) -> tuple[mp.mpf, mp.mpf]:
         """Distance and turn."""
@@ -77,7 +95,9 @@ class Reference:
         self.x, self.P = self._moved(joint, turned), F * P * F.T
         self.P[3, 3] += self.walk**2 * dt
 
-    def correct(self, kind: str, ahead=0.0, left=0.0, x=0.0, y=0.0, heading=0.0, range=0.0, sd=1.0, heading_sd=1.0) -> mp.mpf:
+    def correct(
+        self, kind: str, ahead=0.0, left=0.0, x=0.0, y=0.0, heading=0.0, range=0.0, sd=1.0, heading_sd=1.0
+    ) -> mp.mpf:
         """Use a measurement; return its normalized innovation squared."""
 
         def seen(state: mp.matrix) -> mp.matrix:

@@ -1,4 +1,5 @@
-"""The shipped robots again, from their textbook description: bodies, frames and points in SymPy, Kane's or Lagrange's method.
+"""The shipped robots again, from their textbook description: bodies, frames and points in SymPy, Kane's or
+Lagrange's method.
 
 Nothing here looks at model/robots. Symbols have the same names, so that numbers can be given by name.
 """
@@ -25,8 +26,9 @@ t = dynamicsymbols._t
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Functions of (q, qdot, tau, parameters): `system` [matrix, right side] for qddot and what else is unknown, `slip` the
-    velocities that must vanish, the energy, and the power of all loads that are no weight.
+    """Functions of (q, qdot, tau, parameters): `system` [matrix, right side] for qddot and what else is
+    unknown, `slip` the velocities that must vanish, the energy, and the power of all loads that are no
+    weight.
     """
 
     coordinates: tuple[str, ...]
@@ -37,14 +39,18 @@ class Motion:
     energy: Callable
     power: Callable
 
-    def acceleration(self, q: Sequence[float], qdot: Sequence[float], tau: Sequence[float], p: Sequence[float]) -> np.ndarray:
-        """(n,), from n equations of motion with m multipliers, or n-m of Kane's with the constraints differentiated."""
+    def acceleration(
+        self, q: Sequence[float], qdot: Sequence[float], tau: Sequence[float], p: Sequence[float]
+    ) -> np.ndarray:
+        """(n,), from n equations of motion with m multipliers,
+        or n-m of Kane's with the constraints differentiated."""
         system = np.array(self.system(q, qdot, tau, p), float)
         return np.linalg.solve(system[:, :-1], system[:, -1])[: len(q)]
 
 
 class Description:
-    """What the methods share: coordinates q with their rates u, inputs, parameters, bodies, loads and vanishing velocities."""
+    """What the methods share: coordinates q with their rates u, inputs, parameters, bodies,
+    loads and vanishing velocities."""
 
     def __init__(self, coordinates: str, inputs: str, parameters: str):
         self.q = list(dynamicsymbols(coordinates))
@@ -118,7 +124,11 @@ class Description:
             (place.ang_vel_in(self.N) if isinstance(place, ReferenceFrame) else place.vel(self.N)).dot(load)
             for place, load in self.loads
         )
-        names = tuple(str(q.func) for q in self.q), tuple(map(str, self.inputs)), tuple(map(str, self.parameters))
+        names = (
+            tuple(str(q.func) for q in self.q),
+            tuple(map(str, self.inputs)),
+            tuple(map(str, self.parameters)),
+        )
         energy = self._kinetic() + self.potential
         both, slip = function(matrix.row_join(right)), function(sp.Matrix(self.vanishing))
         return Motion(*names, both, slip, function(energy), function(power))
@@ -150,7 +160,11 @@ def rolling_disk() -> Motion:
 def _steered(driven_in_front: bool, linked: bool = False) -> Motion:
     """With a rear axle that is `linked`, a body of its own turns by -k delta with the driven wheels on it."""
     d = Description("x y phi delta theta", "tau_d tau_s", "m l c r I_c I_s I_w" + " k I_r" * linked)
-    (x, y, phi, delta, theta), (tau_d, tau_s), (m, l, c, r, I_c, I_s, I_w, *of_rear) = d.q, d.inputs, d.parameters  # noqa: E741
+    (x, y, phi, delta, theta), (tau_d, tau_s), (m, l, c, r, I_c, I_s, I_w, *of_rear) = (  # noqa: E741
+        d.q,
+        d.inputs,
+        d.parameters,
+    )
     N, B = d.N, d.N.orientnew("B", "Axis", (phi, d.N.z))
     F = B.orientnew("F", "Axis", (delta, B.z))
     H = B.orientnew("H", "Axis", (-of_rear[0] * delta, B.z)) if linked else B
@@ -173,13 +187,18 @@ def _steered(driven_in_front: bool, linked: bool = False) -> Motion:
 
 
 def ball_plate() -> Motion:
-    """The ball turns by z-y-z angles from upside down; its point at latitude u, longitude -v is lowest, psi turns it there."""
+    """The ball turns by z-y-z angles from upside down; its point at latitude u, longitude -v is lowest,
+    psi turns it there."""
     d = Description("u v x y psi x_p y_p", "force_x force_y", "m R I m_p")
-    (u, v, x, y, psi, x_p, y_p), (force_x, force_y), (m, R, I, m_p) = d.q, d.inputs, d.parameters  # noqa: E741
+    (u, v, x, y, psi, x_p, y_p), (force_x, force_y) = d.q, d.inputs
+    m, R, I, m_p = d.parameters  # noqa: E741
     N, ball = d.N, d.N
     for angle, axis in ((sp.pi, "x"), (psi, "z"), (sp.pi / 2 - u, "y"), (sp.pi + v, "z")):
         ball = ball.orientnew(f"{ball.name}{axis}", "Axis", (angle, getattr(ball, axis)))
-    middle, plate = d.point("C", d.O, x * N.x + y * N.y + R * N.z), d.point("P", d.O, x_p * N.x + y_p * N.y + 2 * R * N.z)
+    middle, plate = (
+        d.point("C", d.O, x * N.x + y * N.y + R * N.z),
+        d.point("P", d.O, x_p * N.x + y_p * N.y + 2 * R * N.z),
+    )
     omega = ball.ang_vel_in(N).express(N)
     d.bodies = [Particle("ball", middle, m), Particle("plate", plate, m_p)]
     d.turning = I * omega.dot(omega) / 2
@@ -190,7 +209,9 @@ def ball_plate() -> Motion:
     return d.lagrange()
 
 
-def _platform(d: Description, x, y, phi, wheels: Sequence, b, dd, r, m_c, m_w, I_c, I_w, I_m, torques: Sequence):
+def _platform(
+    d: Description, x, y, phi, wheels: Sequence, b, dd, r, m_c, m_w, I_c, I_w, I_m, torques: Sequence
+):
     """The LABMATE's bodies and contacts; answers the frame of the platform and its centre of mass."""
     N, B = d.N, d.N.orientnew("B", "Axis", (phi, d.N.z))
     centre = d.point("P_c", d.O, x * N.x + y * N.y)
@@ -266,7 +287,11 @@ def slope_platform() -> Motion:
 
 
 def mobile_manipulator() -> Motion:
-    d = Description("x_c y_c phi theta_r theta_l q_1 q_2", "tau_r tau_l tau_1 tau_2", f"{LABMATE} a l_1 l_2 m_1 m_2 I_1 I_2")
+    d = Description(
+        "x_c y_c phi theta_r theta_l q_1 q_2",
+        "tau_r tau_l tau_1 tau_2",
+        f"{LABMATE} a l_1 l_2 m_1 m_2 I_1 I_2",
+    )
     x, y, phi, theta_r, theta_l, q_1, q_2 = d.q
     *sizes, a, l_1, l_2, m_1, m_2, I_1, I_2 = d.parameters
     *torques, tau_1, tau_2 = d.inputs
@@ -289,7 +314,10 @@ def geared_arm() -> Motion:
     N = d.N
     first = N.orientnew("first", "Axis", (q_1, N.z))
     second = first.orientnew("second", "Axis", (q_2, N.z))
-    rotors = N.orientnew("rotor_1", "Axis", (theta_1, N.z)), first.orientnew("rotor_2", "Axis", (theta_2, N.z))
+    rotors = (
+        N.orientnew("rotor_1", "Axis", (theta_1, N.z)),
+        first.orientnew("rotor_2", "Axis", (theta_2, N.z)),
+    )
     elbow = d.point("elbow", d.O, l_1 * first.x)
     d.body("link 1", d.point("C_1", d.O, c_1 * first.x), first, m_1, (0, 0, I_1))
     d.body("link 2", d.point("C_2", elbow, c_2 * second.x), second, m_2, (0, 0, I_2))

@@ -31,7 +31,9 @@ def vertical_disk() -> Kinematics:
     q = (length("x"), length("y"), angle("heading"), angle("roll"))
     R = size("R")
     heading = q[2].symbol
-    A = ca.vertcat(ca.horzcat(1, 0, 0, -R.symbol * cos(heading)), ca.horzcat(0, 1, 0, -R.symbol * sin(heading)))
+    A = ca.vertcat(
+        ca.horzcat(1, 0, 0, -R.symbol * cos(heading)), ca.horzcat(0, 1, 0, -R.symbol * sin(heading))
+    )
     return Kinematics("vertical_disk", q, (R,), A=A)
 
 
@@ -46,17 +48,22 @@ def car() -> Kinematics:
 
 
 def trailers(count: int) -> Kinematics:
-    """A unicycle with trailers, each hooked to the middle of the axle before it; S by turning and forward speed."""
+    """A unicycle with trailers, each hooked to the middle of the axle before it;
+    S by turning and forward speed."""
     q = (length("x"), length("y"), *[angle(f"theta_{k}") for k in range(count + 1)])
     sizes = tuple(size(f"L_{k + 1}") for k in range(count))
     theta = [each.symbol for each in q[2:]]
     return Kinematics(
-        f"unicycle with {count} trailers", q, sizes, S=ca.horzcat(ca.SX.eye(count + 3)[:, 2], forward(theta, sizes))
+        f"unicycle with {count} trailers",
+        q,
+        sizes,
+        S=ca.horzcat(ca.SX.eye(count + 3)[:, 2], forward(theta, sizes)),
     )
 
 
 def forward(theta: list[ca.SX], sizes: tuple[Quantity, ...]) -> ca.SX:
-    """Rates of (x, y, theta_0, ...) at forward speed 1: trailer k turns at v_(k-1) sin(theta_(k-1) - theta_k) / L_k."""
+    """Rates of (x, y, theta_0, ...) at forward speed 1: trailer k turns at v_(k-1) sin(theta_(k-1) -
+    theta_k) / L_k."""
     speed, rates = ca.SX(1), []
     for k, L in enumerate(sizes):
         rates.append(speed * sin(theta[k] - theta[k + 1]) / L.symbol)
@@ -65,8 +72,12 @@ def forward(theta: list[ca.SX], sizes: tuple[Quantity, ...]) -> ca.SX:
 
 
 def labmate_with_trailers(count: int) -> Kinematics:
-    """The LABMATE, wheel angles included, and trailers each hooked to the middle of the axle before it; A by no-slip rows."""
-    q = (*map(length, ("x_c", "y_c")), *map(angle, ("phi", "theta_r", "theta_l", *[f"psi_{k + 1}" for k in range(count)])))
+    """The LABMATE, wheel angles included, and trailers each hooked to the middle of the axle before it;
+    A by no-slip rows."""
+    q = (
+        *map(length, ("x_c", "y_c")),
+        *map(angle, ("phi", "theta_r", "theta_l", *[f"psi_{k + 1}" for k in range(count)])),
+    )
     b, r = size("b"), size("r")
     d = quantity("d", "m", default=0.3)
     sizes = tuple(size(f"L_{k + 1}") for k in range(count))
@@ -95,7 +106,8 @@ def labmate_with_trailers(count: int) -> Kinematics:
 
 
 def hitched(by_constraints: bool) -> Kinematics:
-    """A unicycle that pulls a trailer by a hitch as far behind its axle as the trailer is long, given by A or by S."""
+    """A unicycle that pulls a trailer by a hitch as far behind its axle as the trailer is long,
+    given by A or by S."""
     *_, t0, t1 = q = (length("x"), length("y"), angle("t0"), angle("t1"))
     L = size("L")
     across, along = sin(t0.symbol - t1.symbol), cos(t0.symbol - t1.symbol)
@@ -108,7 +120,9 @@ def hitched(by_constraints: bool) -> Kinematics:
     return Kinematics("hitched", q, (L,), S=ca.horzcat(turning, forward_one))
 
 
-def grushin(function: Callable[[ca.SX], ca.SX], kind: Callable[[str], Quantity] = length, *parameters: Quantity) -> Kinematics:
+def grushin(
+    function: Callable[[ca.SX], ca.SX], kind: Callable[[str], Quantity] = length, *parameters: Quantity
+) -> Kinematics:
     """Velocities along x, and along y times a function of x: singular where the function is zero."""
     x, y = kind("x"), length("y")
     S = ca.horzcat(ca.vertcat(1, 0), ca.vertcat(0, function(x.symbol)))
@@ -126,12 +140,15 @@ def slider_crank() -> Kinematics:
     q = (angle("crank"), angle("rod"), length("x"))
     R, L = size("R"), size("L")
     crank, rod, x = (each.symbol for each in q)
-    closure = ca.vertcat(R.symbol * cos(crank) + L.symbol * cos(rod) - x, R.symbol * sin(crank) + L.symbol * sin(rod))
+    closure = ca.vertcat(
+        R.symbol * cos(crank) + L.symbol * cos(rod) - x, R.symbol * sin(crank) + L.symbol * sin(rod)
+    )
     return Kinematics("slider_crank", q, (R, L), A=ca.jacobian(closure, ca.vertcat(crank, rod, x)))
 
 
 def sleigh(ahead: float, pushed: bool = False) -> Mechanism:
-    """Chaplygin's sleigh, turned by a torque and, if `pushed`, pushed along its blade; its centre of mass `ahead` (m) of it."""
+    """Chaplygin's sleigh, turned by a torque and, if `pushed`, pushed along its blade;
+    its centre of mass `ahead` (m) of it."""
     robot = Mechanism("sleigh")
     x, y, phi = (robot.coordinate(name, unit) for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad")))
     m, inertia = robot.parameter("m", 1.0, "kg"), robot.parameter("I", 0.5, "kg m^2")
@@ -147,7 +164,8 @@ def sleigh(ahead: float, pushed: bool = False) -> Mechanism:
 
 
 def snakeboard() -> Mechanism:
-    """J. Ostrowski, A. Lewis, R. Murray, J. Burdick, IEEE Int. Conf. Robotics and Automation, 1994: rotor and wheels driven."""
+    """J. Ostrowski, A. Lewis, R. Murray, J. Burdick, IEEE Int. Conf. Robotics and Automation, 1994:
+    rotor and wheels driven."""
     robot = Mechanism("snakeboard")
     x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
     theta, psi, phi = (robot.coordinate(name, "rad") for name in ("theta", "psi", "phi"))
@@ -168,7 +186,10 @@ def snakeboard() -> Mechanism:
     robot.kinetic_energy(J_w * ((turning + wheels) ** 2 + (turning - wheels) ** 2) / 2)
     for name, sign in (("front", 1), ("back", -1)):
         heading = theta + sign * phi
-        robot.rolls(f"no slip across the {name} wheels", cos(heading) * vy - sin(heading) * vx + sign * half * cos(phi) * turning)
+        robot.rolls(
+            f"no slip across the {name} wheels",
+            cos(heading) * vy - sin(heading) * vx + sign * half * cos(phi) * turning,
+        )
     robot.input("rotor_torque", "N m", on=rotor)
     robot.input("wheel_torque", "N m", on=wheels)
     return robot

@@ -1,4 +1,5 @@
-"""The check of text in figures finds what is planted; conftest.py applies it to every figure that tests write."""
+"""The check of text in figures finds what is planted; conftest.py applies it to every figure that tests
+write."""
 
 import pytest
 from matplotlib.figure import Figure
@@ -24,18 +25,36 @@ def hung_out(axes):
 
 
 PLANTED = {
-    "two texts at one place": (lambda axes: [axes.text(0.5, 0.5, text) for text in ("one", "other")], "'one' overlaps 'other'"),
-    "a text over the legend": (lambda axes: axes.text(0.02, 0.93, "a note"), "the legend of 'a line' overlaps 'a note'"),
+    "two texts at one place": (
+        lambda axes: [axes.text(0.5, 0.5, text) for text in ("one", "other")],
+        "'one' overlaps 'other'",
+    ),
+    "a text over the legend": (
+        lambda axes: axes.text(0.02, 0.93, "a note"),
+        "the legend of 'a line' overlaps 'a note'",
+    ),
     "a text over a label": (lambda axes: axes.text(0.0, -0.08, "below"), "overlaps 'below'"),
-    "labels of ticks": (lambda axes: axes.set_xticks([0.0, 0.5, 0.505], ["zero", "half", "more"]), "'half' overlaps 'more'"),
-    "a text beyond the edge": (lambda axes: axes.figure.text(0.95, 0.5, "far too long"), "'far too long' is cut at the edge"),
-    "a legend over a curve": (lambda axes: axes.legend(loc="upper right"), "the legend of 'a line' covers the curve 'a line'"),
+    "labels of ticks": (
+        lambda axes: axes.set_xticks([0.0, 0.5, 0.505], ["zero", "half", "more"]),
+        "'half' overlaps 'more'",
+    ),
+    "a text beyond the edge": (
+        lambda axes: axes.figure.text(0.95, 0.5, "far too long"),
+        "'far too long' is cut at the edge",
+    ),
+    "a legend over a curve": (
+        lambda axes: axes.legend(loc="upper right"),
+        "the legend of 'a line' covers the curve 'a line'",
+    ),
     "a label beyond the edge": (hung_out, "'x (m)' is cut at the edge"),
 }
 
 
 def test_a_figure_without_faults_passes():
-    assert drawn(lambda axes: axes.annotate("a point", (0.1, 0.1), (0.6, 0.2), arrowprops={"arrowstyle": "->"})) == []
+    assert (
+        drawn(lambda axes: axes.annotate("a point", (0.1, 0.1), (0.6, 0.2), arrowprops={"arrowstyle": "->"}))
+        == []
+    )
 
 
 def test_what_is_not_shown_is_no_fault():

@@ -1,4 +1,5 @@
-"""A comparison that needs more than a tenth of its tolerance is found, of every kind; one that needs less, or a bound, is not."""
+"""A comparison that needs more than a tenth of its tolerance is found, of every kind; one that needs less,
+or a bound, is not."""
 
 import json
 import subprocess
@@ -32,9 +33,15 @@ def measured(lines: dict[str, str], folder: Path) -> tuple[int, dict[str, float]
     head = "import math\nimport numpy as np\nimport pytest\nx = 1 + 3e-10\n"
     tests = "".join(f"\n\ndef test_{k}():\n    {line}\n" for k, line in enumerate(lines.values()))
     (folder / "test_made.py").write_text(head + tests)
-    plugin = "import sys; from pathlib import Path; from noslip.tests.margins import Margins; from noslip.tests import margins\n"
+    plugin = (
+        "import sys; from pathlib import Path; from noslip.tests.margins import Margins; from "
+        "noslip.tests import margins\n"
+    )
     plugin += f"margins.TESTS = Path({str(folder)!r}); import pytest\n"
-    plugin += "sys.exit(pytest.main([sys.argv[1], '-q', '-p', 'no:cacheprovider'], plugins=[Margins(Path(sys.argv[2]))]))"
+    plugin += (
+        "sys.exit(pytest.main([sys.argv[1], '-q', '-p', 'no:cacheprovider'], "
+        "plugins=[Margins(Path(sys.argv[2]))]))"
+    )
     command = [sys.executable, "-c", plugin, str(folder / "test_made.py"), str(folder / "margins.json")]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     parts = json.loads((folder / "margins.json").read_text())

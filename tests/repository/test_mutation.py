@@ -34,9 +34,11 @@ from pathlib import Path
 
 
 def test_beyond(tmp_path):
-    (tmp_path / "all.c").write_text('#include "beyond.h"\\nint all(int x); int all(int x) { return beyond(x); }')
+    (tmp_path / "all.c").write_text('#include "beyond.h"\\nint all(int x); int all(int x) { return \
+beyond(x); }')
     here = Path(__file__).parents[1] / "runtime_c"
-    command = [os.environ["CC"], "-shared", "-fPIC", f"-I{here}", str(tmp_path / "all.c"), "-o", str(tmp_path / "all.so")]
+    command = [os.environ["CC"], "-shared", "-fPIC", f"-I{here}", str(tmp_path / "all.c"), "-o", \
+str(tmp_path / "all.so")]
     subprocess.run(command, check=True)
     all = ctypes.CDLL(str(tmp_path / "all.so")).all
     assert [all(x) for x in (-5, 0, 3, 4, 9)] == [0, 0, 0, 1, 1]
@@ -45,20 +47,31 @@ RUN = """\
 import sys
 from pathlib import Path
 from noslip.tests.mutation import Source, run
-source = {"codegen/beyond.py": Source(("tests/test_looks.py",)), "runtime_c/beyond.h": Source(("tests/test_compiles.py",))}
+source = {"codegen/beyond.py": Source(("tests/test_looks.py",)), "runtime_c/beyond.h": \
+Source(("tests/test_compiles.py",))}
 sys.exit(run(Path(sys.argv[1]), source, everything=True, jobs=1, ready=("pytest",)))
 """
 
 
 def found(folder: Path, points: str, listed: str = "") -> tuple[int, str]:
-    """Exit code of a mutation test of a small tree, whose test of Python looks at these points, and what it says."""
-    tree = {"__init__.py": "", "codegen/__init__.py": "", "codegen/beyond.py": PYTHON, "runtime_c/beyond.h": C}
+    """Exit code of a mutation test of a small tree, whose test of Python looks at these points,
+    and what it says."""
+    tree = {
+        "__init__.py": "",
+        "codegen/__init__.py": "",
+        "codegen/beyond.py": PYTHON,
+        "runtime_c/beyond.h": C,
+    }
     tree |= {"tests/test_looks.py": LOOKS.format(points, points), "tests/test_compiles.py": COMPILES}
     for name, text in {**tree, "tests/mutation_equivalent.toml": listed}.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
-    done = subprocess.run([sys.executable, "-c", RUN, str(folder)], capture_output=True, text=True, timeout=300)
-    assert (folder / "codegen/beyond.py").read_text() == PYTHON and (folder / "runtime_c/beyond.h").read_text() == C
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, str(folder)], capture_output=True, text=True, timeout=300
+    )
+    assert (folder / "codegen/beyond.py").read_text() == PYTHON and (
+        folder / "runtime_c/beyond.h"
+    ).read_text() == C
     return done.returncode, done.stdout + done.stderr
 
 
@@ -76,7 +89,10 @@ def test_a_mutant_that_survives_is_reported(tmp_path):
 def test_mutants_that_are_killed_or_equivalent(tmp_path):
     """One that no test can find is listed and does not count."""
     before = "def beyond(x: int, other: int = 3) -> bool:"
-    listed = f'[["codegen/beyond.py"]]\nbefore = "{before}"\nafter = "{before.replace("3", "(3 + 1)")}"\nwhy = "not used"\n'
+    listed = (
+        f'[["codegen/beyond.py"]]\nbefore = "{before}"\nafter = "{before.replace("3", "(3 + 1)")}"\nwhy '
+        '= "not used"\n'
+    )
     code, said = found(tmp_path, "-5, 3, 4, 9", listed)
     assert code == 0 and "survived" not in said and "6 of 6 killed, 100.0%" in said
 
@@ -121,17 +137,34 @@ def test_mutants_of_c():
 
 
 def test_mutants_of_python():
-    text = 'def f(a: "1" = True):\n    "2 + 3"\n    if a and not a < -2:\n        a += 1  # 7 + 8\n    return [a * 2 - 1, "4"]\n'
+    text = (
+        'def f(a: "1" = True):\n    "2 + 3"\n    if a and not a < -2:\n        a += 1  # 7 + 8\n    '
+        'return [a * 2 - 1, "4"]\n'
+    )
     after = changed(text, python_mutants(text))
-    assert {'def f(a: "1" = False):', "if a or not a < -2:", "if a and a < -2:", "if a and not a <= -2:"} <= after
-    assert {"if a and not a < 2:", "pass  # 7 + 8", 'return [a / 2 - 1, "4"]', 'return [a * 2 + 1, "4"]'} <= after
+    assert {
+        'def f(a: "1" = False):',
+        "if a or not a < -2:",
+        "if a and a < -2:",
+        "if a and not a <= -2:",
+    } <= after
+    assert {
+        "if a and not a < 2:",
+        "pass  # 7 + 8",
+        'return [a / 2 - 1, "4"]',
+        'return [a * 2 + 1, "4"]',
+    } <= after
     assert not any("+ 8 + 1" in line or "3 + 1" in line or "4 + 1" in line for line in after)
 
 
 @pytest.mark.parametrize("path", SOURCES)
 def test_what_is_listed_is_there(path):
     """Sources, their tests, and mutants listed as equivalent, each with a reason."""
-    assert all((ROOT / name).is_file() for name in SOURCES[path].tests if name.startswith("tests/") and "::" not in name)
+    assert all(
+        (ROOT / name).is_file()
+        for name in SOURCES[path].tests
+        if name.startswith("tests/") and "::" not in name
+    )
     text = (ROOT / path).read_text()
     made = {mutant.lines(text) for mutant in mutants(ROOT, path)}
     assert len(made) > 10 and equivalent(ROOT).get(path, set()) <= made

@@ -1,4 +1,5 @@
-"""Results do not depend on the processor: neither on OpenBLAS's kernels, nor on NumPy's, nor on the C library's."""
+"""Results do not depend on the processor: neither on OpenBLAS's kernels, nor on NumPy's,
+nor on the C library's."""
 
 import math
 import re
@@ -26,13 +27,19 @@ FEW = [spec for spec in SPECS if spec.stem in ("cusp", "fastest")]  # a wait; a 
 def test_sines_and_cosines():
     """Against 120 bits; near multiples of pi/2 too; of floats, arrays and expressions alike."""
     random = np.random.default_rng(1)
-    x = [random.uniform(-10, 10, 2000), random.uniform(-(2.0**20), 2.0**20, 2000), np.arange(-300, 300) * (math.pi / 4)]
+    x = [
+        random.uniform(-10, 10, 2000),
+        random.uniform(-(2.0**20), 2.0**20, 2000),
+        np.arange(-300, 300) * (math.pi / 4),
+    ]
     x = np.concatenate([*x, 10.0 ** -np.arange(20)])
     found = np.array(sine_cosine(x))
     with mp.workprec(120):
         truth = [[f(mp.mpf(value)) for value in x.tolist()] for f in (mp.sin, mp.cos)]
         rows = zip(truth, found.tolist(), strict=True)
-        errors = [abs(one - mp.mpf(value)) for right, row in rows for one, value in zip(right, row, strict=True)]
+        errors = [
+            abs(one - mp.mpf(value)) for right, row in rows for one, value in zip(right, row, strict=True)
+        ]
     assert max(errors) < 1.5 * np.finfo(float).eps
     assert np.array_equal(found, np.array([sine_cosine(value) for value in x.tolist()]).T)
     s = ca.SX.sym("s")
@@ -44,7 +51,9 @@ def test_sines_and_cosines():
 def test_angles():
     """In every direction, and where the series changes; complex numbers as Python has them."""
     random = np.random.default_rng(2)
-    y, x = np.concatenate([random.normal(size=(2, 2000)), [np.arange(9.0), np.full(9, 8.0)], [[3.0, -3.0], [0.0, 0.0]]], axis=1)
+    y, x = np.concatenate(
+        [random.normal(size=(2, 2000)), [np.arange(9.0), np.full(9, 8.0)], [[3.0, -3.0], [0.0, 0.0]]], axis=1
+    )
     found = angle_of(y, x)
     with mp.workprec(120):
         points = zip(y.tolist(), x.tolist(), found.tolist(), strict=True)
@@ -96,27 +105,37 @@ def test_least_squares(rows, columns, rank):
 
 
 LIBM = re.compile(
-    r"\b(?:np|math|cmath)\.(?:a?(?:sin|cos|tan)h?|arc\w+|atan2|exp\w*|log\w*|pow\w*|float_power|angle|phase|rect|polar)\("
+    r"\b(?:np|math|cmath)\.(?:a?(?:sin|cos|tan)h?|arc\w+|atan2|exp\w*|log\w*|pow\w*"
+    r"|float_power|angle|phase|rect|polar)\("
 )
-NOT_IN_RUNS = (  # what draws; the physics engine; numbers that are rounded or drawn, of which docs/sweep.md says so
-    "simulation/(plot|drawing|film/.*|engine/.*|sweeping/.*|telemetry/.*|specification/(distributions|floor)).py|simulation/planning/(picture|smooth).py"
+# What draws; the physics engine; numbers that are rounded or drawn, of which docs/sweep.md says so
+NOT_IN_RUNS = (
+    "simulation/(plot|drawing|film/.*|engine/.*|sweeping/.*|telemetry/.*|specification/(distributions"
+    "|floor)).py"
+    "|simulation/planning/(picture|smooth).py"
     "|simulation/controllers/balance/(steady|zero_dynamics).py"
 )
 
 
 def test_runs_need_no_libm():
-    """No call of a function whose last bits depend on the processor in what runs go through; hypot is the same on all."""
+    """No call of a function whose last bits depend on the processor in what runs go through;
+    hypot is the same on all."""
     calls = []
     for path in (ROOT / "simulation").rglob("*.py"):
         if not re.fullmatch(NOT_IN_RUNS, name := str(path.relative_to(ROOT))):
             lines = path.read_text().splitlines()
             calls += [f"{name}:{number}: {line}" for number, line in enumerate(lines, 1) if LIBM.search(line)]
     assert calls == []
-    assert LIBM.search("np.cos(direction)") and LIBM.search("a * math.exp(b)") and not LIBM.search("math.sqrt(x)")
+    assert (
+        LIBM.search("np.cos(direction)")
+        and LIBM.search("a * math.exp(b)")
+        and not LIBM.search("math.sqrt(x)")
+    )
 
 
 def test_one_digest():
-    """The CSVs of some SPECs, as on this processor and as on an old one. All SPECs, processors and backends: nightly."""
+    """The CSVs of some SPECs, as on this processor and as on an old one. All SPECs,
+    processors and backends: nightly."""
     assert digest_with("this processor", FEW, ["casadi"]) == digest_with(OLDEST, FEW, ["casadi"])
 
 
@@ -126,8 +145,8 @@ def test_one_digest():
     [(c, b) for c in choices() if c != "this processor" for b in (BACKENDS if c == OLDEST else ["casadi"])],
 )
 def test_one_digest_of_all(choice, backend):
-    """The CSVs of all SPECs, on the oldest processor with all backends of the host, else with that which calls libraries most.
-    The tests of what computes them run with each choice too.
+    """The CSVs of all SPECs, on the oldest processor with all backends of the host, else with that which
+    calls libraries most. The tests of what computes them run with each choice too.
     """
     if reason := lacking(choice):
         pytest.skip(reason)

@@ -1,4 +1,5 @@
-"""The structure of the package: imports go one way between rooms, no module imports itself by way of others."""
+"""The structure of the package: imports go one way between rooms,
+no module imports itself by way of others."""
 
 import ast
 import os
@@ -19,7 +20,9 @@ LARGEST_SHARE = 0.3  # of all lines, in one room
 
 def modules(root: Path = ROOT) -> dict[tuple[str, ...], Path]:
     """The modules of all rooms, by their names below the package."""
-    files = [Path(folder, name) for room in ROOMS for folder, _, names in os.walk(root / room) for name in names]
+    files = [
+        Path(folder, name) for room in ROOMS for folder, _, names in os.walk(root / room) for name in names
+    ]
     python = [file for file in files if file.suffix == ".py" and "__pycache__" not in file.parts]
     return {file.relative_to(root).with_suffix("").parts: file for file in python}
 
@@ -100,13 +103,18 @@ def test_every_room_is_named_and_of_a_size_to_walk_through():
     for folder in folders:
         text = ROOT.joinpath(folder, "__init__.py")
         described = text.is_file() and ast.get_docstring(ast.parse(text.read_text()))
-        assert described or ROOT.joinpath(folder, "README.md").is_file(), f"{folder} says nowhere what it holds"
+        assert described or ROOT.joinpath(folder, "README.md").is_file(), (
+            f"{folder} says nowhere what it holds"
+        )
 
 
 def test_tests_are_in_the_folders_of_what_they_test():
-    """A folder at the top with Python in it is a room; each folder of tests has the name of one at the top, but for two."""
+    """A folder at the top with Python in it is a room; each folder of tests has the name of one at the top,
+    but for two."""
     top = {Path(name).parts[0] for name in files_of(ROOT) if "/" in name and name[0] != "."}
-    python = {path.relative_to(ROOT).parts[0] for path in ROOT.glob("*/**/*.py") if "__pycache__" not in path.parts}
+    python = {
+        path.relative_to(ROOT).parts[0] for path in ROOT.glob("*/**/*.py") if "__pycache__" not in path.parts
+    }
     assert (python & top) - {"tests", "docs"} == set(ROOMS)
     tested = {path.parent.name for path in ROOT.glob("tests/*/test_*.py")}
     assert tested - top == {"repository"} and set(ROOMS) <= tested

@@ -1,7 +1,8 @@
-"""The same bits from every compiler, at every level, on every target: one digest of all LABMATE laws over seeded states.
+"""The same bits from every compiler, at every level, on every target: one digest of all LABMATE laws over
+seeded states.
 
-`python tests/runtime_c/test_bits.py` prints the table: target, compiler and flags, states, digest in float, in double,
-and of sine, cosine and root.
+`python tests/runtime_c/test_bits.py` prints the table: target, compiler and flags, states, digest in float,
+in double, and of sine, cosine and root.
 """
 
 import platform
@@ -27,7 +28,9 @@ DIGEST = [DRIVERS / "law_digest.c", *sorted((GENERATED / "lanes").glob("*.c"))] 
 SOURCES = [*DIGEST, *sorted(RUNTIME.glob("*.c")), *sorted(GENERATED.glob("*.c"))]
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, GENERATED, DRIVERS)]
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
-LAWS = [header.stem for header in sorted(GENERATED.glob("labmate_type_*.h")) if not header.stem.endswith("_f")]
+LAWS = [
+    header.stem for header in sorted(GENERATED.glob("labmate_type_*.h")) if not header.stem.endswith("_f")
+]
 FULL, FEW = 20_000, 1_000  # states: of builds for the host, of one for each other target; of the others
 SLOW = 2_000  # states at most in double, where the processor has no FPU for it
 TESTED = 1_000  # states at most, where this runs as a test
@@ -79,11 +82,19 @@ class Build:
         return f"this processor has no {', '.join(absent)}" if absent else ""
 
     def digest(self, folder: Path, sources: Sequence[Path] = SOURCES, built: Sequence[str] = ()) -> list[str]:
-        """Builds in an empty folder and runs; answers the words of law_digest's line. `built`: objects of the other sources."""
+        """Builds in an empty folder and runs; answers the words of law_digest's line. `built`:
+        objects of the other sources."""
         target = TARGETS[self.target]
         for name, text in target.files().items():
             Path(folder, name).write_text(text, encoding="utf-8")
-        given = [*STANDARD, *self.flags.split(), f"-DSTATES={self.states}u", f"-DDOUBLES={self.doubles}u", "-I.", *INCLUDE]
+        given = [
+            *STANDARD,
+            *self.flags.split(),
+            f"-DSTATES={self.states}u",
+            f"-DDOUBLES={self.doubles}u",
+            "-I.",
+            *INCLUDE,
+        ]
         run([*target.compile(self.compiler), *given, "-c", *map(str, sources)], folder)
         objects = [*(f"{source.stem}.o" for source in sources), *built]
         if self.target == "wasm32":
@@ -106,8 +117,12 @@ def same(found: Sequence[str], right: Sequence[str]) -> bool:
 
 def run(command: list[str], folder: Path) -> str:
     """Standard output of a command that must succeed."""
-    result = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
-    assert result.returncode == 0, f"{command[0]} ended with {result.returncode}\n{result.stdout}{result.stderr}"
+    result = subprocess.run(
+        command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT
+    )
+    assert result.returncode == 0, (
+        f"{command[0]} ended with {result.returncode}\n{result.stdout}{result.stderr}"
+    )
     return result.stdout
 
 
@@ -136,20 +151,27 @@ def builds() -> Iterator[Build]:
     for name, target in TARGETS.items():
         if target.compiler and target.machine:
             levels = LEVELS if name == "cortex-m4f" else ("-O2",)
-            yield from (Build(name, target.compiler, level, FULL if level == "-O2" else FEW) for level in levels)
+            yield from (
+                Build(name, target.compiler, level, FULL if level == "-O2" else FEW) for level in levels
+            )
             yield from (Build(name, "clang", level) for level in levels)
     yield from (Build("wasm32", "clang", level, FULL) for level in LEVELS)
 
 
 def targeted() -> list[Build]:
     """Of each target but the host one build at all states: what `make firmware-test` runs."""
-    return [build for build in builds() if build.target != HOST.name and build.flags == "-O2" and build.states == FULL]
+    return [
+        build
+        for build in builds()
+        if build.target != HOST.name and build.flags == "-O2" and build.states == FULL
+    ]
 
 
 WORTH_A_TEST = (  # each time; `make firmware-test` and `make bits` have the others
     Build("cortex-m4f", "arm-none-eabi-gcc", "-Os", TESTED),
     Build("cortex-m4f", "clang", "-O2", TESTED),
-    Build("rv32imafc", "riscv64-unknown-elf-gcc", "-O0", TESTED),  # at -O2 its sums of doubles take longest of all to compile
+    # At -O2 its sums of doubles take longest of all to compile
+    Build("rv32imafc", "riscv64-unknown-elf-gcc", "-O0", TESTED),
     Build(HOST.name, "clang", "-O2", TESTED),
     Build(HOST.name, "clang", "-O0", TESTED),
     Build(HOST.name, "gcc", "-O0", TESTED),
@@ -178,7 +200,11 @@ def test_bits(build, reference, built, tmp_path):
     if build.missing or build.unsuited:
         pytest.skip(build.missing or build.unsuited)
     there = build.target == HOST.name and build.flags in LEVELS
-    digest = build.digest(tmp_path, DIGEST, built(build.compiler, build.flags)) if there else build.digest(tmp_path)
+    digest = (
+        build.digest(tmp_path, DIGEST, built(build.compiler, build.flags))
+        if there
+        else build.digest(tmp_path)
+    )
     assert same(digest, reference)
 
 
@@ -189,10 +215,12 @@ def test_every_law_is_compared():
 
 
 def test_most_steps_are_good(reference):
-    """What is compared is mostly answers; the rest are errors of all kinds. This host's sums are rounded right."""
+    """What is compared is mostly answers; the rest are errors of all kinds. This host's sums are rounded
+    right."""
     _, in_float, _, in_double, _, sums = reference
     for good in (int(in_float, 16), int(in_double, 16)):
-        parts = len(LAWS) + 6  # and a vehicle on a path, its filter, what it learns, a course, a balancer, disturbances
+        # And a vehicle on a path, its filter, what it learns, a course, a balancer, disturbances
+        parts = len(LAWS) + 6
         assert 0.85 < good / (TESTED * parts) < 1
     assert sums == "1"
 
@@ -202,13 +230,15 @@ MAGNITUDES = """
 #include "noslip_real.h"
 int main(void)
 {
-    static const double x[] = {0.0, -0.0, 1.0, -1.0, 1.5, 1e-310, 1e-44, 3e38, 1e308, 1e999, -1e999, 1e999 * 0.0};
+    static const double x[] = {0.0, -0.0, 1.0, -1.0, 1.5, 1e-310, 1e-44, 3e38, 1e308, 1e999, -1e999, 1e999 \
+* 0.0};
     unsigned i, k;
     for (i = 0; i < sizeof x / sizeof *x; i++) {
         const float f = (float)x[i];
         printf("%d%d", noslip_is_finite(x[i]), noslip_is_finite_f(f));
         for (k = 0; k < sizeof x / sizeof *x; k++) {
-            printf("%d%d", k == 1 || noslip_within(x[i], x[k]), k == 1 || noslip_within_f(f, (float)x[k])); /* not -0 */
+            printf("%d%d", k == 1 || noslip_within(x[i], x[k]), k == 1 || noslip_within_f(f, (float)x[k])); \
+/* not -0 */
         }
     }
     return 0;
@@ -217,7 +247,8 @@ int main(void)
 
 
 def test_magnitudes_are_compared_alike_as_integers(tmp_path):
-    """Of numbers of all kinds, in both scalars: what a processor without an FPU answers is what this one does."""
+    """Of numbers of all kinds, in both scalars: what a processor without an FPU answers is what this one
+    does."""
     (tmp_path / "magnitudes.c").write_text(MAGNITUDES)
     answers = []
     for flags in ([], ["-DNOSLIP_SOFT"]):
@@ -268,7 +299,8 @@ int main(void)
     printf("%d ", labmate_type_i_set_limits@(&law, limits));
     printf("%d ", labmate_type_i_step@(&law, &state, &reference, tau));
     printf("%d ", noslip_adaptation_init@(&adaptation, &options, &start, 1, 1));
-    printf("%d%d ", noslip_within@(0, adaptation.options.dead_zone), noslip_within@(1, adaptation.options.dead_zone));
+    printf("%d%d ", noslip_within@(0, adaptation.options.dead_zone), noslip_within@(1, \
+adaptation.options.dead_zone));
     printf("%d ", noslip_motor_init@(&motor, &bad[0]) == NOSLIP_BAD_PARAMETER);
     printf("%d ", noslip_motor_init@(&motor, &bad[1]) == NOSLIP_BAD_PARAMETER);
     printf("%d ", noslip_motor_init@(&motor, &good));
@@ -281,11 +313,16 @@ int main(void)
 @pytest.mark.parametrize("suffix", ["", "_f"])
 @pytest.mark.parametrize("zero", ["0.0", "-0.0"])
 def test_a_limit_of_minus_zero_is_one_of_zero(zero, suffix, tmp_path):
-    """Where a public limit of 0 means none, -0 does; where it is refused, -0 is. With integers it would be above all numbers."""
+    """Where a public limit of 0 means none, -0 does; where it is refused,
+    -0 is. With integers it would be above all numbers."""
     real = "float" if suffix else "double"
     text = NO_LIMIT.replace("@", suffix).replace("REAL", real).replace("ZERO", f"({real}){zero}")
     (tmp_path / "no_limit.c").write_text(text)
-    used = [*sorted(RUNTIME.glob("*.c")), GENERATED / f"labmate{suffix}.c", GENERATED / f"labmate_type_i{suffix}.c"]
+    used = [
+        *sorted(RUNTIME.glob("*.c")),
+        GENERATED / f"labmate{suffix}.c",
+        GENERATED / f"labmate_type_i{suffix}.c",
+    ]
     for flags in ([], ["-DNOSLIP_SOFT"]):
         run([HOST_CC, *STANDARD, *flags, *INCLUDE, "no_limit.c", *map(str, used), "-o", "no_limit"], tmp_path)
         assert run(["./no_limit"], tmp_path).split() == "0 0 0 0 0 0 0 0 0 0 1 0 0 0 10 1 1 0 1".split()
@@ -300,14 +337,16 @@ def test_digest_notices_fused_operations(reference, laws, tmp_path):
     one = [source for source in SOURCES if source.stem in ("labmate_type_i", "labmate_type_i_f")]
     others = [code for code in laws if Path(code).stem not in [source.stem for source in one]]
     for path in RUNTIME.iterdir():  # found before those of INCLUDE
-        Path(tmp_path, path.name).write_text(re.sub(r"#pragma GCC optimize.*\n", "", path.read_text()), encoding="utf-8")
+        Path(tmp_path, path.name).write_text(
+            re.sub(r"#pragma GCC optimize.*\n", "", path.read_text()), encoding="utf-8"
+        )
     fused, right = build.digest(tmp_path, [*DIGEST, *one], others), reference
     assert all(fused[k] != right[k] for k in (0, 2, 4)) and not same(fused, right)
 
 
 def table(every: Sequence[Build], jobs: int = 2) -> tuple[int, int]:
-    """Prints a line for every build as it ends. Answers how many differ, fail, or are missing though required, and how many are
-    skipped."""
+    """Prints a line for every build as it ends. Answers how many differ, fail, or are missing though
+    required, and how many are skipped."""
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
 
         def digest(build: Build) -> list[str] | str:
@@ -322,12 +361,15 @@ def table(every: Sequence[Build], jobs: int = 2) -> tuple[int, int]:
         references = {n: pool.submit(digest, replace(REFERENCE, states=n)) for n in counts}
 
         def right(build: Build) -> list[str]:
-            """What the reference answers; in double at other states than in float, where a target asks for that."""
+            """What the reference answers; in double at other states than in float,
+            where a target asks for that."""
             in_float, in_double = references[build.states].result(), references[build.doubles].result()
             return [*in_float[:2], *in_double[2:4], *in_float[4:]]
 
         wrong = skipped = 0
-        print(f"{'target':11}{'compiler':24}{'flags':24}states; digests in float, in double, of sines and roots")
+        print(
+            f"{'target':11}{'compiler':24}{'flags':24}states; digests in float, in double, of sines and roots"
+        )
         for build, answer in zip(every, pool.map(digest, every), strict=True):
             note = ""
             if isinstance(answer, str):
@@ -350,7 +392,11 @@ def main() -> int:
     """Every build; 1 if one is wrong."""
     every = list(builds())
     wrong, skipped = table(every)
-    print(f"{wrong} wrong" if wrong else f"{len(every) - skipped} builds, one digest", f"{skipped} skipped", sep=", ")
+    print(
+        f"{wrong} wrong" if wrong else f"{len(every) - skipped} builds, one digest",
+        f"{skipped} skipped",
+        sep=", ",
+    )
     return int(wrong > 0)
 
 

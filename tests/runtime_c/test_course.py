@@ -1,4 +1,5 @@
-"""Courses in C, noslip_course.h: against the curve that simulations use, closed forms, and what is refused."""
+"""Courses in C, noslip_course.h: against the curve that simulations use, closed forms,
+and what is refused."""
 
 import math
 
@@ -19,14 +20,25 @@ class CourseInC:
     def __init__(self, curve: SmoothCurve, scalar: str = "double", room: int | None = None):
         self._c, self._scalar, self._speed = runtime(HEADER), scalar, curve.speed
         count = len(curve.lengths)
-        self._lengths, self._curvatures = (self._c.array(scalar, values) for values in (curve.lengths, curve.curvatures))
-        place = {"x": curve.x, "y": curve.y, "heading": curve.heading, "rounding": curve.rounding, "count": count}
+        self._lengths, self._curvatures = (
+            self._c.array(scalar, values) for values in (curve.lengths, curve.curvatures)
+        )
+        place = {
+            "x": curve.x,
+            "y": curve.y,
+            "heading": curve.heading,
+            "rounding": curve.rounding,
+            "count": count,
+        }
         arrays = {"lengths": self._lengths, "curvatures": self._curvatures}
         self.options = self._c.new("noslip_course_options", scalar, place | arrays)
         kind = "noslip_stretch" + ("_f" if scalar == "float" else "")
         self.room = 2 * count + 1 if room is None else room
         self._stretches = self._c.ffi.new(f"{kind}[]", max(self.room, 1))
-        self.self, self._point = self._c.new("noslip_course", scalar), self._c.new("noslip_course_point", scalar)
+        self.self, self._point = (
+            self._c.new("noslip_course", scalar),
+            self._c.new("noslip_course_point", scalar),
+        )
         self._length = self._c.array(scalar, [0.0])
         self.status = self.call("init", self._stretches, self.room, self.options)
 
@@ -59,7 +71,9 @@ def test_the_c_is_the_curve_of_simulations(scalar, place, rates):
     for _ in range(20):
         curve = random_curve(random)
         course, end = CourseInC(curve, scalar), curve.stretches[-1].begin
-        largest = np.abs([curve.derivatives(length / curve.speed, 6) for length in np.linspace(-0.3, end + 3.0, 40)]).max(axis=0)
+        largest = np.abs(
+            [curve.derivatives(length / curve.speed, 6) for length in np.linspace(-0.3, end + 3.0, 40)]
+        ).max(axis=0)
         for length in random.uniform(-0.3, end + 3.0, 8):
             status, found = course.derivatives(length)
             off = np.abs(found - curve.derivatives(length / curve.speed, 6))
@@ -69,12 +83,15 @@ def test_the_c_is_the_curve_of_simulations(scalar, place, rates):
 
 @pytest.mark.parametrize(("scalar", "place", "rates"), [("double", 1e-13, 1e-13), ("float", 2e-5, 2e-5)])
 def test_before_its_beginning_the_first_curvature_stays(scalar, place, rates):
-    """Random courses are there the line or arc in closed form, in C and in simulations; also as far behind as they are long."""
+    """Random courses are there the line or arc in closed form, in C and in simulations;
+    also as far behind as they are long."""
     random = np.random.default_rng(5)
     for rounding in (0.0, 0.3, 0.5):
         for length in -(10.0 ** random.uniform(-6.0, 1.3, 8)):
             curvatures = (random.choice([0.0, random.uniform(-0.6, 0.6)]), *random.uniform(-0.6, 0.6, 2))
-            curve = SmoothCurve(*random.uniform(-3.0, 3.0, 3), random.uniform(0.2, 2.0), (0.5, 2.0), curvatures, rounding)
+            curve = SmoothCurve(
+                *random.uniform(-3.0, 3.0, 3), random.uniform(0.2, 2.0), (0.5, 2.0), curvatures, rounding
+            )
             turn, speed = 1j * curvatures[0], curve.speed
             moved = np.expm1(turn * length) / turn if turn else length
             status, found = CourseInC(curve, scalar).derivatives(length)
@@ -88,16 +105,24 @@ def test_before_its_beginning_the_first_curvature_stays(scalar, place, rates):
 
 
 def test_the_beginning_is_smooth():
-    """Six derivatives on both sides of it, without a rounding and with one if an arc begins; else all but those of the rate."""
-    for rounding, curvatures, smooth in ((0.0, (0.1, 0.5), 6), (0.4, (0.3, 0.3, -0.2), 6), (0.4, (0.1, 0.5), 2)):
-        course = CourseInC(SmoothCurve(1.0, 2.0, 0.3, 1.0, (2.0,) * (len(curvatures) - 1), curvatures, rounding))
+    """Six derivatives on both sides of it, without a rounding and with one if an arc begins;
+    else all but those of the rate."""
+    for rounding, curvatures, smooth in (
+        (0.0, (0.1, 0.5), 6),
+        (0.4, (0.3, 0.3, -0.2), 6),
+        (0.4, (0.1, 0.5), 2),
+    ):
+        course = CourseInC(
+            SmoothCurve(1.0, 2.0, 0.3, 1.0, (2.0,) * (len(curvatures) - 1), curvatures, rounding)
+        )
         (_, before), (_, after) = (course.derivatives(length) for length in (-1e-11, 1e-11))
         same = np.abs(after - before) < 1e-7
         assert same[: smooth + 1].all() and same.all() == (smooth == 6)
 
 
 def test_positions_are_those_of_clothoids_and_arcs():
-    """The shape that Fresnel's integrals give is that of test_extension; here the arc's end in closed form, and its turn."""
+    """The shape that Fresnel's integrals give is that of test_extension;
+    here the arc's end in closed form, and its turn."""
     course = CourseInC(CLOTHOID)
     _, (at, rate, *_) = course.derivatives(2.0 + 4.0 + 0.1)
     _, (end, later, *_) = course.derivatives(2.0 + 4.0 + 0.1 + 7.0)
@@ -114,14 +139,17 @@ def test_positions_are_those_of_clothoids_and_arcs():
         (1.0, (3.0, -9.0, 2.0), 0.3),
         (1.0, (0.0, 12.0, 12.0), 1.0),
         (3.0, (-5.0, 5.0, -5.0), 3.0),
-        (3.0, (-20.0, 20.0, -20.0), 3.0),  # 0 at both ends of what is rounded: an error of 0.14 mm without what is in between
+        # 0 at both ends of what is rounded: an error of 0.14 mm without what is in between
+        (3.0, (-20.0, 20.0, -20.0), 3.0),
     ],
 )
 def test_places_where_the_curvature_is_largest_within_a_stretch(length, curvatures, rounding):
-    """Against steps of a millimetre, each an arc of the curvature in its middle: an error of about 1e-6 of them, extrapolated."""
+    """Against steps of a millimetre, each an arc of the curvature in its middle:
+    an error of about 1e-6 of them, extrapolated."""
     curve = SmoothCurve(0.0, 0.0, 0.0, 1.0, (length, length), curvatures, rounding)
     in_c = CourseInC(curve)
-    assert in_c.status == ("bad_parameter" if max(curvatures) * rounding > 16.0 else "ok")  # it turns too far for the C
+    # It turns too far for the C
+    assert in_c.status == ("bad_parameter" if max(curvatures) * rounding > 16.0 else "ok")
 
     def stepped(length: float, count: int) -> complex:
         h, place, heading = length / count, 0j, 0.0
@@ -187,10 +215,15 @@ WRONG = {  # what is changed, and what init returns
 def test_what_is_no_course_is_refused(name, scalar):
     changed, status = WRONG[name]
     course = CourseInC(
-        SmoothCurve(**{**vars(SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 4.0, 5.0), (0.0, 0.0, 0.2, 0.2), 0.2)), **changed}), scalar
+        SmoothCurve(
+            **{**vars(SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 4.0, 5.0), (0.0, 0.0, 0.2, 0.2), 0.2)), **changed}
+        ),
+        scalar,
     )
     assert course.status == status and course.self.ready == 0
-    assert course.derivatives(1.0) == ("not_ready", pytest.approx(np.zeros(7))) and course.nearest(0j, 1.0) == ("not_ready", 1.0)
+    assert course.derivatives(1.0) == ("not_ready", pytest.approx(np.zeros(7))) and course.nearest(
+        0j, 1.0
+    ) == ("not_ready", 1.0)
 
 
 def test_room_and_null():
@@ -207,18 +240,23 @@ def test_room_and_null():
 
 def meander(parts: int) -> SmoothCurve:
     """A course of parts of 2 m whose curvature goes to and fro."""
-    return SmoothCurve(1.0, 2.0, 0.3, 1.0, (2.0,) * parts, tuple(0.4 * (-1) ** k for k in range(parts + 1)), 0.5)
+    return SmoothCurve(
+        1.0, 2.0, 0.3, 1.0, (2.0,) * parts, tuple(0.4 * (-1) ** k for k in range(parts + 1)), 0.5
+    )
 
 
 def test_the_search_of_the_nearest_place_is_exhaustive(monkeypatch):
-    """Among all places, over random points and curves; directions asked for grow as the length, and a limit is kept."""
+    """Among all places, over random points and curves; directions asked for grow as the length,
+    and a limit is kept."""
     random = np.random.default_rng(21)
     for curve in [meander(12), *(random_curve(random) for _ in range(20))]:
         places = np.arange(2 + int(curve.stretches[-1].begin / course.NEAR)) * course.NEAR
         for _ in range(5):
             point = complex(*random.normal(scale=6.0, size=2))
             distances = [abs(point - curve.position(place)) for place in places]
-            assert distances[round(curve._scanned(point) / course.NEAR)] == pytest.approx(min(distances), rel=0, abs=1e-12)
+            assert distances[round(curve._scanned(point) / course.NEAR)] == pytest.approx(
+                min(distances), rel=0, abs=1e-12
+            )
 
     asked, direction = [0], course.Stretch.direction
 

@@ -1,4 +1,5 @@
-"""Disturbance observers: the C against its reference and closed forms, in channels and closed loops, beside integral action."""
+"""Disturbance observers: the C against its reference and closed forms, in channels and closed loops,
+beside integral action."""
 
 import math
 from dataclasses import replace
@@ -31,7 +32,9 @@ each_scalar = pytest.mark.parametrize("scalar", ["double", "float"])
 each_backend = pytest.mark.parametrize("backend", BACKENDS)
 
 
-def spec_of(spec: Spec, period: float = 0.01, duration: float = 10.0, gains: dict[str, float] | None = None, **changes) -> Spec:
+def spec_of(
+    spec: Spec, period: float = 0.01, duration: float = 10.0, gains: dict[str, float] | None = None, **changes
+) -> Spec:
     simulation = replace(spec.simulation, period=period, duration=duration, backend="c")
     return replace(spec, simulation=simulation, gains={**spec.gains, **(gains or {"ko": 5.0})}, **changes)
 
@@ -41,11 +44,16 @@ class C:
 
     def __init__(self, scalar: str, rate: float = 4.0, limit: float = 0.0):
         self.scalar, self.runtime = scalar, runtime(HEADER)
-        self.self, self.add = self.runtime.new("noslip_disturbance", scalar), self.runtime.array(scalar, [7.0])
+        self.self, self.add = (
+            self.runtime.new("noslip_disturbance", scalar),
+            self.runtime.array(scalar, [7.0]),
+        )
         self.status = self.call("init", self.self, rate, limit)
 
     def call(self, name: str, *arguments) -> str:
-        return self.runtime.status(self.runtime.function(f"noslip_disturbance_{name}", self.scalar)(*arguments))
+        return self.runtime.status(
+            self.runtime.function(f"noslip_disturbance_{name}", self.scalar)(*arguments)
+        )
 
     def step(self, measured: float, v: float, dt: float = 0.25, status: str = "ok") -> tuple[str, float]:
         self.add[0] = NAN  # every result is written
@@ -53,14 +61,14 @@ class C:
         return self.call("step", self.self, measured, v, dt, number, self.add), self.add[0]
 
 
-# -- the estimate ----------------------------------------------------------------------------------------------------
+# -- the estimate --------------------------------------------------------------------------------------------
 
 
 @each_backend
 @pytest.mark.parametrize("degree", [1, 2])
 def test_the_error_of_the_estimate_in_closed_form(backend, degree):
-    """y^(r) = v + d, v held and d constant, integrated by the matrix exponential: the error is d / (1 + l T)^k at call k,
-    whatever v is, at periods that are not all alike."""
+    """y^(r) = v + d, v held and d constant, integrated by the matrix exponential: the error is d / (1 + l
+    T)^k at call k, whatever v is, at periods that are not all alike."""
     random, rate, d = np.random.default_rng(4), 3.0, 0.7
     made, state, factor = make_observer(backend, rate), random.normal(size=degree), 1.0
     made.step(state[-1], 0.0, 0.1, "ok")
@@ -85,9 +93,14 @@ def test_c_is_the_reference(scalar, bound, limit, seed):
     rate = float(np.float32(random.uniform(0.2, 10)))
     reference, compiled = Observer(rate, limit), CompiledObserver(rate, limit, scalar)
     for _ in range(3000):
-        measured, v, dt = (float(np.float32(x)) for x in (random.normal(0, 0.1), random.normal(), random.uniform(0.005, 0.02)))
+        measured, v, dt = (
+            float(np.float32(x))
+            for x in (random.normal(0, 0.1), random.normal(), random.uniform(0.005, 0.02))
+        )
         status = random.choice(["ok", "ok", "saturated"])
-        assert compiled.step(measured, v, dt, status) == pytest.approx(reference.step(measured, v, dt, status), abs=bound)
+        assert compiled.step(measured, v, dt, status) == pytest.approx(
+            reference.step(measured, v, dt, status), abs=bound
+        )
         assert abs(compiled.estimate) <= (float(np.float32(limit)) or INF)
 
 
@@ -140,11 +153,12 @@ def test_refused(scalar):
     assert made.call("reset", null, 0.0) == made.call("applied", null, 0.0) == "null"
 
 
-# -- closed loops ----------------------------------------------------------------------------------------------------
+# -- closed loops --------------------------------------------------------------------------------------------
 
 
 def test_it_removes_what_a_wrong_mass_leaves():
-    """A robot of twice the mass: 5 s later than the gains' slowest error, exp(-0.5 t), nothing is left; without, 2.7 cm are."""
+    """A robot of twice the mass: 5 s later than the gains' slowest error, exp(-0.5 t),
+    nothing is left; without, 2.7 cm are."""
     heavy = {"m_c": 60.0, "m_w": 2.0}
     with_it = simulate(spec_of(CIRCLE, duration=25.0, plant=heavy))
     without = simulate(spec_of(CIRCLE, duration=25.0, plant=heavy, gains={"ko": 0.0}))
@@ -158,7 +172,10 @@ def test_it_removes_what_a_wrong_mass_leaves():
 
 @pytest.mark.parametrize(("backend", "tolerance"), [("casadi", 1e-9), ("cf", 3e-4)])
 def test_backends_agree(backend, tolerance):
-    beside, limits = Initial(point=(30.5, 20.0), heading=1.57, speed=4.0), LimitsSection(torque=(6.0,), disturbance=(0.02,))
+    beside, limits = (
+        Initial(point=(30.5, 20.0), heading=1.57, speed=4.0),
+        LimitsSection(torque=(6.0,), disturbance=(0.02,)),
+    )
     spec = spec_of(CIRCLE, duration=4.0, plant={"m_c": 60.0}, limits=limits, initial=beside)
     by_c, other = simulate(spec), simulate(spec, backend=backend)
     assert {"ok", "saturated"} <= set(by_c.status)
@@ -170,8 +187,8 @@ def test_backends_agree(backend, tolerance):
 
 
 def test_beside_integral_action():
-    """A right model and a start beside the path: critically damped gains do not overshoot with the observer, whose estimate
-    hardly moves; with integral action of the same poles they do. A disturbance both remove."""
+    """A right model and a start beside the path: critically damped gains do not overshoot with the observer,
+    whose estimate hardly moves; with integral action of the same poles they do. A disturbance both remove."""
     place = {"kp": 1.0, "kd": 2.0, "kv": 2.0}
     observer, integral = {"ko": 2.0}, {"kp_distance": 5.0, "kd_distance": 4.0, "ki_distance": 2.0}
     runs = [simulate(spec_of(CIRCLE, gains=place | more)) for more in (observer, integral)]
@@ -190,9 +207,12 @@ def test_segments_of_a_composite_path():
 def test_a_call_evaluates_the_outputs_once(monkeypatch):
     """For integral action and observers together."""
     evaluate, calls = CompiledController.evaluate, []
-    monkeypatch.setattr(CompiledController, "evaluate", lambda self, *at: calls.append(1) or evaluate(self, *at))
+    monkeypatch.setattr(
+        CompiledController, "evaluate", lambda self, *at: calls.append(1) or evaluate(self, *at)
+    )
     run = simulate(spec_of(CIRCLE, duration=1.0, period=0.1, gains={"ko": 2.0, "ki_speed": 0.2}))
-    assert set(run.status) == {"ok"} and len(calls) == 1 + 11  # at the start, for its status, and at 0, 0.1, ..., 1 s
+    # At the start, for its status, and at 0, 0.1, ..., 1 s
+    assert set(run.status) == {"ok"} and len(calls) == 1 + 11
 
 
 @pytest.mark.parametrize(
@@ -201,9 +221,15 @@ def test_a_call_evaluates_the_outputs_once(monkeypatch):
         ({"period": 0.0}, r"\(gain ko\) requires \[simulation\] period > 0"),
         ({"gains": {"ko_distance": -1.0}}, "ko_distance = -1 must be nonnegative and finite"),
         ({"gains": {"ko_length": 1.0}}, "unknown gain 'ko_length'"),
-        ({"limits": LimitsSection(torque=(9.0,), disturbance=(1.0, 2.0, 3.0))}, "disturbance has 3 numbers; it must have 1 or 2"),
+        (
+            {"limits": LimitsSection(torque=(9.0,), disturbance=(1.0, 2.0, 3.0))},
+            "disturbance has 3 numbers; it must have 1 or 2",
+        ),
         ({"limits": LimitsSection(torque=(9.0,), disturbance=(-1.0,))}, "must be nonnegative"),
-        ({"limits": LimitsSection(torque=(9.0,), disturbance=(1.0,)), "gains": {"ko": 0.0}}, "requires a disturbance observer"),
+        (
+            {"limits": LimitsSection(torque=(9.0,), disturbance=(1.0,)), "gains": {"ko": 0.0}},
+            "requires a disturbance observer",
+        ),
         ({"drive": DriveSection(kind="velocity", bandwidth=5.0)}, r"\(gain ko\) does not go with"),
         ({"drive": DriveSection(kind="kinematic", bandwidth=5.0)}, "a kinematic law commands velocities"),
     ],
@@ -222,7 +248,10 @@ def test_a_limit_of_the_estimate_requires_no_torques():
 @pytest.mark.parametrize("target", ["m4f", "rv32"])
 def test_processors_have_the_bits_of_this_host_in_float(target):
     skip_without(TARGETS[ON_TARGET[target]].missing())
-    limits, beside = LimitsSection(torque=(6.0,), disturbance=(0.02,)), Initial(point=(30.5, 20.0), heading=1.57, speed=4.0)
+    limits, beside = (
+        LimitsSection(torque=(6.0,), disturbance=(0.02,)),
+        Initial(point=(30.5, 20.0), heading=1.57, speed=4.0),
+    )
     gains = {"ko": 4.0, "ki_speed": 0.2}
     spec = spec_of(CIRCLE, duration=1.0, plant={"m_c": 60.0}, limits=limits, gains=gains, initial=beside)
     here, there = simulate(spec, backend="cf"), simulate(spec, backend=target)
@@ -231,17 +260,20 @@ def test_processors_have_the_bits_of_this_host_in_float(target):
 
 
 def test_the_longest_period_does_not_depend_on_a_fast_observer():
-    """The eigenvalues are 1 - k T, of magnitude 1 at T = 2 / k, and 1 / (1 + ko T) of the observer, of magnitude below 1."""
+    """The eigenvalues are 1 - k T, of magnitude 1 at T = 2 / k, and 1 / (1 + ko T) of the observer,
+    of magnitude below 1."""
     gains = from_poles(1, [-2.0])
     for rate in (2.0, 200.0, 2000.0):
-        assert Channel("x", "m", replace(gains, observer=rate)).longest_period(False) == pytest.approx(1.0, rel=1e-9)
+        assert Channel("x", "m", replace(gains, observer=rate)).longest_period(False) == pytest.approx(
+            1.0, rel=1e-9
+        )
     with pytest.raises(BadInput, match="too fast with 2001 1/s: choose a rate of at most 2000 1/s"):
         replace(gains, observer=2001.0).check("x")
     with pytest.raises(BadInput, match="choose a rate of 0 or more"):
         replace(gains, observer=-1.0).check("x")
 
 
-# -- the linear loop -------------------------------------------------------------------------------------------------
+# -- the linear loop -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -259,9 +291,15 @@ def test_poles_of_the_gains_stay(degree, integral, period):
 
 @pytest.mark.parametrize("delay", [False, True])
 def test_a_channel_is_what_the_observer_does(delay):
-    """Its step response and its map, against a chain integrated by the matrix exponential and the observer itself."""
+    """Its step response and its map, against a chain integrated by the matrix exponential and the observer
+    itself."""
     gains, period = replace(from_poles(2, [-1.0, -2.0]), observer=5.0), 0.05
-    channel, made, state, v = Channel("y", "m", gains, period, delay), Observer(5.0), np.array([0.3, -0.1]), 0.0
+    channel, made, state, v = (
+        Channel("y", "m", gains, period, delay),
+        Observer(5.0),
+        np.array([0.3, -0.1]),
+        0.0,
+    )
     moved = expm(period * np.eye(3, k=1))
     A, B, K = channel._matrices()
     linear = np.zeros(len(A))
@@ -274,7 +312,9 @@ def test_a_channel_is_what_the_observer_does(delay):
         assert linear[:2] == pytest.approx(state, abs=1e-12)
     closed = channel.closed()
     assert np.linalg.eigvals(closed.A) == pytest.approx(np.linalg.eigvals(A - B @ K))
-    assert (closed.C @ np.linalg.solve(np.eye(len(A)) - closed.A, closed.B) + closed.D)[:2, 0] == pytest.approx([1, 0], abs=1e-9)
+    assert (closed.C @ np.linalg.solve(np.eye(len(A)) - closed.A, closed.B) + closed.D)[
+        :2, 0
+    ] == pytest.approx([1, 0], abs=1e-9)
 
 
 def test_a_channels_response_is_that_of_its_gains():
@@ -286,9 +326,11 @@ def test_a_channels_response_is_that_of_its_gains():
 
 
 def test_the_whole_loop_by_simulate():
-    """The linearized map with two observers, called every 20 ms, against a run of the C beside the steady motion; the robot is
-    1 % heavier than the law assumes."""
-    spec = spec_of(CIRCLE, period=0.02, duration=1.0, gains={"ko_distance": 4.0, "ko_speed": 6.0}, plant={"m_c": 30.3})
+    """The linearized map with two observers, called every 20 ms, against a run of the C beside the steady
+    motion; the robot is 1 % heavier than the law assumes."""
+    spec = spec_of(
+        CIRCLE, period=0.02, duration=1.0, gains={"ko_distance": 4.0, "ko_speed": 6.0}, plant={"m_c": 30.3}
+    )
     motion = steady_motion(setting_of(spec))
     n, m = len(spec_states(motion)), len(motion.z)
     assert m == 2 and np.abs(motion.rho[0]) < 1e-12
@@ -313,7 +355,9 @@ def spec_states(motion: SteadyMotion) -> list[str]:
 def test_eigenvalues_of_the_whole_loop(spec):
     """With a right model, those without observers, and -ko of each."""
     gains = {"ko_distance": 4.0, "ko_speed": 6.5}
-    without, observed = (steady_motion(setting_of(spec_of(spec, gains=each))).eigenvalues() for each in ({"ko": 0.0}, gains))
+    without, observed = (
+        steady_motion(setting_of(spec_of(spec, gains=each))).eigenvalues() for each in ({"ko": 0.0}, gains)
+    )
     for value in (*without, -4.0, -6.5):
         assert np.abs(observed - value).min() < 1e-6
     assert len(observed) == len(without) + 2

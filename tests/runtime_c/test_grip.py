@@ -1,4 +1,5 @@
-"""Inputs that keep the wheels rolling: the generated C against a second implementation, and against plain searches."""
+"""Inputs that keep the wheels rolling: the generated C against a second implementation,
+and against plain searches."""
 
 import math
 from copy import copy
@@ -44,17 +45,29 @@ def law(robot: str, name: str):
 
 @cache
 def situations(robot: str, name: str) -> list[tuple]:
-    """Numbers of a law, state, reference, limits: friction from slippery to more than is needed, some limits of the inputs."""
+    """Numbers of a law, state, reference, limits: friction from slippery to more than is needed,
+    some limits of the inputs."""
     source, inputs = np.random.default_rng(14), len(law(robot, name).system.mechanism.inputs)
     found = []
     for plant in random_plants(law(robot, name), STATES, seed=6):
         for point in plant.points:
             height = float(source.choice([0.0, 0.1, 0.4])) if is_wide(law(robot, name).system) else 0.0
             mu = float(np.exp(source.uniform(math.log(1e-3), math.log(100.0))))
-            friction = Friction(mu, float(source.choice([0.0, 0.05])), float(source.choice([1.0, 0.7])), height)
+            friction = Friction(
+                mu, float(source.choice([0.0, 0.05])), float(source.choice([1.0, 0.7])), height
+            )
             tau = point.truth.values["tau"]
             torque = np.abs(tau) * source.choice([0.2, 0.9, 2.0], inputs) * source.choice([0.0, 0.0, 1.0])
-            found.append(((plant.params, plant.config, plant.gains), point.state, point.reference, tau, friction, torque))
+            found.append(
+                (
+                    (plant.params, plant.config, plant.gains),
+                    point.state,
+                    point.reference,
+                    tau,
+                    friction,
+                    torque,
+                )
+            )
     return found
 
 
@@ -62,7 +75,9 @@ def limited(backend: str, robot: str, name: str):
     """Situation, status and tau of a backend in every situation."""
     for situation in situations(robot, name):
         numbers, state, reference, _, friction, torque = situation
-        controller = make_controller(backend, law(robot, name), *numbers, Limits(tuple(torque), "grip", friction))
+        controller = make_controller(
+            backend, law(robot, name), *numbers, Limits(tuple(torque), "grip", friction)
+        )
         yield (*situation, *controller.step(state, reference))
 
 
@@ -83,7 +98,10 @@ def test_c_is_the_reference(robot, name):
         numbers, state, _, free, friction, _, status, tau = ours
         assert np.abs(tau - truth[-1]).max() <= 1e-9 * max(1, np.abs(free).max()), (ours, truth)
         same = status == truth[-2]
-        assert same or abs(cones_at(robot, name, numbers, state, friction).use(tau).max() - 1) < 1e-6, (ours, truth)
+        assert same or abs(cones_at(robot, name, numbers, state, friction).use(tau).max() - 1) < 1e-6, (
+            ours,
+            truth,
+        )
         statuses.add(status)
     assert statuses == {"ok", "grip", "will_slip"}
 
@@ -91,19 +109,24 @@ def test_c_is_the_reference(robot, name):
 @pytest.mark.parametrize("backend", ["c", "cf"])
 @each_law
 def test_it_rolls_or_says_so(robot, name, backend):
-    """Friction use by the plant's own constraint forces; inputs within limits, and unchanged where nothing had to change."""
+    """Friction use by the plant's own constraint forces; inputs within limits,
+    and unchanged where nothing had to change."""
     slack = 1e-9 if backend == "c" else 2e-3
     for numbers, state, _, free, friction, torque, status, tau in limited(backend, robot, name):
         most = np.array([limit or math.inf for limit in torque])
         assert np.isfinite(tau).all() and (np.abs(tau) <= most * (1 + slack)).all()
-        floor = ContactSection(mu=friction.mu * (1 - friction.margin), share=friction.share, height=friction.height)
+        floor = ContactSection(
+            mu=friction.mu * (1 - friction.margin), share=friction.share, height=friction.height
+        )
         plant = Plant(law(robot, name).system, numbers[0])
         use = max(contact.use[0] for contact in contact_forces(plant, np.asarray(state), tau, floor))
         if status == "will_slip":
             continue
         assert use <= 1 + slack, (status, use, friction)
         if status == "ok":
-            assert np.abs(tau - free).max() <= (1e-11 if backend == "c" else 2e-4) * max(1, np.abs(free).max())
+            assert np.abs(tau - free).max() <= (1e-11 if backend == "c" else 2e-4) * max(
+                1, np.abs(free).max()
+            )
 
 
 def test_the_forces_of_a_virtual_input():
@@ -115,7 +138,10 @@ def test_the_forces_of_a_virtual_input():
         one, other = random.uniform(-3, 3, (2, 2))
         found = []
         for v in (one, other, (one + other) / 2):
-            (tau,) = (answer.ravel() for answer in controller.entry(entries["feedback"], state, more=v).values.values())
+            (tau,) = (
+                answer.ravel()
+                for answer in controller.entry(entries["feedback"], state, more=v).values.values()
+            )
             (forces,) = controller.entry(entries["ground"], state, more=tau).values.values()
             found.append(forces.reshape(-1, 4))
             truth = contact_forces(plant, np.asarray(state), tau, ContactSection())
@@ -126,16 +152,23 @@ def test_the_forces_of_a_virtual_input():
 
 @pytest.mark.parametrize("robot, name", [("labmate", "type_iv_line")])
 def test_the_speed_is_given_up_first_and_no_more_than_needed(robot, name):
-    """On the line of the speed's virtual input: the nearest to what was asked for, wherever a search finds any that rolls."""
+    """On the line of the speed's virtual input: the nearest to what was asked for,
+    wherever a search finds any that rolls."""
     ways = {"speed": 0, "coasting": 0}
     for numbers, state, reference, free, friction, torque, status, tau in limited("c", robot, name):
         if status != "grip":
             continue
-        slope, cones = slope_of(robot, name, numbers, state, reference), cones_at(robot, name, numbers, state, friction)
+        slope, cones = (
+            slope_of(robot, name, numbers, state, reference),
+            cones_at(robot, name, numbers, state, friction),
+        )
         most = np.array([limit or math.inf for limit in torque])
 
         def beyond(inputs, cones=cones, most=most):
-            return max(cones.excess(inputs).max(), (np.abs(inputs) - most).max() if np.isfinite(most).any() else -np.inf)
+            return max(
+                cones.excess(inputs).max(),
+                (np.abs(inputs) - most).max() if np.isfinite(most).any() else -np.inf,
+            )
 
         s = slope @ (tau - free) / (slope @ slope)
         on_line = np.abs(free + s * slope - tau).max() <= 1e-9 * max(1, np.abs(free).max())
@@ -145,15 +178,17 @@ def test_the_speed_is_given_up_first_and_no_more_than_needed(robot, name):
         elif not on_line:
             ways["coasting"] += 1
             scale = np.abs(free).max() / np.abs(slope).max()
-            best = minimize_scalar(lambda s, a=free, b=slope: beyond(a + s * b), bracket=(-scale, scale), options={"xtol": 1e-10})
+            best = minimize_scalar(
+                lambda s, a=free, b=slope: beyond(a + s * b), bracket=(-scale, scale), options={"xtol": 1e-10}
+            )
             assert best.fun > -1e-6 * max(1, np.abs(free).max()), "the speed would have been enough"
     assert min(ways.values()) > 2, ways
 
 
 @pytest.mark.parametrize("robot, name", [("labmate", "type_i"), ("labmate", "type_iv_line")])
 def test_coasting_is_least_squares(robot, name):
-    """Where it will slip, the inputs are those of smallest sum (F / mass)^2, by a search; and a search finds none near them that
-    roll with a tenth less friction use."""
+    """Where it will slip, the inputs are those of smallest sum (F / mass)^2, by a search; and a search finds
+    none near them that roll with a tenth less friction use."""
     seen = 0
     for numbers, state, _, _, friction, torque, status, tau in limited("c", robot, name):
         if status != "will_slip" or torque.any():
@@ -184,21 +219,27 @@ def cut_by_c(scalar: str, at, along) -> tuple[float, float, bool]:
     steps = made.new("noslip_steps", scalar)
     steps.low, steps.high, steps.any = -LARGEST, LARGEST, 1
     made.function("noslip_within_cone", scalar)(steps, made.array(scalar, at), made.array(scalar, along))
-    return *(s if abs(s) < LARGEST / 2 else math.copysign(math.inf, s) for s in (steps.low, steps.high)), bool(steps.any)
+    return *(
+        s if abs(s) < LARGEST / 2 else math.copysign(math.inf, s) for s in (steps.low, steps.high)
+    ), bool(steps.any)
 
 
 LARGEST = 3e38
 
 
 @pytest.mark.parametrize(
-    "cut", [cut_by_reference, partial(cut_by_c, "double"), partial(cut_by_c, "float")], ids=["numpy", "c", "cf"]
+    "cut",
+    [cut_by_reference, partial(cut_by_c, "double"), partial(cut_by_c, "float")],
+    ids=["numpy", "c", "cf"],
 )
 def test_a_cone_is_cut_by_a_line_where_it_is(cut):
-    """|F + s D| <= N + s M against a fine grid of s, also where the load N + s M grows faster than the force; at all sizes."""
+    """|F + s D| <= N + s M against a fine grid of s, also where the load N + s M grows faster than the force;
+    at all sizes."""
     source, kinds, near = np.random.default_rng(3), set(), 1e-3 if "float" in str(cut) else 1e-9
     for k in range(400):
         at, along = source.normal(size=3), source.normal(size=3) * (0.05 if k % 2 else 1.0)
-        along = along if k % 8 else np.array([0.75, 1.0, math.copysign(1.25, along[2])])  # grow alike: one root
+        # Grow alike: one root
+        along = along if k % 8 else np.array([0.75, 1.0, math.copysign(1.25, along[2])])
         along = along if k % 8 != 1 else np.zeros(3)  # every s, or none
         low, high, found = cut(at, along)
         grid = np.linspace(-30, 30, 301)
@@ -215,8 +256,8 @@ def test_a_cone_is_cut_by_a_line_where_it_is(cut):
 
 @pytest.mark.nightly
 def test_inputs_that_do_not_move_it_are_used_first(robot="four_wheel", name="type_iv_line"):
-    """Where such inputs alone are enough, the motion is as desired: S'E tau is. A search in the null space of S'E finds none that
-    roll with a fifth less friction use where they are not."""
+    """Where such inputs alone are enough, the motion is as desired: S'E tau is. A search in the null space of
+    S'E finds none that roll with a fifth less friction use where they are not."""
     system, effort = law(robot, name).system, None
     mechanism, kept, given_up, better = system.mechanism, 0, 0, 0
     effort = ca.Function("effort", [symbols(system.state), mechanism.p], [ca.densify(system.input_map)])
@@ -243,8 +284,8 @@ def test_inputs_that_do_not_move_it_are_used_first(robot="four_wheel", name="typ
 @pytest.mark.parametrize("scalar, accuracy", [("double", 1e-9), ("float", 1e-3)])
 @pytest.mark.parametrize("inputs", [2, 3, 5])
 def test_the_way_to_least_forces_is_a_stationary_point(inputs, scalar, accuracy):
-    """Of the sum of (F / mass)^2 and 1e-4 of the mean effect times the squared coefficients; for inputs by themselves, for
-    combinations, and for the forces by a way; if no input has an effect, nothing changes."""
+    """Of the sum of (F / mass)^2 and 1e-4 of the mean effect times the squared coefficients; for inputs by
+    themselves, for combinations, and for the forces by a way; if no input has an effect, nothing changes."""
     made, source = runtime("noslip_shaping.h"), np.random.default_rng(8)
     for k in range(120):
         mass, contacts = source.uniform(0.5, 20.0, 3), 3
@@ -286,43 +327,73 @@ def test_any_bits_are_answered_within_the_limits(robot, name, scalar):
         torque = tuple(10.0 ** source.uniform(-3, 3, inputs))
         friction = Friction(float(10.0 ** source.uniform(-30, 30)), 0.05)
         controller = CompiledController(
-            made, plant.params, plant.config, plant.gains, scalar, Limits(torque, "grip", friction if k % 3 else Friction(0.3))
+            made,
+            plant.params,
+            plant.config,
+            plant.gains,
+            scalar,
+            Limits(torque, "grip", friction if k % 3 else Friction(0.3)),
         )
         for _ in range(20):
             both = [
                 source.integers(0, np.iinfo(whole).max, size, whole, True).view(kind)
                 for size in (len(made.state), len(made.reference))
             ]
-            ordinary = [10.0 ** source.uniform(-6, 6, each.size) * source.choice([-1, 1], each.size) for each in both]
-            mixed = [np.where(source.random(a.size) < 0.1, a, b).astype(float) for a, b in zip(both, ordinary, strict=True)]
+            ordinary = [
+                10.0 ** source.uniform(-6, 6, each.size) * source.choice([-1, 1], each.size) for each in both
+            ]
+            mixed = [
+                np.where(source.random(a.size) < 0.1, a, b).astype(float)
+                for a, b in zip(both, ordinary, strict=True)
+            ]
             status, tau = controller.step(*mixed)
-            assert np.isfinite(tau).all() and (np.abs(tau) <= np.array(torque) * (1 + 1e-6)).all(), (status, mixed)
+            assert np.isfinite(tau).all() and (np.abs(tau) <= np.array(torque) * (1 + 1e-6)).all(), (
+                status,
+                mixed,
+            )
             seen.add(status)
     assert seen >= {"nonfinite", "grip", "will_slip"}, seen
 
 
 @pytest.mark.parametrize("scalar, near", [("double", 1e-9), ("float", 1e-3)])
 def test_steps_keep_every_contact_and_every_limit(scalar, near):
-    """Of two to four inputs, some of which may stay as they are, and one or two contacts, against a fine grid of steps."""
+    """Of two to four inputs, some of which may stay as they are, and one or two contacts,
+    against a fine grid of steps."""
     made, source, kinds = runtime("noslip_grip.h"), np.random.default_rng(5), set()
     grip = made.new("noslip_grip", scalar)
     grid = np.linspace(-20.0, 20.0, 401)
     for k in range(400):
         contacts, count = 1 + k % 2, 2 if k % 5 else 4
-        inputs, way, limits = source.normal(size=count), source.normal(size=count), source.uniform(0.2, 4.0, count)
+        inputs, way, limits = (
+            source.normal(size=count),
+            source.normal(size=count),
+            source.uniform(0.2, 4.0, count),
+        )
         way[k % 3 :] *= 0.0 if k % 3 else 1.0
-        ground, by = source.normal(size=(contacts, 4)), source.normal(size=(contacts, 3, count)) * [[[0.3], [0.3], [1.0]]]
+        ground, by = (
+            source.normal(size=(contacts, 4)),
+            source.normal(size=(contacts, 3, count)) * [[[0.3], [0.3], [1.0]]],
+        )
         ground[:, 3] = source.uniform(0.5, 3.0, contacts)
         grip.weight, grip.height = source.uniform(0.5, 3.0), source.uniform(0.0, 1.0)
         behind = np.append(way, np.inf)  # what comes after it in memory is none of it
-        given = [made.array(scalar, np.ravel(each)) for each in (inputs, behind, ground, np.zeros(3 * contacts))]
+        given = [
+            made.array(scalar, np.ravel(each)) for each in (inputs, behind, ground, np.zeros(3 * contacts))
+        ]
         made.function("noslip_write_loads", scalar)(given[2], grip, contacts)
-        made.function("noslip_effects", scalar)(given[1], made.array(scalar, by.ravel()), grip.height, contacts, count, given[3])
-        steps = made.function("noslip_steps_within", scalar)(*given, made.array(scalar, limits), contacts, count)
+        made.function("noslip_effects", scalar)(
+            given[1], made.array(scalar, by.ravel()), grip.height, contacts, count, given[3]
+        )
+        steps = made.function("noslip_steps_within", scalar)(
+            *given, made.array(scalar, limits), contacts, count
+        )
         parts = ground[:, :3, None] + (by @ way)[..., None] * grid
         load = grip.weight * ground[:, 3, None] + grip.height * parts[:, 2]
         room = np.vstack(
-            [load - np.hypot(parts[:, 0], parts[:, 1]), limits[:, None] - np.abs(inputs[:, None] + np.outer(way, grid))]
+            [
+                load - np.hypot(parts[:, 0], parts[:, 1]),
+                limits[:, None] - np.abs(inputs[:, None] + np.outer(way, grid)),
+            ]
         )
         room, off = room.min(axis=0), near * (1 + np.abs(grid))
         if not steps.any or steps.low > steps.high:
@@ -336,7 +407,8 @@ def test_steps_keep_every_contact_and_every_limit(scalar, near):
 
 @pytest.mark.parametrize("scalar, accuracy", [("double", 1e-9), ("float", 2e-2)])
 def test_the_way_to_coasting_ends_at_least_forces(scalar, accuracy):
-    """Of two contacts at all sizes: the gradient of sum (F / m)^2 is zero at its end, or along it if an input has no effect."""
+    """Of two contacts at all sizes: the gradient of sum (F / m)^2 is zero at its end,
+    or along it if an input has no effect."""
     made, source = runtime("noslip_grip.h"), np.random.default_rng(8)
     for k in range(300):
         mass = source.uniform(0.5, 20.0, 2)
@@ -350,18 +422,23 @@ def test_the_way_to_coasting_ends_at_least_forces(scalar, accuracy):
         if k % 5 == 0:  # a contact that carries no mass has no load and does not count
             force[1, 3] = 0.0
             mass[1] = np.inf
-        ground, by_inputs, way = (made.array(scalar, each) for each in (force.ravel(), by.ravel(), np.zeros(2)))
+        ground, by_inputs, way = (
+            made.array(scalar, each) for each in (force.ravel(), by.ravel(), np.zeros(2))
+        )
         made.function("noslip_way_to_coasting", scalar)(ground, by_inputs, 2, way)
         moved = np.array([way[0], way[1]])
         effect = (by[:, :2] / mass[:, None, None]).reshape(4, 2)
         start, end = (np.ravel(force[:, :2] / mass[:, None]) + effect @ (part * moved) for part in (0.0, 1.0))
         gradient, size = effect.T @ end, np.linalg.norm(effect) * np.linalg.norm(start)
         left = gradient if k % 3 == 2 else [gradient @ moved / (np.linalg.norm(moved) or 1.0)]
-        assert np.abs(left).max() <= accuracy * size and np.linalg.norm(end) <= np.linalg.norm(start) * (1 + accuracy)
+        assert np.abs(left).max() <= accuracy * size and np.linalg.norm(end) <= np.linalg.norm(start) * (
+            1 + accuracy
+        )
 
 
 class Floor(GripReference):
-    """The reference at given cones and combinations of inputs that do not change the motion; notes how many lines it cut."""
+    """The reference at given cones and combinations of inputs that do not change the motion;
+    notes how many lines it cut."""
 
     def __init__(self, cones: Cones, limits: np.ndarray, free: np.ndarray | None):
         self._cones, self._limits, self.params, self.lines = cones, limits, np.zeros(0), 0
@@ -380,14 +457,22 @@ class Floor(GripReference):
 
 
 def test_the_limiter_is_the_reference_at_any_forces():
-    """Of two to four inputs and one to three contacts, with and without a speed and inputs that do not change the motion: all
-    directions are taken, and each ends for all reasons."""
+    """Of two to four inputs and one to three contacts, with and without a speed and inputs that do not change
+    the motion: all directions are taken, and each ends for all reasons."""
     made, source, kinds = runtime("noslip_shaping.h"), np.random.default_rng(17), set()
     array = partial(made.array, "double")
     for k in range(600):
         count, contacts = 2 + k % 3, 1 + k // 3 % 3
-        force, mass, shift = source.normal(size=(contacts, 2)), source.uniform(0.5, 3.0, contacts), source.normal(size=contacts)
-        by, slope, tau = source.normal(size=(contacts, 3, count)), source.normal(size=count), source.normal(size=count)
+        force, mass, shift = (
+            source.normal(size=(contacts, 2)),
+            source.uniform(0.5, 3.0, contacts),
+            source.normal(size=contacts),
+        )
+        by, slope, tau = (
+            source.normal(size=(contacts, 3, count)),
+            source.normal(size=count),
+            source.normal(size=count),
+        )
         rank_one = np.outer(*source.normal(size=(2, count)))
         free = rank_one if count > 2 and k % 2 else None
         slope = slope if k % 5 else np.zeros(0)
@@ -419,21 +504,38 @@ def test_the_limiter_is_the_reference_at_any_forces():
 
 @pytest.mark.parametrize("scalar, kind", [("double", np.float64), ("float", np.float32)])
 def test_a_contact_that_holds_is_within_friction_but_for_one_rounding(scalar, kind):
-    """In exact arithmetic, for forces within some roundings of mu load and at all sizes: what is computed as within friction is
-    at most 1 + epsilon times it, what is computed as beyond is not below 1 - 2 epsilon. Infinite numbers and NaN are beyond."""
+    """In exact arithmetic, for forces within some roundings of mu load and at all sizes: what is computed as
+    within friction is at most 1 + epsilon times it, what is computed as beyond is not below 1 - 2 epsilon.
+    Infinite numbers and NaN are beyond."""
     made, source, answers = runtime("noslip_grip.h"), np.random.default_rng(12), []
-    holds, grip, one = made.function("noslip_holds", scalar), made.new("noslip_grip", scalar), np.finfo(kind).eps
+    holds, grip, one = (
+        made.function("noslip_holds", scalar),
+        made.new("noslip_grip", scalar),
+        np.finfo(kind).eps,
+    )
     grip.height, epsilon = 0.0, Fraction(float(one))
     for _ in range(4000):
-        most, angle = kind(10 ** source.uniform(-15, 15)), source.choice([0.0, 1e-4, 0.3, 0.8, 1.2, 1.6]) * source.uniform(0.9, 1)
+        most, angle = (
+            kind(10 ** source.uniform(-15, 15)),
+            source.choice([0.0, 1e-4, 0.3, 0.8, 1.2, 1.6]) * source.uniform(0.9, 1),
+        )
         size = most * (1 + source.integers(-3, 4) * one)
         force = (size * np.array([np.cos(angle), np.sin(angle)]) * source.choice([-1, 1], 2)).astype(kind)
         grip.weight = float(most)
         answers.append(holds(made.array(scalar, [*force, 0.0, 1.0]), grip))
         square, limit = sum(Fraction(float(f)) ** 2 for f in force), Fraction(float(most))
-        assert square <= (limit * (1 + epsilon)) ** 2 if answers[-1] else square >= (limit * (1 - 2 * epsilon)) ** 2
+        assert (
+            square <= (limit * (1 + epsilon)) ** 2
+            if answers[-1]
+            else square >= (limit * (1 - 2 * epsilon)) ** 2
+        )
     assert 0.2 < np.mean(answers) < 0.8
-    for beyond in ([math.nan, 0.0, 0.0, 1.0], [0.0, math.inf, 0.0, 1.0], [0.0, 0.0, 0.0, math.nan], [0.0, 0.0, 0.0, -1.0]):
+    for beyond in (
+        [math.nan, 0.0, 0.0, 1.0],
+        [0.0, math.inf, 0.0, 1.0],
+        [0.0, 0.0, 0.0, math.nan],
+        [0.0, 0.0, 0.0, -1.0],
+    ):
         assert not holds(made.array(scalar, beyond), grip)
 
 
@@ -448,7 +550,9 @@ def test_inputs_behind_the_two_are_not_touched(scalar):
     made.function("noslip_keep_grip", scalar)(inputs, made.ffi.NULL, ground, by_inputs, grip, limits, 1, work)
     assert list(inputs) == [1.0, -1.0, 7.0] and work[3] == 7.0
     ground = made.array(scalar, [0.0, 0.0, 0.0, 1.0])
-    inputs, limits, by_inputs = (made.array(scalar, each) for each in ([5.0, -5.0, 0.5, 7.0], [1.0] * 4, np.zeros(9)))
+    inputs, limits, by_inputs = (
+        made.array(scalar, each) for each in ([5.0, -5.0, 0.5, 7.0], [1.0] * 4, np.zeros(9))
+    )
     work = made.array(scalar, [0.0] * 21 + [7.0])
     given = inputs, made.ffi.NULL, made.ffi.NULL, ground, by_inputs, grip, limits, 1, 3, work
     made.function("noslip_keep_grip_of", scalar)(*given)
@@ -478,7 +582,9 @@ def test_the_papers_start_rolls():
     bare = run(floor)
     assert max(use.max() for use in bare.use.values()) > 2
     runs = {
-        backend: run(floor + '[limits]\nmode = "grip"\n', **{"2.0, period": f'2.0, backend = "{backend}", period'})
+        backend: run(
+            floor + '[limits]\nmode = "grip"\n', **{"2.0, period": f'2.0, backend = "{backend}", period'}
+        )
         for backend in ("c", "cf", "casadi")
     }
     for backend, made in runs.items():
@@ -493,8 +599,9 @@ STARTS = STARTS.replace("2.0, period = 0.01", "12.0, period = 0.01, output_step 
 
 @pytest.mark.parametrize("count", [200, pytest.param(10_000, marks=pytest.mark.nightly)])
 def test_random_starts_on_any_floor_keep_rolling_and_reach_the_path(count):
-    """Friction use is at most 1 at the calls and between, unless a status says otherwise; without the limiter it is not. The path
-    is reached in 99 % of the starts from which it is reached without, as soon (the median within 10 %).
+    """Friction use is at most 1 at the calls and between, unless a status says otherwise; without the limiter
+    it is not. The path is reached in 99 % of the starts from which it is reached without, as soon (the median
+    within 10 %).
     """
     source = np.random.default_rng(1)
     starts = {
@@ -574,14 +681,18 @@ def test_init_checks_the_friction(scalar):
     assert (status("car"), status("car", height=0.3)) == (None, "bad_parameter")
 
 
-def straight_on(backend: str, friction: Friction, floor: float, counts: int = 0, mass: float = 1.0, torque: float = 1.0):
-    """mu believed and slip (m/s) in each of 150 steps of a platform that drives straight on, as fast as it may, on a `floor` that
-    its wheels slip on: the body moves by the forces of the ground, the rims by the torques less these. `counts` of the encoders;
-    `mass` and `torque` are factors of what the law assumes.
+def straight_on(
+    backend: str, friction: Friction, floor: float, counts: int = 0, mass: float = 1.0, torque: float = 1.0
+):
+    """mu believed and slip (m/s) in each of 150 steps of a platform that drives straight on, as fast as it
+    may, on a `floor` that its wheels slip on: the body moves by the forces of the ground, the rims by the
+    torques less these. `counts` of the encoders; `mass` and `torque` are factors of what the law assumes.
     """
     made, numbers = law("labmate", "type_iv_line"), find_robot("labmate").parameter_values({})
     b, d, r, m_c, m_w, I_c, I_w, I_m = numbers
-    controller = make_controller(backend, made, numbers, [0, 0, 1, 0], [1.0, 2.5, 2.0], Limits((0.0, 0.0), "grip", friction))
+    controller = make_controller(
+        backend, made, numbers, [0, 0, 1, 0], [1.0, 2.5, 2.0], Limits((0.0, 0.0), "grip", friction)
+    )
     body, rims, most = mass * (m_c + 2 * m_w), 2 * mass * I_w / r**2, floor * mass * (m_c + 2 * m_w) * 9.81
     fine, unit, before, found = friction.period / 50, 2 * math.pi / (counts or math.inf), 0.0, []
     x = speed = rim = angle = 0.0
@@ -589,7 +700,9 @@ def straight_on(backend: str, friction: Friction, floor: float, counts: int = 0,
         counted = math.floor(angle / unit) * unit if counts else angle
         rate = (counted - before) / friction.period if counts else rim / r
         before = counted
-        status, tau = controller.step(np.array([x + d, 0, 0, angle, angle, rate, rate]), np.array([0, 0, 0, 20.0, 0]))
+        status, tau = controller.step(
+            np.array([x + d, 0, 0, angle, angle, rate, rate]), np.array([0, 0, 0, 20.0, 0])
+        )
         assert status == "grip" and abs(tau[0] - tau[1]) < 1e-4
         pull = torque * 2 * tau[0] / r
         for _ in range(50):
@@ -616,15 +729,20 @@ def test_friction_is_earned_where_the_wheels_roll(backend):
         assert np.abs(mu - np.minimum(first + 0.25 * t, 0.5)).max() < 1e-5 and slip.max() == 0
     mu, _ = straight_on(backend, Friction(0.5, period=0.01), 0.5)
     given = make_controller(
-        backend, law("labmate", "type_iv_line"), find_robot("labmate").parameter_values({}), [0, 0, 1, 0], [1, 2, 2],
+        backend,
+        law("labmate", "type_iv_line"),
+        find_robot("labmate").parameter_values({}),
+        [0, 0, 1, 0],
+        [1, 2, 2],
         Limits((0.0, 0.0), "grip", Friction(0.5)),
-    )  # fmt: skip
+    )
     assert given.believed == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("part, most", [(0.8, 0.1), (0.7, 0.1), (0.5, 0.4)])
 def test_a_wheel_that_runs_away_shows_the_friction(part, most):
-    """It slips for some steps, after which 0.9 of the friction that there is is believed, as by the reference; and again."""
+    """It slips for some steps, after which 0.9 of the friction that there is is believed,
+    as by the reference; and again."""
     runs = [straight_on(backend, earning(), part * 0.5) for backend in ("c", "casadi", "cf")]
     assert np.abs(runs[0] - runs[1]).max() < 1e-9 and np.abs(runs[0] - runs[2]).max() < 1e-2
     mu, slip = runs[0]
@@ -635,8 +753,16 @@ def test_a_wheel_that_runs_away_shows_the_friction(part, most):
 
 def test_wrong_masses_and_coarse_rates():
     """No false alarm where the floor is as given, and where it is not, what is believed stays near it."""
-    for mass, torque, counts in ((0.8, 1.2, 4096), (1.2, 0.8, 4096), (0.8, 1.2, 0), (0.8, 0.8, 1024), (1.2, 1.2, 1024)):
-        friction = earning(coarse=2 * math.pi / counts / 0.01 if counts else 0.0, lag=0.005 if counts else 0.0)
+    for mass, torque, counts in (
+        (0.8, 1.2, 4096),
+        (1.2, 0.8, 4096),
+        (0.8, 1.2, 0),
+        (0.8, 0.8, 1024),
+        (1.2, 1.2, 1024),
+    ):
+        friction = earning(
+            coarse=2 * math.pi / counts / 0.01 if counts else 0.0, lag=0.005 if counts else 0.0
+        )
         mu, slip = straight_on("c", friction, 2.0, counts, mass, torque)
         assert (np.diff(mu) >= 0).all() and mu[-1] > 0.4 and slip.max() == 0
         mu, slip = straight_on("c", friction, 0.4, counts, mass, torque)
@@ -645,22 +771,36 @@ def test_wrong_masses_and_coarse_rates():
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_rates_within_the_least_bound_are_compared_in_a_few_instructions(scalar):
-    """With the bits of the whole comparison, for wheels near that bound, away from before, after a pause, and at any rates."""
+    """With the bits of the whole comparison, for wheels near that bound, away from before, after a pause,
+    and at any rates."""
     c, random, counts = runtime("noslip_grip.h"), np.random.default_rng(80), np.zeros(2, int)
     for _ in range(4000):
         size = 10.0 ** random.integers(-2, 2)
-        friction = c.new("noslip_friction", scalar, {"mu": 0.5, "period": 0.01, "lag": random.choice([0, 0.02])})
+        friction = c.new(
+            "noslip_friction", scalar, {"mu": 0.5, "period": 0.01, "lag": random.choice([0, 0.02])}
+        )
         earned, grip = c.new("noslip_earned", scalar), c.new("noslip_grip", scalar)
         c.function("noslip_grip_init", scalar)(earned, grip, friction, 2)
         c.function("noslip_believe", scalar)(earned, grip, random.choice([0.01, 0.3, 0.4999, 0.5]))
         earned.pause = random.choice([0, 0, -0.003, 0.01])
         wheels = c.ffi.new(f"{SCALARS[scalar].name('noslip_wheel')}[2]")
         for wheel in wheels:
-            c.function("noslip_wheel_init", scalar)(c.ffi.addressof(wheel), c.array(scalar, [0, 2.0, 0.15]), earned)
+            c.function("noslip_wheel_init", scalar)(
+                c.ffi.addressof(wheel), c.array(scalar, [0, 2.0, 0.15]), earned
+            )
             wheel.expected, wheel.rate = random.normal(0, size), random.normal(0, 1)
             wheel.away, wheel.steps = random.choice([*[(0, 0)] * 6, (0.5, 1), (-0.2, 3)])
-        beyond = earned.error * grip.weight / 4 * random.choice([1, 1 + 1e-7, 0.9, 0.5, 3], 2) * random.choice([-1, 1], 2)
-        rates = [wheel.rate + (wheel.expected + each) / wheel.rim for wheel, each in zip(wheels, beyond, strict=True)]
+        beyond = (
+            earned.error
+            * grip.weight
+            / 4
+            * random.choice([1, 1 + 1e-7, 0.9, 0.5, 3], 2)
+            * random.choice([-1, 1], 2)
+        )
+        rates = [
+            wheel.rate + (wheel.expected + each) / wheel.rim
+            for wheel, each in zip(wheels, beyond, strict=True)
+        ]
         ground = c.array(scalar, random.normal(0, 30, 8))
         answers = []
         for name in ("noslip_earn", "noslip_compare"):
@@ -675,9 +815,14 @@ def test_rates_within_the_least_bound_are_compared_in_a_few_instructions(scalar)
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_what_is_beyond_is_summed_over_steps_in_a_row(direction):
-    """However little it is; from the beginning again where one step is within its bound. Too little for an alarm: mu is kept."""
+    """However little it is; from the beginning again where one step is within its bound. Too little for an
+    alarm: mu is kept."""
     c = runtime("noslip_grip.h")
-    earned, grip, wheel = c.new("noslip_earned", "double"), c.new("noslip_grip", "double"), c.new("noslip_wheel", "double")
+    earned, grip, wheel = (
+        c.new("noslip_earned", "double"),
+        c.new("noslip_grip", "double"),
+        c.new("noslip_wheel", "double"),
+    )
     friction = c.new("noslip_friction", "double", {"mu": 0.5, "period": 0.01, "coarse": 1e3, "known": 0.4})
     c.function("noslip_grip_init", "double")(earned, grip, friction, 1)
     c.function("noslip_wheel_init", "double")(wheel, c.array("double", [0, 2.0, 0.15]), earned)
@@ -697,7 +842,9 @@ def test_what_is_believed_stays_within_what_is_given():
     random, made = np.random.default_rng(43), law("labmate", "type_iv_line")
     numbers = find_robot("labmate").parameter_values({})
     for backend in ("c", "cf", "casadi"):
-        controller = make_controller(backend, made, numbers, [0, 0, 1, 0], [1, 2, 2], Limits((9.0, 9.0), "grip", earning()))
+        controller = make_controller(
+            backend, made, numbers, [0, 0, 1, 0], [1, 2, 2], Limits((9.0, 9.0), "grip", earning())
+        )
         found = []
         for k in range(300):
             state = random.normal(0, 1, 7) * [1, 1, 0.3, 1, 1, *[10.0 ** random.integers(-3, 4)] * 2]
@@ -733,7 +880,8 @@ def test_friction_is_earned_with_a_contact_between_the_driven_wheels():
 
 @pytest.mark.nightly
 def test_no_false_alarm_in_random_runs():
-    """Wheels that roll, of robots whose masses are off by 20 %, with encoders and delays, from starts beside a line."""
+    """Wheels that roll, of robots whose masses are off by 20 %, with encoders and delays,
+    from starts beside a line."""
     random = np.random.default_rng(43)
     text = """
 robot = "labmate"
@@ -747,7 +895,11 @@ simulation = { duration = 4.0, period = 0.01 }
 """
     sizes = dict(zip(("m_c", "m_w", "I_c", "I_w", "I_m"), (30.0, 1.0, 15.625, 0.005, 0.0025), strict=True))
     for _ in range(300):
-        start = {"point": [0.0, random.uniform(-2, 2)], "heading": random.uniform(-1.2, 2.8), "speed": random.uniform(0, 1.5)}
+        start = {
+            "point": [0.0, random.uniform(-2, 2)],
+            "heading": random.uniform(-1.2, 2.8),
+            "speed": random.uniform(0, 1.5),
+        }
         changes = {
             "plant": {name: size * random.uniform(0.8, 1.2) for name, size in sizes.items()},
             "simulation.delay": float(random.choice([0.0, 0.01])),

@@ -1,4 +1,5 @@
-"""The headers of runtime_c as C, every public function of each: warnings, libraries, precision, and bits by compiler."""
+"""The headers of runtime_c as C, every public function of each: warnings, libraries, precision,
+and bits by compiler."""
 
 import re
 from itertools import product
@@ -10,9 +11,11 @@ from noslip.simulation.controllers.runtime import declarations
 from noslip.tests.runtime_c.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
 from noslip.tests.tools import COMPILERS, HOST_CC, need
 
-APART = ("noslip_real.h", "noslip_path.h", "noslip_status.h", "noslip_version.h")  # cannot be parsed; no inline functions
+# Cannot be parsed; no inline functions
+APART = ("noslip_real.h", "noslip_path.h", "noslip_status.h", "noslip_version.h")
 HEADERS = sorted(path.name for path in RUNTIME.glob("*.h") if path.name not in APART)
-DOUBLES = r"\t(v?(?:add|sub|mul|div|sqrt|ucomi|comi|cvt\w*|cmp\w*)(?:sd|pd)\w*|v?cvt(?:sd|pd)2\w+)\b"  # instructions of x86
+# Instructions of x86
+DOUBLES = r"\t(v?(?:add|sub|mul|div|sqrt|ucomi|comi|cvt\w*|cmp\w*)(?:sd|pd)\w*|v?cvt(?:sd|pd)2\w+)\b"
 
 
 # functions with copies of a covariance: 512 bytes in float on a Cortex-M4F (checks/guarantees/memory.py)
@@ -20,21 +23,29 @@ LARGE = ("noslip_ekf_", "noslip_adaptation_")
 
 
 def everything(folder: Path, suffix: str = "", without: tuple[str, ...] = ()) -> str:
-    """The path of a source that uses every function of the headers whose name ends so, but for those that begin as `without`."""
+    """The path of a source that uses every function of the headers whose name ends so,
+    but for those that begin as `without`."""
     names = {name for header in HEADERS for name in re.findall(r"\b(noslip_\w+)\s*\(", declarations(header))}
     assert len(names) > 40
     names = {name for name in names if not name.startswith(without)}
-    used = ", ".join(f"(any){name}" for name in sorted(names - {"noslip_status_name"}) if name.endswith(suffix))
-    includes = "".join(f'#include "{header}"\n' for header in HEADERS if header.removesuffix(".h") + "_" not in without)
+    used = ", ".join(
+        f"(any){name}" for name in sorted(names - {"noslip_status_name"}) if name.endswith(suffix)
+    )
+    includes = "".join(
+        f'#include "{header}"\n' for header in HEADERS if header.removesuffix(".h") + "_" not in without
+    )
     source = folder / "everything.c"
-    source.write_text(f"{includes}typedef void (*any)(void);\nextern const any all[];\nconst any all[] = {{{used}}};\n")
+    source.write_text(
+        f"{includes}typedef void (*any)(void);\nextern const any all[];\nconst any all[] = {{{used}}};\n"
+    )
     return str(source)
 
 
 @compilers
 @each_level
 def test_no_warnings_and_no_library(cc, level, tmp_path):
-    """Nothing undefined but functions of noslip's own C files, not even memcpy: no mathematics of a library."""
+    """Nothing undefined but functions of noslip's own C files, not even memcpy:
+    no mathematics of a library."""
     checked = (cc, level) == ("gcc", "-O2")
     code = str(tmp_path / "everything.o")
     for without, stack in ((LARGE, 256), ((), 768)) if checked else (((), 0),):
@@ -58,9 +69,14 @@ def test_the_float_side_has_no_double(cc, level, tmp_path):
 @pytest.mark.parametrize("scalar", ["double", "float"])
 @pytest.mark.parametrize("program", ["walk", "sums"])
 def test_the_same_bits_on_every_compiler(program, scalar, tmp_path):
-    """Poses of a random walk with corrections and encoders, and sums of errors, as compilers and levels have them."""
+    """Poses of a random walk with corrections and encoders, and sums of errors,
+    as compilers and levels have them."""
     source = tmp_path / f"{program}.c"
-    source.write_text({"walk": WALK, "sums": SUMS}[program].replace("REAL", scalar).replace("_X", "_f" * (scalar == "float")))
+    source.write_text(
+        {"walk": WALK, "sums": SUMS}[program]
+        .replace("REAL", scalar)
+        .replace("_X", "_f" * (scalar == "float"))
+    )
     printed = {}
     for cc, level in product(COMPILERS, ("-O0", "-O2", "-O3")):
         executable = str(tmp_path / f"{program}{cc}{level}")
@@ -83,7 +99,8 @@ int main(void)
     REAL angle[2];
     uint32_t seed = 1992, count[2] = {0, 0};
     int k, i;
-    if (noslip_odometry_init_X(&self, &options, &pose) < 0 || noslip_encoder_init_X(&encoder[0], 4096, 16) < 0 ||
+    if (noslip_odometry_init_X(&self, &options, &pose) < 0 ||
+        noslip_encoder_init_X(&encoder[0], 4096, 16) < 0 ||
         noslip_encoder_init_X(&encoder[1], -500, 32) < 0) {
         return 1;
     }
@@ -130,7 +147,8 @@ int main(void)
     for (k = 0; k < 3000; k++) {
         REAL add;
         seed = seed * 1664525u + 1013904223u;
-        noslip_integral_step_X(&self, (REAL)(seed >> 8) / 3000000 - 2, (REAL)(seed >> 20) / 70000, k % 7 < 2, &add);
+        noslip_integral_step_X(&self, (REAL)(seed >> 8) / 3000000 - 2, (REAL)(seed >> 20) / 70000, k % 7 < 2,
+                               &add);
         if (k % 30 == 29) {
             printf("%a\n", (double)add);
         }

@@ -1,4 +1,5 @@
-"""Limits of the inputs: each cut by itself, or kept by giving up the speed, so that the path gets what it asks for."""
+"""Limits of the inputs: each cut by itself, or kept by giving up the speed,
+so that the path gets what it asks for."""
 
 import math
 from functools import cache
@@ -31,7 +32,8 @@ OTHERS = ("type_i", "type_ii", "type_iii")
 FOLLOWING = (*(name for name in OUTPUTS if name not in OTHERS), "unicycle wave")
 
 each_following = pytest.mark.parametrize("name", FOLLOWING)
-each_mode = pytest.mark.parametrize("mode", [mode for mode in ON_LIMIT if mode != "grip"])  # that is in test_grip.py
+# That is in test_grip.py
+each_mode = pytest.mark.parametrize("mode", [mode for mode in ON_LIMIT if mode != "grip"])
 each_scalar = pytest.mark.parametrize("scalar", list(SCALARS))
 
 
@@ -43,15 +45,20 @@ def law(name: str):
 
 @cache
 def situations(name: str) -> list[tuple]:
-    """Numbers of a law, state, reference, tau without limits, and limits: some are met, some are not, some are none."""
+    """Numbers of a law, state, reference, tau without limits, and limits: some are met, some are not,
+    some are none."""
     source = np.random.default_rng(4)
     found = []
     for plant in random_plants(law(name), 300, seed=5):
         for point in plant.points:
             tau = point.truth.values["tau"]
-            limits = np.abs(tau) * source.choice([0.2, 0.7, 0.95, 1.3, 4.0], 2) + source.choice([0.0, 1.0, 10.0])
+            limits = np.abs(tau) * source.choice([0.2, 0.7, 0.95, 1.3, 4.0], 2) + source.choice(
+                [0.0, 1.0, 10.0]
+            )
             limits = np.where(source.random(2) < 0.1, source.choice([0.0, math.inf], 2), limits)
-            found.append(((plant.params, plant.config, plant.gains), point.state, point.reference, tau, tuple(limits)))
+            found.append(
+                ((plant.params, plant.config, plant.gains), point.state, point.reference, tau, tuple(limits))
+            )
     return found
 
 
@@ -85,8 +92,8 @@ def slope_of(name: str, numbers, state) -> np.ndarray:
 
 @cache
 def motion(name: str) -> ca.Function:
-    """(params, config, gains, state, reference, tau) to the distance's second derivative, from (8) with its constraint
-    forces, to what the outer loop wants it to be, and to the rate of the speed."""
+    """(params, config, gains, state, reference, tau) to the distance's second derivative, from (8) with its
+    constraint forces, to what the outer loop wants it to be, and to the rate of the speed."""
     made, system = law(name), law(name).system
     mechanism, q, qdot = system.mechanism, system.mechanism.q, system.S @ system.nu
     tau = ca.SX.sym("tau", len(mechanism.inputs))
@@ -101,11 +108,13 @@ def motion(name: str) -> ca.Function:
     wanted = y_acceleration + kd * (y_rate - slope @ qdot) + kp * (y - distance)
     nu_rate = ca.solve(ca.SX(system.S.T @ system.S), system.S.T @ (qddot - along(system.S) @ system.nu))
     speed_rate = ca.jacobian(speed, q) @ qdot + ca.jacobian(speed, system.nu) @ nu_rate
-    groups = [symbols(group) for group in (made.parameters, made.config, made.gains, made.state, made.reference)]
+    groups = [
+        symbols(group) for group in (made.parameters, made.config, made.gains, made.state, made.reference)
+    ]
     return ca.Function("motion", [*groups, tau], [slope @ qddot + along(slope) @ qdot, wanted, speed_rate])
 
 
-# -- what is answered -----------------------------------------------------------------------------------------------------
+# -- what is answered ----------------------------------------------------------------------------------------
 
 
 @each_mode
@@ -153,14 +162,19 @@ def test_evaluation_has_no_limits(name):
             limits = Limits(tuple(np.abs(free) / 2), "slow")
             evaluation = make_controller(backend, law(name), *numbers, limits).evaluate(state, reference)
             without = make_controller(backend, law(name), *numbers).evaluate(state, reference)
-            assert evaluation.status == "ok" and np.array_equal(evaluation.values["tau"], without.values["tau"])
+            assert evaluation.status == "ok" and np.array_equal(
+                evaluation.values["tau"], without.values["tau"]
+            )
 
 
 def least_overload(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> float:
     """The least F >= 1 such that |tau + c slope| <= F limits for some c, by linear programming."""
     held = np.isfinite(limits)
     x, y, one = tau[held] / limits[held], slope[held] / limits[held], np.ones(held.sum())
-    rows, right = np.vstack([np.column_stack([y, -one]), np.column_stack([-y, -one])]), np.concatenate([-x, x])
+    rows, right = (
+        np.vstack([np.column_stack([y, -one]), np.column_stack([-y, -one])]),
+        np.concatenate([-x, x]),
+    )
     return linprog([0, 1], rows, right, bounds=[(None, None), (1, None)]).x[1]
 
 
@@ -170,11 +184,14 @@ def test_overload_without_a_change_to_make():
 
 @each_following
 def test_slow_keeps_the_path(name):
-    """The distance gets the second derivative that is wanted of it if any speed can be given up for that, and the speed
-    given up is then as little as can be; else the inputs keep the ratio of the change that overloads them least."""
+    """The distance gets the second derivative that is wanted of it if any speed can be given up for that, and
+    the speed given up is then as little as can be; else the inputs keep the ratio of the change that
+    overloads them least."""
     kept = scaled = gone_with_cut = 0
     cuts = limited("c", name, "cut")
-    for (numbers, state, reference, free, limits, status, tau), (*_, cut) in zip(limited("c", name, "slow"), cuts, strict=True):
+    for (numbers, state, reference, free, limits, status, tau), (*_, cut) in zip(
+        limited("c", name, "slow"), cuts, strict=True
+    ):
         if status == "ok":
             continue
         bound, slope = bounds(limits), slope_of(name, numbers, state)
@@ -189,7 +206,9 @@ def test_slow_keeps_the_path(name):
         if overload > 1 + 1e-9:
             continue
         kept += 1
-        slow, unlimited, with_cut = (motion(name)(*numbers, state, reference, answer) for answer in (tau, free, cut))
+        slow, unlimited, with_cut = (
+            motion(name)(*numbers, state, reference, answer) for answer in (tau, free, cut)
+        )
         acceleration, wanted, speed_rate = map(float, slow)
         assert abs(acceleration - wanted) <= 1e-9 * max(1, abs(wanted))
         given_up = speed_rate - float(unlimited[2])
@@ -214,7 +233,9 @@ def test_slow_follows_a_circle():
     def furthest(mode: str) -> tuple[float, float]:
         """Largest |distance| on the way, and the speed in the end."""
         controller = make_controller("c", made, *numbers, Limits((8.0, 8.0), mode))
-        flow = lambda x: np.asarray(rate(x, controller.step(x, [0, 0, 0, 3.0, 0])[1], params)).ravel()  # noqa: E731
+        flow = lambda x: np.asarray(  # noqa: E731
+            rate(x, controller.step(x, [0, 0, 0, 3.0, 0])[1], params)
+        ).ravel()
         x, worst = start, 0.0
         for _ in range(steps):
             k1 = flow(x)
@@ -228,7 +249,7 @@ def test_slow_follows_a_circle():
     assert slow < 1e-9 and speed > 2.9 and cut > 0.02
 
 
-# -- the function by itself ----------------------------------------------------------------------------------------------
+# -- the function by itself ----------------------------------------------------------------------------------
 
 
 @each_scalar
@@ -243,13 +264,17 @@ def test_values_are_written_and_nothing_beside_them(scalar, count):
 
 @cache
 def slow_in_c(scalar: str):
-    """noslip_slow, then noslip_apply_limits: (inputs, slope, limits) to statuses of both, inputs after each."""
+    """noslip_slow, then noslip_apply_limits: (inputs, slope, limits) to statuses of both,
+    inputs after each."""
     suffix = SCALARS[scalar].suffix
     declared = f"int slow({scalar} *inputs, {scalar} *slope, const {scalar} *limits, int count)"
     answer = f"int answer(int status, const {scalar} *limits, {scalar} *held, {scalar} *inputs, int count)"
     text = f'#include "noslip_controller.h"\n{declared}; {answer};\n'
     text += f"{declared} {{ return noslip_slow{suffix}(inputs, slope, limits, count); }}\n"
-    text += f"{answer} {{ return noslip_apply_limits{suffix}(status, NOSLIP_ZERO, limits, held, inputs, inputs, count); }}\n"
+    text += (
+        f"{answer} {{ return noslip_apply_limits{suffix}(status, NOSLIP_ZERO, limits, held, inputs, "
+        "inputs, count); }\n"
+    )
     ffi = cffi.FFI()
     ffi.cdef(f"{declared}; {answer};")
     library = ffi.dlopen(str(shared_library({"slow.c": text})))
@@ -298,7 +323,8 @@ def test_slow_where_nothing_helps(scalar):
         assert slow_in_c(scalar)((3, 12), slope, (0, 4))[2:] == (1, [1, 4])
     assert slow_in_c(scalar)((-3, 12), (0, 0), (1, 4))[2:] == (1, [-1, 4])
     assert slow_in_c(scalar)((-3, 8), (0, 0), (1, 4))[3] == pytest.approx([-1, 8 / 3])
-    assert slow_in_c(scalar)((3, 12), (1e-7, -1e-7), (0, 4))[3] == pytest.approx([11, 4])  # small, but as steep as any
+    # Small, but as steep as any
+    assert slow_in_c(scalar)((3, 12), (1e-7, -1e-7), (0, 4))[3] == pytest.approx([11, 4])
 
 
 @each_scalar
@@ -306,7 +332,10 @@ def test_slow_with_numbers_of_any_size(scalar):
     """NaN, infinities, subnormal and huge numbers: no NaN with a good status, and the limits hold."""
     kind = np.float32 if scalar == "float" else np.float64
     info = np.finfo(kind)
-    special = [float(x) for x in (info.max, info.tiny, info.smallest_subnormal, np.sqrt(info.max), np.sqrt(info.tiny))]
+    special = [
+        float(x)
+        for x in (info.max, info.tiny, info.smallest_subnormal, np.sqrt(info.max), np.sqrt(info.tiny))
+    ]
     values = [0.0, 1.0, math.nan, math.inf, *special, *(-x for x in special)]
     source = np.random.default_rng(9)
     good = 0
@@ -326,11 +355,14 @@ def test_finite_inputs_of_any_size_pass(scalar):
     largest = float(np.finfo(np.float32 if scalar == "float" else np.float64).max)
     inputs = [largest, largest]
     for after in (math.inf, math.nan, 1.0):
-        assert slow_in_c(scalar)(inputs, (0, 0), (0, 0), (after,))[2:] == (0, [*inputs, pytest.approx(after, nan_ok=True)])
+        assert slow_in_c(scalar)(inputs, (0, 0), (0, 0), (after,))[2:] == (
+            0,
+            [*inputs, pytest.approx(after, nan_ok=True)],
+        )
     assert slow_in_c(scalar)((largest, math.inf), (0, 0), (0, 0))[2:] == (-2, [0, 0])
 
 
-# -- what is refused ----------------------------------------------------------------------------------------------------
+# -- what is refused -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -358,11 +390,13 @@ def test_no_speed_to_give_up(name, backend):
     made = law(name)
     assert made.speed_row is None and made.slope.shape == (0, 1)
     numbers = [[1.0] * len(group) for group in (made.parameters, made.config, made.gains)]
-    with pytest.raises(BadInput, match=f'^limits: {name} has no speed to reduce.*; use Type IV, or mode "cut"$'):
+    with pytest.raises(
+        BadInput, match=f'^limits: {name} has no speed to reduce.*; use Type IV, or mode "cut"$'
+    ):
         make_controller(backend, made, *numbers, Limits((1.0, 1.0), "slow"))
 
 
-# -- what it costs ------------------------------------------------------------------------------------------------------
+# -- what it costs -------------------------------------------------------------------------------------------
 
 
 @cache

@@ -43,14 +43,19 @@ def some_motor(random) -> dict:
 
 
 def motor_does(s: dict, command: float, rate: float) -> tuple[float, float, float]:
-    """Torque (N m), current (A) and voltage (V) of a DC motor with a gear given `command` at a rate of a turning wheel."""
+    """Torque (N m), current (A) and voltage (V) of a DC motor with a gear given `command` at a rate of a
+    turning wheel."""
     emf = s["torque_constant"] * s["gear"] * rate
     volts = command * s["supply"] if s["mode"] == DUTY else command
     current = command if s["mode"] == CURRENT else (volts - emf) / s["resistance"]
     power = emf * current  # of the motor, mechanical
     loss = s["efficiency"] if power >= 0 else 1 / s["back_efficiency"]
     driven = s["torque_constant"] * s["gear"] * current * loss
-    return driven - s["friction"] * rate - s["dry_friction"] * np.sign(rate), current, current * s["resistance"] + emf
+    return (
+        driven - s["friction"] * rate - s["dry_friction"] * np.sign(rate),
+        current,
+        current * s["resistance"] + emf,
+    )
 
 
 def reachable(s: dict, rate: float) -> list[float]:
@@ -80,7 +85,8 @@ class Motor:
 
 @pytest.mark.parametrize("scalar", SCALARS)
 def test_the_wheel_has_the_torque_that_is_desired(scalar):
-    """Or the nearest within current and supply: then one of them is at its limit. In all modes, driving and braking."""
+    """Or the nearest within current and supply: then one of them is at its limit. In all modes,
+    driving and braking."""
     random, seen = np.random.default_rng(1), {"ok": 0, "saturated": 0}
     for _ in range(2000):
         settings = some_motor(random)
@@ -93,18 +99,24 @@ def test_the_wheel_has_the_torque_that_is_desired(scalar):
         torque, current, voltage = motor_does(settings, command, rate)
         seen[status] += 1
         within = 1 + 10 * SCALARS[scalar]
-        assert abs(current) <= settings["current"] * within + SCALARS[scalar] * 10 and abs(voltage) <= settings["supply"] * within
+        assert (
+            abs(current) <= settings["current"] * within + SCALARS[scalar] * 10
+            and abs(voltage) <= settings["supply"] * within
+        )
         if status == "ok":
             assert abs(torque - desired) < 10 * SCALARS[scalar] * (1 + abs(desired))
         else:
             full = max(abs(current) / settings["current"], abs(voltage) / settings["supply"])
             assert full > 1 - 10 * SCALARS[scalar]
-            assert torque == pytest.approx(np.clip(desired, *reachable(settings, rate)), rel=20 * SCALARS[scalar])
+            assert torque == pytest.approx(
+                np.clip(desired, *reachable(settings, rate)), rel=20 * SCALARS[scalar]
+            )
     assert min(seen.values()) > 200
 
 
 def test_commands_are_continuous_at_standstill():
-    """Through zero rate the current is that of the formula, dry friction and back efficiency in proportion to the rate."""
+    """Through zero rate the current is that of the formula,
+    dry friction and back efficiency in proportion to the rate."""
     random = np.random.default_rng(2)
     for _ in range(200):
         settings = {**some_motor(random), "mode": CURRENT, "current": 1e4, "supply": 1e6}
@@ -116,12 +128,16 @@ def test_commands_are_continuous_at_standstill():
             load = torque + settings["friction"] * rate + settings["dry_friction"] * part
             against = max(0.0, -part * np.sign(load))
             factor = (1 - against) / settings["efficiency"] + against * settings["back_efficiency"]
-            assert motor.number("step", torque, rate) == ("ok", pytest.approx(load * factor / constant, rel=1e-11, abs=1e-12))
+            assert motor.number("step", torque, rate) == (
+                "ok",
+                pytest.approx(load * factor / constant, rel=1e-11, abs=1e-12),
+            )
 
 
 @pytest.mark.parametrize("scalar", SCALARS)
 def test_the_limit_is_what_current_and_supply_leave(scalar):
-    """By bisection: the largest torque in the direction of motion that is not cut; not less than 1/20 of that at standstill."""
+    """By bisection: the largest torque in the direction of motion that is not cut;
+    not less than 1/20 of that at standstill."""
     random, floors = np.random.default_rng(3), 0
     for _ in range(120):
         settings = some_motor(random)
@@ -141,7 +157,9 @@ def test_the_limit_is_what_current_and_supply_leave(scalar):
             status, limit = motor.number("limit", rate)
             expected = max(found(rate), standing / 20)
             floors += expected == standing / 20
-            assert status == "ok" and limit == pytest.approx(expected, rel=100 * SCALARS[scalar], abs=SCALARS[scalar])
+            assert status == "ok" and limit == pytest.approx(
+                expected, rel=100 * SCALARS[scalar], abs=SCALARS[scalar]
+            )
     assert 20 < floors < 300
 
 
@@ -207,4 +225,6 @@ def test_commands_are_finite_and_within_the_limits(scalar):
                 assert status in ("ok", "saturated") or command == 0
                 assert status not in ("ok", "saturated") or math.isfinite(torque + rate)
                 status, limit = motor.number("limit", rate)
-                assert math.isfinite(limit) and (limit > 0 if math.isfinite(rate) else (status, limit) == ("nonfinite", 0.0))
+                assert math.isfinite(limit) and (
+                    limit > 0 if math.isfinite(rate) else (status, limit) == ("nonfinite", 0.0)
+                )

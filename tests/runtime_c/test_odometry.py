@@ -1,4 +1,5 @@
-"""Dead reckoning, its corrections, encoders and the reversing check: the C against closed forms, the reference, the plant."""
+"""Dead reckoning, its corrections, encoders and the reversing check: the C against closed forms,
+the reference, the plant."""
 
 import cmath
 import math
@@ -24,7 +25,8 @@ WHEELS = (FORWARD, TURN, AHEAD)
 HEADERS = ("noslip_odometry.h", "noslip_reversing.h")
 RANGE = {"double": 1048576.0, "float": 8192.0}  # rad, of sine and cosine
 BACKENDS = ("casadi", "c", "cf")
-TOLERANCE = {"casadi": 1e-12, "c": 1e-12, "cf": 3e-5}  # ten times what rounding makes in a few hundred steps and some 10 m
+# Ten times what rounding makes in a few hundred steps and some 10 m
+TOLERANCE = {"casadi": 1e-12, "c": 1e-12, "cf": 3e-5}
 NAN, INF = math.nan, math.inf
 
 each_backend = pytest.mark.parametrize("backend", BACKENDS)
@@ -56,7 +58,9 @@ class C:
         forward, turn, ahead = wheels
         self.options = self.new("noslip_odometry_options", (forward, turn, ahead, release))
         used(self.runtime.ffi, self.self)
-        self.status = self.call("init", self.self, self.options, self.null if start is None else self.pose(start))
+        self.status = self.call(
+            "init", self.self, self.options, self.null if start is None else self.pose(start)
+        )
 
     def new(self, kind: str, *initial):
         return self.runtime.new(kind, self.scalar, *initial)
@@ -85,15 +89,20 @@ class C:
         return [self.told.x, self.told.y, self.told.heading]
 
 
-# -- sin(x) / x ------------------------------------------------------------------------------------------------------
+# -- sin(x) / x ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("scalar", "bound"), [("double", 2.5e-16), ("float", 1.5e-7)])
 def test_sinc(scalar, bound):
     random = np.random.default_rng(1)
-    function, kind = runtime(HEADERS[0]).function("noslip_sinc", scalar), {"double": np.float64, "float": np.float32}[scalar]
+    function, kind = (
+        runtime(HEADERS[0]).function("noslip_sinc", scalar),
+        {"double": np.float64, "float": np.float32}[scalar],
+    )
     borders = np.outer([1e-4, 1e-3], 1 + random.uniform(-1e-6, 1e-6, 200)).ravel()
-    x = np.concatenate([10.0 ** random.uniform(-40, 3.9, 3000), math.pi * np.arange(1, 200) / 2, borders, [0.0]]).astype(kind)
+    x = np.concatenate(
+        [10.0 ** random.uniform(-40, 3.9, 3000), math.pi * np.arange(1, 200) / 2, borders, [0.0]]
+    ).astype(kind)
     value = np.array([function(float(v)) for v in x])
     with mpmath.workprec(120):
         truth = [mpmath.sinc(mpmath.mpf(float(v))) for v in x]
@@ -104,15 +113,20 @@ def test_sinc(scalar, bound):
 
 @pytest.mark.parametrize(("scalar", "bound"), [("double", 1.3e-16), ("float", 7e-8)])
 def test_half_tanc(scalar, bound):
-    function, kind = runtime(HEADERS[0]).function("noslip_half_tanc", scalar), {"double": np.float64, "float": np.float32}[scalar]
-    x = np.concatenate([np.random.default_rng(1).uniform(-0.25, 0.25, 3000), [1e-30, 0.25, -0.25]]).astype(kind)
+    function, kind = (
+        runtime(HEADERS[0]).function("noslip_half_tanc", scalar),
+        {"double": np.float64, "float": np.float32}[scalar],
+    )
+    x = np.concatenate([np.random.default_rng(1).uniform(-0.25, 0.25, 3000), [1e-30, 0.25, -0.25]]).astype(
+        kind
+    )
     with mpmath.workprec(120):
         truth = [mpmath.tan(mpmath.mpf(float(v)) / 2) / mpmath.mpf(float(v)) for v in x]
         assert max(abs(function(float(v)) - t) for v, t in zip(x, truth, strict=True)) < bound
     assert function(0.0) == 0.5 and all(function(float(-v)) == function(float(v)) for v in x)
 
 
-# -- closed forms ----------------------------------------------------------------------------------------------------
+# -- closed forms --------------------------------------------------------------------------------------------
 
 
 @each_backend
@@ -138,7 +152,9 @@ def test_turning_on_the_spot(backend):
     for k in range(1, 51):
         x, y, heading = odometry.move(angles(0.0, -0.4), 0.01)
         assert heading == pytest.approx(-0.4 * k, abs=TOLERANCE[backend])
-        assert (x, y) == pytest.approx((AHEAD * math.cos(heading) - AHEAD, AHEAD * math.sin(heading)), abs=TOLERANCE[backend])
+        assert (x, y) == pytest.approx(
+            (AHEAD * math.cos(heading) - AHEAD, AHEAD * math.sin(heading)), abs=TOLERANCE[backend]
+        )
 
 
 @each_backend
@@ -163,7 +179,10 @@ def test_one_long_arc_is_many_short_ones(backend, seed):
 def test_the_reference_is_the_integral():
     """Wheel rates that jump: the velocity of the axle's middle integrated numerically."""
     random = np.random.default_rng(5)
-    odometry, z = Odometry(*WHEELS, start=(1.0, 2.0, 0.5)), np.array([1 - 0.3 * math.cos(0.5), 2 - 0.3 * math.sin(0.5), 0.5])
+    odometry, z = (
+        Odometry(*WHEELS, start=(1.0, 2.0, 0.5)),
+        np.array([1 - 0.3 * math.cos(0.5), 2 - 0.3 * math.sin(0.5), 0.5]),
+    )
     for _ in range(40):
         rate, dt = random.normal(0, 5, 2), random.uniform(0, 0.5)
         v, w = np.array([FORWARD, TURN]) @ rate
@@ -185,26 +204,34 @@ def test_c_is_the_reference(scalar, bound, seed):
     for k in range(2000):
         angle, dt = random.normal(0, 0.2, 2), random.uniform(0, 0.02)
         if k % 53 == 17:
-            truth, mode = reference.pose + random.normal(0, 1, 3) * (1, 1, 3), "bumpless" if k % 3 else "reset"
+            truth, mode = (
+                reference.pose + random.normal(0, 1, 3) * (1, 1, 3),
+                "bumpless" if k % 3 else "reset",
+            )
             assert compiled.correct(truth, mode) == pytest.approx(reference.correct(truth, mode), abs=bound)
         assert compiled.move(angle, dt) == pytest.approx(reference.move(angle, dt), abs=bound)
 
 
 @pytest.mark.parametrize(("scalar", "bound"), [("double", 1e-13), ("float", 3e-5)])
 def test_short_arcs_and_long_ones(scalar, bound):
-    """Turns about the border of a quarter of a radian, where one formula takes over from the other, and far beyond it."""
+    """Turns about the border of a quarter of a radian, where one formula takes over from the other,
+    and far beyond it."""
     for size in (0.2499, 0.2501, 0.5, 3.0, 6.3):
         for way, turn in product((-2.0, 0.0, 3.0), (size, -size)):
             reference, compiled = (
-                make(*WHEELS, 0.0, (1.0, 2.0, 0.5)) for make in (Odometry, lambda *a: CompiledOdometry(*a, scalar))
+                make(*WHEELS, 0.0, (1.0, 2.0, 0.5))
+                for make in (Odometry, lambda *a: CompiledOdometry(*a, scalar))
             )
             for _ in range(3):
-                assert compiled.move(angles(way, turn), 0.1) == pytest.approx(reference.move(angles(way, turn), 0.1), abs=bound)
+                assert compiled.move(angles(way, turn), 0.1) == pytest.approx(
+                    reference.move(angles(way, turn), 0.1), abs=bound
+                )
 
 
 @each_scalar
 def test_the_direction_is_that_of_the_pose(scalar):
-    """After every kind of call, also while a correction is let in; of a heading in float it is good to the rounding of that."""
+    """After every kind of call, also while a correction is let in;
+    of a heading in float it is good to the rounding of that."""
     random, made, pending = np.random.default_rng(4), C(scalar, (1.0, 2.0, 3.0), release=0.2), set()
     for k in range(400):
         made.move(random.normal(0, 3 if k % 9 == 0 else 0.3, 2), 0.01)
@@ -214,7 +241,10 @@ def test_the_direction_is_that_of_the_pose(scalar):
             made.call("unwind", made.self)
         if k % 11 == 7:
             before = made.look()
-            assert made.move(((NAN, 0.0), (INF, 0.0), (1e30, -1e30))[k % 3]) in (("nonfinite", before), ("range", before))
+            assert made.move(((NAN, 0.0), (INF, 0.0), (1e30, -1e30))[k % 3]) in (
+                ("nonfinite", before),
+                ("range", before),
+            )
             pending.add((k % 3, made.self.left > 0))
         heading = made.look()[2]
         rounding = 4 * np.finfo(np.float32 if scalar == "float" else float).eps * (1 + abs(heading))
@@ -224,7 +254,8 @@ def test_the_direction_is_that_of_the_pose(scalar):
 
 @each_scalar
 def test_the_direction_where_a_correction_leaves_the_range(scalar):
-    """The reckoned heading stays within the range, what is left of the correction takes the pose beyond it: refused."""
+    """The reckoned heading stays within the range, what is left of the correction takes the pose beyond it:
+    refused."""
     made = C(scalar, (1.0, 2.0, RANGE[scalar] - 0.25), release=1.0)
     assert made.correct((1.0, 2.0, RANGE[scalar] - 2.25), 1) == "ok"
     before = made.look()
@@ -244,15 +275,26 @@ def test_a_move_in_no_time(scalar):
     assert fast.correct((1.0, 1.0, 1.0), 1) == "ok"
     for _ in range(3):
         told, bare = fast.move(angles(0.1, 0.0), 0.0)[1], reset.move(angles(0.1, 0.0), 0.0)[1]
-        assert np.subtract(told, bare) == pytest.approx(np.subtract(before, 1.0), abs=2e-6 if scalar == "float" else 1e-14)
+        assert np.subtract(told, bare) == pytest.approx(
+            np.subtract(before, 1.0), abs=2e-6 if scalar == "float" else 1e-14
+        )
     assert fast.self.left == 0.5
 
 
 @each_scalar
 def test_long_arcs_go_by_the_heading_before_rounding(scalar):
-    """At a large heading: what its sum has lost turns the chord, which is off by one rounding at that size and not by two."""
-    kind, random, far = {"double": np.float64, "float": np.float32}[scalar], np.random.default_rng(11), RANGE[scalar] / 2
-    made, heading, worst = C(scalar, (0.0, 0.0, far), wheels=((1.0, 0.0), (0.0, 1.0), 0.0)), mpmath.mpf(far), 0.0
+    """At a large heading: what its sum has lost turns the chord,
+    which is off by one rounding at that size and not by two."""
+    kind, random, far = (
+        {"double": np.float64, "float": np.float32}[scalar],
+        np.random.default_rng(11),
+        RANGE[scalar] / 2,
+    )
+    made, heading, worst = (
+        C(scalar, (0.0, 0.0, far), wheels=((1.0, 0.0), (0.0, 1.0), 0.0)),
+        mpmath.mpf(far),
+        0.0,
+    )
     for _ in range(300):
         way, turn, before = 4.0, float(kind(random.choice([-1, 1]) * random.uniform(0.3, 3.0))), made.look()
         assert made.move((way, turn))[0] == "ok"
@@ -260,7 +302,8 @@ def test_long_arcs_go_by_the_heading_before_rounding(scalar):
         heading += turn
         worst = max(worst, abs(complex(*np.subtract(made.look(), before)[:2]) - complex(chord)) / way)
     ulp = float(np.spacing(kind(far)))
-    assert ulp / 4 < worst < 0.8 * ulp  # half an ulp of the heading; its rest with the other sign gives up to 1.5 of them
+    # Half an ulp of the heading; its rest with the other sign gives up to 1.5 of them
+    assert ulp / 4 < worst < 0.8 * ulp
 
 
 @each_scalar
@@ -276,7 +319,9 @@ def test_options_of_a_differential_drive(scalar):
     function = runtime(HEADERS[0]).function("noslip_odometry_differential", scalar)
     assert function(made.options, 0.15, 0.75, -0.3) == 0
     found = [*made.options.forward, *made.options.turn, made.options.ahead, made.options.release]
-    assert found == pytest.approx([0.075, 0.075, 0.1, -0.1, -0.3, 0.0], rel=1e-6 if scalar == "float" else 1e-14)
+    assert found == pytest.approx(
+        [0.075, 0.075, 0.1, -0.1, -0.3, 0.0], rel=1e-6 if scalar == "float" else 1e-14
+    )
     for bad in product((0.15, 0.0, -1.0, NAN, INF), (0.75, 0.0, -1.0, NAN, INF), (0.3, NAN, -INF)):
         if bad != (0.15, 0.75, 0.3):
             assert function(made.options, *bad) == -4
@@ -284,7 +329,7 @@ def test_options_of_a_differential_drive(scalar):
     assert function(made.null, 0.15, 0.75, 0.3) == -1
 
 
-# -- drift -----------------------------------------------------------------------------------------------------------
+# -- drift ---------------------------------------------------------------------------------------------------
 
 MILLION = 1_000_000
 
@@ -293,16 +338,22 @@ MILLION = 1_000_000
 def test_float_keeps_small_steps(rates):
     """A million steps of 1 ms, up to 750 m, against the arc in closed form.
 
-    Found: 4e-6 to 6.5e-5 m (one ulp at 750 m) and 6e-6 rad; plain float sums of the same steps stray by 0.36 to 3.4 m and up
-    to 0.34 rad.
+    Found: 4e-6 to 6.5e-5 m (one ulp at 750 m) and 6e-6 rad; plain float sums of the same steps stray by 0.36
+    to 3.4 m and up to 0.34 rad.
     """
     made = C("float", start=(0.0, 0.0, 0.3))
     runtime(HEADERS[0]).function("noslip_odometry_differential", "float")(made.options, 0.15, 0.75, 0.3)
     assert made.call("init", made.self, made.options, made.pose((0.0, 0.0, 0.3))) == "ok"
-    angle, move = made.array([rate * 1e-3 for rate in rates]), made.runtime.function("noslip_odometry_move", "float")
+    angle, move = (
+        made.array([rate * 1e-3 for rate in rates]),
+        made.runtime.function("noslip_odometry_move", "float"),
+    )
     for _ in range(MILLION):
         move(made.self, angle, 1e-3, made.told)
-    way, turn = (sum(k * a for k, a in zip(row, angle, strict=True)) for row in (made.options.forward, made.options.turn))
+    way, turn = (
+        sum(k * a for k, a in zip(row, angle, strict=True))
+        for row in (made.options.forward, made.options.turn)
+    )
     start, total = float(np.float32(0.3)), MILLION * turn
     mean = (cmath.exp(1j * total) - 1) / (1j * total) if turn else 1
     axle = -made.options.ahead * cmath.exp(1j * start) + MILLION * way * mean * cmath.exp(1j * start)
@@ -316,12 +367,14 @@ def test_float_keeps_small_steps(rates):
 def _plain_float_sums(way: float, turn: float, start: float, axle: complex, ahead: float) -> float:
     """How far from `axle` the same steps end when float sums are not compensated, m."""
     single = np.float32
-    heading = np.cumsum(np.append(single(start), np.full(MILLION, turn, single)), dtype=single)[:-1] + single(turn / 2)
+    heading = np.cumsum(np.append(single(start), np.full(MILLION, turn, single)), dtype=single)[:-1] + single(
+        turn / 2
+    )
     place = [np.cumsum(single(way) * f(heading), dtype=single)[-1] for f in (np.cos, np.sin)]
     return abs(complex(*map(float, place)) - ahead * cmath.exp(1j * start) - axle)
 
 
-# -- corrections -----------------------------------------------------------------------------------------------------
+# -- corrections ---------------------------------------------------------------------------------------------
 
 
 @each_backend
@@ -427,7 +480,7 @@ def test_unwinding_loses_nothing():
     assert abs(short(made.look()[2] - math.remainder(steps / 64, 2 * math.pi))) < 1e-5
 
 
-# -- what is refused -------------------------------------------------------------------------------------------------
+# -- what is refused -----------------------------------------------------------------------------------------
 
 
 @each_scalar
@@ -463,12 +516,18 @@ def test_what_is_not_finite_changes_nothing(scalar, bad):
 
 @each_scalar
 def test_a_refused_move_keeps_the_direction(scalar):
-    """Also where it is that of the heading before whole turns were taken off, and where the pose told is the odometry's own."""
+    """Also where it is that of the heading before whole turns were taken off,
+    and where the pose told is the odometry's own."""
     c = C(scalar, (1.0, 2.0, 5000.0))
     assert c.call("unwind", c.self) == "ok"
     kept, pose = list(c.self.direction), [c.self.pose.x, c.self.pose.y, c.self.pose.heading]
     own = c.runtime.ffi.addressof(c.self.pose)
-    for angle, told in ((c.null, c.told), (c.array([math.nan, 0.0]), c.told), (c.array([math.inf, 0.0]), own), (c.null, own)):
+    for angle, told in (
+        (c.null, c.told),
+        (c.array([math.nan, 0.0]), c.told),
+        (c.array([math.inf, 0.0]), own),
+        (c.null, own),
+    ):
         assert c.call("move", c.self, angle, 0.01, told) in ("null", "nonfinite")
         assert list(c.self.direction) == kept and [told.x, told.y, told.heading] == pose
 
@@ -491,7 +550,8 @@ def test_refused_options_and_arguments(scalar):
         *(((value, 0.075), TURN, AHEAD) for value in (NAN, INF)),
         *((FORWARD, (0.1, value), AHEAD) for value in (NAN, -INF)),
         *((FORWARD, TURN, value) for value in (NAN, INF)),
-        *((FORWARD, FORWARD, AHEAD), ((0.0, 0.0), TURN, AHEAD), ((0.0, 0.0), (0.0, 0.0), 0.0)),  # does not drive, or turn
+        # Does not drive, or turn
+        *((FORWARD, FORWARD, AHEAD), ((0.0, 0.0), TURN, AHEAD), ((0.0, 0.0), (0.0, 0.0), 0.0)),
     ]
     assert {C(scalar, wheels=wheels).status for wheels in bad} == {"bad_parameter"}
     assert {C(scalar, release=release).status for release in (NAN, INF, -0.1)} == {"bad_parameter"}
@@ -530,7 +590,7 @@ def test_what_python_is_told():
         make_odometry("m4f", *WHEELS)
 
 
-# -- encoders --------------------------------------------------------------------------------------------------------
+# -- encoders ------------------------------------------------------------------------------------------------
 
 
 class Encoder:
@@ -552,11 +612,13 @@ class Encoder:
 @pytest.mark.parametrize("bits", [2, 8, 16, 31, 32])
 @pytest.mark.parametrize("counts", [4096, -500])
 def test_a_counter_that_wraps(scalar, bits, counts):
-    """Steps of less than half its range, forward and back; half of it is a step back. The bits above the counter's are noise."""
+    """Steps of less than half its range, forward and back; half of it is a step back. The bits above the
+    counter's are noise."""
     random, most = np.random.default_rng(bits), 2 ** (bits - 1) - 1
     encoder, total = Encoder(scalar, counts, bits), int(random.integers(2**bits))
     assert encoder.read(total) == 0
-    eps, last = 2e-6 if scalar == "float" else 1e-14, 0.0  # what rounding left out of the last angle is in the next
+    # What rounding left out of the last angle is in the next
+    eps, last = 2e-6 if scalar == "float" else 1e-14, 0.0
     for step in [*random.integers(-most, most + 1, 200).tolist(), most, -most, 0, -most - 1]:
         total += step
         noise = int(random.integers(2 ** (32 - bits))) << bits if bits < 32 else 0
@@ -568,8 +630,8 @@ def test_a_counter_that_wraps(scalar, bits, counts):
 @each_scalar
 @pytest.mark.parametrize("counts", [40000.0, -4096.3, 997.0])
 def test_rounding_of_angles_does_not_add_up(scalar, counts):
-    """The sum of a million counts' angles is that of the exact angle per count within one rounding of the last angle, at steps
-    that always round to the same side too.
+    """The sum of a million counts' angles is that of the exact angle per count within one rounding of the
+    last angle, at steps that always round to the same side too.
     """
     random, encoder, total, turned = np.random.default_rng(7), Encoder(scalar, counts, 16), 0, Fraction(0)
     encoder.read(0)
@@ -578,7 +640,10 @@ def test_rounding_of_angles_does_not_add_up(scalar, counts):
         total += step
         angle = encoder.read(total % 2**16)
         turned += Fraction(angle)
-        assert abs(turned - total * exact) <= abs(Fraction(angle)) * Fraction(1, 2**23 if scalar == "float" else 2**51) + 1e-12
+        assert (
+            abs(turned - total * exact)
+            <= abs(Fraction(angle)) * Fraction(1, 2**23 if scalar == "float" else 2**51) + 1e-12
+        )
     assert abs(encoder.self.carry) < 1e-6
 
 
@@ -594,7 +659,7 @@ def test_refused_encoders(scalar):
     assert fresh.call("read", fresh.self, 5, fresh.angle) == "not_ready" and fresh.angle[0] == 0
 
 
-# -- reversing -------------------------------------------------------------------------------------------------------
+# -- reversing -----------------------------------------------------------------------------------------------
 
 REFUSE, SWITCH, ALLOW = 0, 1, 2
 
@@ -635,7 +700,7 @@ def test_reversing(scalar, mode, speed, lever, which, status, then):
     assert function(mode, speed, made.ffi.NULL, law) == function(mode, speed, levers, made.ffi.NULL) == -1
 
 
-# -- the robot it stands for -----------------------------------------------------------------------------------------
+# -- the robot it stands for ---------------------------------------------------------------------------------
 
 
 def driven(seconds: float) -> tuple[Plant, object]:
@@ -647,16 +712,19 @@ def driven(seconds: float) -> tuple[Plant, object]:
     def rate(t, x):
         return plant.rate(x, np.array([1.5 * math.sin(1.3 * t), -math.cos(0.9 * t)]))
 
-    return plant, solve_ivp(rate, (0, seconds), start, "DOP853", dense_output=True, rtol=1e-13, atol=1e-13).sol
+    return plant, solve_ivp(
+        rate, (0, seconds), start, "DOP853", dense_output=True, rtol=1e-13, atol=1e-13
+    ).sol
 
 
 @pytest.mark.parametrize("backend", ["casadi", "c"])
 @pytest.mark.parametrize("period", [0.02, 0.005])
 def test_it_finds_the_plant(backend, period):
-    """From the wheels' angles alone: the heading to rounding; the place but for the change of the rates within a period h.
+    """From the wheels' angles alone: the heading to rounding; the place but for the change of the rates
+    within a period h.
 
-    With v + v' s and w + w' s about the middle of a period, true minus reckoned is i exp(i phi) (v' w - v w') h^3 / 12 and terms
-    of h^5: some 1e-5 m in 10 s at 10 ms.
+    With v + v' s and w + w' s about the middle of a period, true minus reckoned is i exp(i phi) (v' w - v w')
+    h^3 / 12 and terms of h^5: some 1e-5 m in 10 s at 10 ms.
     """
     plant, motion = driven(10.0)
     forward, turn, ahead = vehicle_wheels(plant.system, plant.parameters)
@@ -701,7 +769,9 @@ def skewed(rate_of_x: bool = False, place: bool = True) -> Mechanism:
     robot.rolls("no side slip", way[0] * robot.rate(y) - way[1] * robot.rate(x))
     robot.input("push", "N", on=way[0] * robot.rate(x) + way[1] * robot.rate(y))
     robot.input("turn", "N m", on=robot.rate(a))
-    robot.quasi_velocity("v", "m/s", robot.rate(x) if rate_of_x else way[0] * robot.rate(x) + way[1] * robot.rate(y))
+    robot.quasi_velocity(
+        "v", "m/s", robot.rate(x) if rate_of_x else way[0] * robot.rate(x) + way[1] * robot.rate(y)
+    )
     robot.quasi_velocity("w", "rad/s", robot.rate(a))
     if place:
         robot.moves_in_plane(x, y, a)
@@ -711,9 +781,15 @@ def skewed(rate_of_x: bool = False, place: bool = True) -> Mechanism:
 def test_robots_that_cannot_be_reckoned_so():
     for robot, message in (
         (skewed(), "skewed: the vehicle's point moves sideways while it drives straight"),
-        (skewed(rate_of_x=True), "skewed: forward speed and yaw rate are not fixed combinations of two quasi-velocities"),
+        (
+            skewed(rate_of_x=True),
+            "skewed: forward speed and yaw rate are not fixed combinations of two quasi-velocities",
+        ),
         (skewed(place=False), "skewed: .* moves_in_plane"),
-        (unicycle("armed", arm=True), "armed: forward speed and yaw rate are not fixed combinations of two quasi-velocities"),
+        (
+            unicycle("armed", arm=True),
+            "armed: forward speed and yaw rate are not fixed combinations of two quasi-velocities",
+        ),
     ):
         with pytest.raises(BadInput, match=message):
             vehicle_wheels(reduce(robot), robot.parameter_values({}))

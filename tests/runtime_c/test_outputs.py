@@ -33,11 +33,25 @@ def copied(folder: Path) -> Path:
 
 def built(driver: str, sources: Path, folder: Path, level: str, link: list[str]) -> Path:
     """A driver and the C that it calls, with the sanitizer's calls in them."""
-    files = [DRIVERS / driver, *(sources / name for name in (*GENERATED, "noslip_path_f.c", "noslip_status.c"))]
-    command = [need("gcc"), *FLAGS, level, "-fsanitize=thread", f"-I{sources}", f"-I{DRIVERS}", "-c", *map(str, files)]
+    files = [
+        DRIVERS / driver,
+        *(sources / name for name in (*GENERATED, "noslip_path_f.c", "noslip_status.c")),
+    ]
+    command = [
+        need("gcc"),
+        *FLAGS,
+        level,
+        "-fsanitize=thread",
+        f"-I{sources}",
+        f"-I{DRIVERS}",
+        "-c",
+        *map(str, files),
+    ]
     subprocess.run(command, cwd=folder, check=True)
     objects = [str(path) for path in folder.glob("*.o")]
-    subprocess.run(["gcc", *FLAGS, f"-I{DRIVERS}", *objects, *link, "-lm", "-o", "program"], cwd=folder, check=True)
+    subprocess.run(
+        ["gcc", *FLAGS, f"-I{DRIVERS}", *objects, *link, "-lm", "-o", "program"], cwd=folder, check=True
+    )
     return folder / "program"
 
 
@@ -51,7 +65,9 @@ def counted(sources: Path, folder: Path, level: str) -> dict[str, tuple[int, int
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 def test_every_number_is_written_once(level, sources, tmp_path):
     counts = counted(sources, tmp_path, level)
-    assert len(counts) == 31 and {name for name, (twice, _) in counts.items() if twice} <= AS_THEY_COMPUTE, counts
+    assert len(counts) == 31 and {name for name, (twice, _) in counts.items() if twice} <= AS_THEY_COMPUTE, (
+        counts
+    )
     assert all(0 < good for _, good in counts.values()), counts
 
 
@@ -104,10 +120,12 @@ int main(void)
         status = labmate_type_iv_segment_step_f(&law, &state, &reference, tau);
         wrong += labmate_type_iv_segment_step_f(&again, &in_state, &reference, &in_state.x_c) != status;
         wrong += memcmp(tau, &in_state.x_c, sizeof tau) != 0;
-        wrong += labmate_type_iv_segment_step_f(&again, &state, &in_reference, &in_reference.distance) != status;
+        wrong += labmate_type_iv_segment_step_f(&again, &state, &in_reference, &in_reference.distance)
+                 != status;
         wrong += memcmp(tau, &in_reference.distance, sizeof tau) != 0;
         status = labmate_type_iv_segment_follow_f(&law, &foot, &state, &reference, tau);
-        wrong += labmate_type_iv_segment_follow_f(&again, &in_foot, &state, &reference, &in_foot.distance) != status;
+        wrong += labmate_type_iv_segment_follow_f(&again, &in_foot, &state, &reference, &in_foot.distance)
+                 != status;
         wrong += memcmp(tau, &in_foot.distance, sizeof tau) != 0;
         status = labmate_type_iv_segment_feedback_f(&law, &state, v, tau);
         wrong += labmate_type_iv_segment_feedback_f(&again, &state, in_v, in_v) != status;
@@ -118,5 +136,9 @@ int main(void)
 """)
     files = [str(sources / name) for name in (*GENERATED, "noslip_status.c")]
     for level in ("-O0", "-O3"):
-        subprocess.run([HOST_CC, "-std=c99", level, f"-I{sources}", "alias.c", *files, "-o", "alias"], cwd=tmp_path, check=True)
+        subprocess.run(
+            [HOST_CC, "-std=c99", level, f"-I{sources}", "alias.c", *files, "-o", "alias"],
+            cwd=tmp_path,
+            check=True,
+        )
         assert subprocess.run([tmp_path / "alias"]).returncode == 0

@@ -1,4 +1,5 @@
-"""The fastest speed along a path: against a linear program over a fine grid, and what its runs ask of the floor."""
+"""The fastest speed along a path: against a linear program over a fine grid,
+and what its runs ask of the floor."""
 
 import math
 from dataclasses import replace
@@ -29,10 +30,12 @@ def joined(*shapes: tuple[float, float], backward: bool = False) -> list[Segment
     return made
 
 
-def fastest(segments: list[Segment], options: TrackerOptions, limits: Accelerations, begin: float, count: int) -> np.ndarray:
-    """Return the way of the middle of the axle and v^2 at the ends of `count` steps of each segment, from rest at `begin` (m) on
-    the first segment: the greatest for which each of the tangents of the ellipse holds; at the end it can stop within the
-    extension.
+def fastest(
+    segments: list[Segment], options: TrackerOptions, limits: Accelerations, begin: float, count: int
+) -> np.ndarray:
+    """Return the way of the middle of the axle and v^2 at the ends of `count` steps of each segment, from
+    rest at `begin` (m) on the first segment: the greatest for which each of the tangents of the ellipse
+    holds; at the end it can stop within the extension.
     """
     lookahead = options.L[segments[0].backward] + options.ahead
     rows, columns, entries, right, ways = [], [], [], [], []
@@ -98,7 +101,8 @@ def linear_program(name: str) -> np.ndarray:
 @pytest.mark.parametrize("scalar", ["double", "float"])
 @pytest.mark.parametrize("name", PATHS)
 def test_it_is_the_fastest(name, scalar):
-    """The time along the path to 0.01 %, and the speed anywhere to 0.1 %, as of a linear program with 60 steps a segment."""
+    """The time along the path to 0.01 %, and the speed anywhere to 0.1 %,
+    as of a linear program with 60 steps a segment."""
     segments, options, begin = PATHS[name]
     profile = SpeedProfile(segments, options, LIMITS, scalar)
     along, squares = linear_program(name)
@@ -107,7 +111,10 @@ def test_it_is_the_fastest(name, scalar):
     known, speeds = np.sqrt(squares), np.array([profile.along(*place) for place in places])
     assert abs(min(speeds) - 0.01) < 1e-8, "it creeps where it would stand"
     speeds[known == 0] = 0.0
-    times = [np.sum(2 * np.diff(along[known > 0]) / (v[1:] + v[:-1])) for v in (speeds[known > 0], known[known > 0])]
+    times = [
+        np.sum(2 * np.diff(along[known > 0]) / (v[1:] + v[:-1]))
+        for v in (speeds[known > 0], known[known > 0])
+    ]
     assert abs(times[0] / times[1] - 1) < 0.0001
     assert np.abs(speeds - known).max() < 0.001 * known.max()
 
@@ -124,7 +131,8 @@ def test_fastest_on_a_line_in_pieces():
 
 @pytest.mark.parametrize("name", PATHS)
 def test_the_rate_of_the_speed_is_its_derivative(name):
-    """By the way of the middle of the axle; times the speed of the vehicle, from 0 to twice the desired speed."""
+    """By the way of the middle of the axle; times the speed of the vehicle,
+    from 0 to twice the desired speed."""
     segments, options, _ = PATHS[name]
     profile, braking, speeding = SpeedProfile(segments, options, LIMITS, "double"), 0, 0
     for k, segment in enumerate(segments):
@@ -138,10 +146,20 @@ def test_the_rate_of_the_speed_is_its_derivative(name):
             place = {"x": segment.x, "y": segment.y, "curvature": segment.curvature, "progress": on}
             for direction in (1, -1):
                 guide = Guide("ok", segment=k, speed=direction * 60.0, **place)
-                for forward, share in ((near[1], 1.0), (near[1] / 3, 1 / 3), (9 * near[1], 2.0), (-near[1], 0.0), (0.0, 0.0)):
+                for forward, share in (
+                    (near[1], 1.0),
+                    (near[1] / 3, 1 / 3),
+                    (9 * near[1], 2.0),
+                    (-near[1], 0.0),
+                    (0.0, 0.0),
+                ):
                     speed, rate = profile.speed(guide, direction * forward)
                     assert speed == direction * near[1]
-                    assert rate == pytest.approx(direction * share * near[1] * sides.mean(), abs=1e-3), (k, on, forward)
+                    assert rate == pytest.approx(direction * share * near[1] * sides.mean(), abs=1e-3), (
+                        k,
+                        on,
+                        forward,
+                    )
             braking, speeding = braking + (sides.mean() < -1e-3), speeding + (sides.mean() > 1e-3)
     assert braking > 5 and speeding > 5
 
@@ -182,12 +200,16 @@ def test_a_run_stays_on_the_path_and_keeps_rolling():
 
 
 def test_friction_gives_the_accelerations():
-    """Of the LABMATE along a line: mu g; and each alone uses the friction asked for, in a run from that motion."""
+    """Of the LABMATE along a line: mu g; and each alone uses the friction asked for,
+    in a run from that motion."""
     spec = spec_of(SPEC, "test")
     plant, floor = make_loop(spec).plant, replace(spec.contact, height=0.15)
     found = friction_accelerations(plant, floor, 0.8)
     assert found.acceleration == found.deceleration == pytest.approx(0.8 * floor.mu * 9.81, rel=1e-3)
-    r, b = (plant.parameters[[p.name for p in plant.system.mechanism.parameters].index(name)] for name in ("r", "b"))
+    r, b = (
+        plant.parameters[[p.name for p in plant.system.mechanism.parameters].index(name)]
+        for name in ("r", "b")
+    )
     names = [c.name for c in plant.system.mechanism.coordinates]
     for speed, yaw_rate, wanted in (
         (10.0, found.lateral / 10.0, [0.0, 0.0]),
@@ -204,7 +226,8 @@ def test_friction_gives_the_accelerations():
 
 
 def test_motors_bound_the_accelerations():
-    """Inputs of 4 N m: 0.6 of each accelerates as Newton says, and the run on the first line stays below 4 N m."""
+    """Inputs of 4 N m: 0.6 of each accelerates as Newton says,
+    and the run on the first line stays below 4 N m."""
     text = SPEC.replace('mode = "grip"', 'mode = "grip", torque = 4.0').replace("11.0,", "4.0,")
     spec = spec_of(text, "test")
     plant = make_loop(spec).plant
@@ -221,8 +244,14 @@ def test_motors_bound_the_accelerations():
 @pytest.mark.parametrize(
     "changes, said",
     [
-        ({"contact = { mu = 0.5, height = 0.1 }": "", 'limits = { mode = "grip" }': ""}, "accelerations out requires .contact"),
-        ({'"fastest"': "1.0, angular = 1.0"}, "angular requires a profile of the speed: give lateral, or speed"),
+        (
+            {"contact = { mu = 0.5, height = 0.1 }": "", 'limits = { mode = "grip" }': ""},
+            "accelerations out requires .contact",
+        ),
+        (
+            {'"fastest"': "1.0, angular = 1.0"},
+            "angular requires a profile of the speed: give lateral, or speed",
+        ),
         ({'"fastest"': "1.0, lateral = -1.0"}, "must be positive"),
         ({'"fastest"': '"slowest"'}, "slowest"),
     ],
@@ -241,23 +270,37 @@ START = "[initial]\npoint = [0.0, 1.0]\n"
 
 def test_other_paths_have_no_profile():
     with pytest.raises(BadInput, match="requires a composite path"):
-        spec_of(SPEC[: SPEC.index("path = ")] + 'path = { kind = "line", A = 1.0, B = 0.0, C = 0.0 }\n' + START, "test")
+        spec_of(
+            SPEC[: SPEC.index("path = ")] + 'path = { kind = "line", A = 1.0, B = 0.0, C = 0.0 }\n' + START,
+            "test",
+        )
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_the_c_refuses(scalar):
     """Limits and places that are not finite, and what is not initialized."""
     segments, options, _ = PATHS["bend"]
-    for changed in ({"lateral": 0.0}, {"acceleration": math.nan}, {"deceleration": math.inf}, {"angular": -1.0}):
+    for changed in (
+        {"lateral": 0.0},
+        {"acceleration": math.nan},
+        {"deceleration": math.inf},
+        {"angular": -1.0},
+    ):
         with pytest.raises(BadInput, match="accelerations must be finite"):
             SpeedProfile(segments, options, replace(LIMITS, **changed), scalar)
     profile = SpeedProfile(segments, options, LIMITS, scalar)
-    for guide, speed in ((Guide("ok", progress=math.nan), 1.0), (Guide("ok"), math.inf), (Guide("ok", segment=3), 1.0)):
+    for guide, speed in (
+        (Guide("ok", progress=math.nan), 1.0),
+        (Guide("ok"), math.inf),
+        (Guide("ok", segment=3), 1.0),
+    ):
         with pytest.raises(BadInput):
             profile.speed(guide, speed)
     assert LIMITS.top_speed(segments) > max(profile.along(k, 1.0) for k in range(3))
     beyond = Guide("ok", segment=2, x=9.0, speed=0.3, speed_rate=-0.1)
-    assert profile.speed(beyond, 0.3) == pytest.approx((0.3, -0.1)), "on the extension the path's own speed stays"
+    assert profile.speed(beyond, 0.3) == pytest.approx((0.3, -0.1)), (
+        "on the extension the path's own speed stays"
+    )
 
 
 def test_it_stands_at_a_cusp():
@@ -274,7 +317,8 @@ def test_it_stands_at_a_cusp():
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_a_slow_line(scalar):
-    """v^2 = 2 a s where that is small, too: a line has no arc's angle, which is v^2 over the largest number."""
+    """v^2 = 2 a s where that is small, too: a line has no arc's angle,
+    which is v^2 over the largest number."""
     slow = replace(LIMITS, acceleration=1e-3, deceleration=1e-3)
     profile = SpeedProfile(joined((2.0, 0.0)), TrackerOptions(speed=1.0, L=(0.1, 0.1)), slow, scalar)
     for on in np.linspace(0.2, 1.8, 9):
@@ -285,9 +329,13 @@ def test_a_closed_path_repeats():
     """The laps of a stadium: its profile at the start is that at the end, and its bends limit it."""
     stadium = joined((2.0, 0.0), (math.pi, 1.0), (2.0, 0.0), (math.pi, 1.0))
     options = TrackerOptions(speed=50.0, L=(0.1, 0.0), ahead=0.2, closed=True)
-    profile, open_path = (SpeedProfile(stadium, replace(options, closed=closed), LIMITS, "double") for closed in (True, False))
+    profile, open_path = (
+        SpeedProfile(stadium, replace(options, closed=closed), LIMITS, "double") for closed in (True, False)
+    )
     assert profile.along(0, 0.0) == pytest.approx(profile.along(3, math.pi), rel=1e-12)
     assert profile.along(0, 1.0) == pytest.approx(profile.along(2, 1.0), rel=1e-12)
     axle = math.sqrt(1 - 0.3**2)
     assert profile.along(1, math.pi / 2) == pytest.approx(math.sqrt(LIMITS.lateral * axle), rel=1e-9)
-    assert open_path.along(0, 0.0) == 0.01 and open_path.along(2, 1.0) == pytest.approx(profile.along(2, 1.0), rel=1e-12)
+    assert open_path.along(0, 0.0) == 0.01 and open_path.along(2, 1.0) == pytest.approx(
+        profile.along(2, 1.0), rel=1e-12
+    )

@@ -1,4 +1,5 @@
-"""The C itself, generated and hand-written: warnings, what it links to, statuses, bits on every compiler, random input."""
+"""The C itself, generated and hand-written: warnings, what it links to, statuses,
+bits on every compiler, random input."""
 
 import math
 import re
@@ -29,8 +30,9 @@ FLAGS = list(STANDARD)
 LEVELS = ("-O0", "-O2")
 # as in the strict set for firmware
 STRICT = (
-    "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow "
-    "-Wundef -Wcast-qual -Wc++-compat -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
+    "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion "
+    "-Wfloat-equal -Wshadow -Wundef -Wcast-qual -Wc++-compat -Wstrict-prototypes -Wmissing-prototypes -Wvla "
+    "-Werror"
 ).split()
 SCALARS = {"double": "", "float": "_f"}
 
@@ -60,15 +62,19 @@ def objects(cc: str, flags: list[str], folder: Path, sources: list[str] = SOURCE
     return made
 
 
-# -- headers and settings --------------------------------------------------------------------------------------
+# -- headers and settings ------------------------------------------------------------------------------------
 
 
 @compilers
-@pytest.mark.parametrize("header", sorted(path.name for folder in (RUNTIME, GENERATED) for path in folder.glob("*.h")))
+@pytest.mark.parametrize(
+    "header", sorted(path.name for folder in (RUNTIME, GENERATED) for path in folder.glob("*.h"))
+)
 def test_a_header_stands_alone(cc, header, tmp_path):
     """Included first, twice, and with nothing else."""
     source = tmp_path / "alone.c"
-    source.write_text(f'#include "{header}"\n#include "{header}"\nint nothing(void);\nint nothing(void) {{ return 0; }}\n')
+    source.write_text(
+        f'#include "{header}"\n#include "{header}"\nint nothing(void);\nint nothing(void) {{ return 0; }}\n'
+    )
     run([need(cc), *FLAGS, *STRICT, *INCLUDE, "-fsyntax-only", str(source)])
 
 
@@ -77,19 +83,30 @@ def test_a_header_stands_alone(cc, header, tmp_path):
 def test_headers_in_cpp(cxx, standard, tmp_path):
     """Every header in one C++ program, and it links with the C."""
     includes = "".join(f'#include "{path.name}"\n' for path in sorted(GENERATED.glob("*.h")))
-    main = "int main() { labmate_params p; return noslip_status_name(labmate_default_params(&p))[0] != 'o'; }\n"
+    main = (
+        "int main() { labmate_params p; return noslip_status_name(labmate_default_params(&p))[0] != 'o'; }\n"
+    )
     (tmp_path / "main.cpp").write_text(includes + main)
-    c = objects(HOST_CC, ["-O1"], tmp_path, [s for s in SOURCES if Path(s).name in ("labmate.c", "noslip_status.c")])
+    c = objects(
+        HOST_CC, ["-O1"], tmp_path, [s for s in SOURCES if Path(s).name in ("labmate.c", "noslip_status.c")]
+    )
     flags = [f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     run([need(cxx), *flags, *INCLUDE, str(tmp_path / "main.cpp"), *c, "-o", str(tmp_path / "main")])
     run([str(tmp_path / "main")])
 
 
-FAST = ["-ffast-math", "-Ofast", "-ffinite-math-only", "-fassociative-math -fno-signed-zeros -fno-trapping-math"]
+FAST = [
+    "-ffast-math",
+    "-Ofast",
+    "-ffinite-math-only",
+    "-fassociative-math -fno-signed-zeros -fno-trapping-math",
+]
 
 
 @compilers
-@pytest.mark.parametrize("flag", [*FAST, "-freciprocal-math", "-fno-signed-zeros", "-funsafe-math-optimizations"])
+@pytest.mark.parametrize(
+    "flag", [*FAST, "-freciprocal-math", "-fno-signed-zeros", "-funsafe-math-optimizations"]
+)
 def test_fast_math_is_refused(cc, flag):
     """clang has a macro for the whole and for finite-only; its other parts it does not tell."""
     command = [need(cc), "-std=c99", *flag.split(), *INCLUDE, "-fsyntax-only", str(GENERATED / "labmate.c")]
@@ -108,19 +125,28 @@ def test_other_arithmetic_is_refused(flag):
     assert subprocess.run(command, capture_output=True).returncode != 0
 
 
-# -- what it links to ----------------------------------------------------------------------------------------------------
+# -- what it links to ----------------------------------------------------------------------------------------
 
 
 @compilers
 @each_level
 def test_needs_no_library(cc, level, built, tmp_path):
-    """Undefined symbols are the package's own, but for what the follower copies; everything links into one bare program."""
+    """Undefined symbols are the package's own, but for what the follower copies;
+    everything links into one bare program."""
     made = built(cc, level)
-    copies = objects(cc, ["-O2", "-ffreestanding", "-fPIC"], tmp_path / "string", [str(ROOT / "firmware/boards/string.c")])
+    copies = objects(
+        cc, ["-O2", "-ffreestanding", "-fPIC"], tmp_path / "string", [str(ROOT / "firmware/boards/string.c")]
+    )
     without = [code for code in made if "follower" not in code]
-    assert not {"memcpy", "memset"} & {line.split()[-1] for line in run(["nm", "-u", *without]).splitlines() if line.split()}
+    assert not {"memcpy", "memset"} & {
+        line.split()[-1] for line in run(["nm", "-u", *without]).splitlines() if line.split()
+    }
     made = [*made, *copies]
-    own = {line.split()[-1] for line in run(["nm", "--defined-only", *made]).splitlines() if len(line.split()) == 3}
+    own = {
+        line.split()[-1]
+        for line in run(["nm", "--defined-only", *made]).splitlines()
+        if len(line.split()) == 3
+    }
     wanted = {line.split()[-1] for line in run(["nm", "-u", *made]).splitlines() if line.split()[:1] == ["U"]}
     assert wanted - {"_GLOBAL_OFFSET_TABLE_"} <= own
     run([cc, "-nostdlib", "-shared", "-Wl,-z,defs", *made, "-o", str(tmp_path / "all.so")])
@@ -134,8 +160,11 @@ def test_float_side_has_no_double(cc, level, built):
     assert len(made) == len(FLOAT_SOURCES)
     for code in made:
         listing = run(["objdump", "-d", "--no-show-raw-insn", code])
-        # SSE2 arithmetic and conversion on doubles ends in sd or pd; movement of bits (movapd, movsd) does not count
-        found = re.findall(r"\t(v?(?:add|sub|mul|div|sqrt|max|min|ucomi|comi|cvt\w*|cmp\w*|round)(?:sd|pd)\w*)\b", listing)
+        # SSE2 arithmetic and conversion on doubles ends in sd or pd; movement of bits (movapd, movsd) does
+        # not count
+        found = re.findall(
+            r"\t(v?(?:add|sub|mul|div|sqrt|max|min|ucomi|comi|cvt\w*|cmp\w*|round)(?:sd|pd)\w*)\b", listing
+        )
         found += re.findall(r"\t(v?cvt(?:sd|pd)2\w+)", listing)
         assert not found, (code, found)
         assert not re.search(r"\t(f(?:ld|add|mul|div|sqrt)\w*)\b", listing)
@@ -144,13 +173,21 @@ def test_float_side_has_no_double(cc, level, built):
 @compilers
 def test_no_globals_that_change(cc, built):
     made = built(cc, "-O2")
-    kinds = {line.split()[1] for line in run(["nm", "--defined-only", *made]).splitlines() if len(line.split()) == 3}
+    kinds = {
+        line.split()[1]
+        for line in run(["nm", "--defined-only", *made]).splitlines()
+        if len(line.split()) == 3
+    }
     assert kinds <= set("Ttr"), "data or bss"
-    names = [line.split()[-1] for line in run(["nm", "-g", "--defined-only", *made]).splitlines() if len(line.split()) == 3]
+    names = [
+        line.split()[-1]
+        for line in run(["nm", "-g", "--defined-only", *made]).splitlines()
+        if len(line.split()) == 3
+    ]
     assert len(names) == len(set(names)) and all(name.startswith(("labmate_", "noslip_")) for name in names)
 
 
-# -- sine, cosine, square root, other functions --------------------------------------------------------------------------
+# -- sine, cosine, square root, other functions --------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -160,20 +197,23 @@ def trig_sweep(tmp_path_factory) -> str:
     return program
 
 
-@pytest.mark.parametrize("mode", ["float 101", "double 1000000 1992", "functions 4999 100000 1992", "sqrt 1000000 7"])
+@pytest.mark.parametrize(
+    "mode", ["float 101", "double 1000000 1992", "functions 4999 100000 1992", "sqrt 1000000 7"]
+)
 def test_trig_and_roots(trig_sweep, mode):
     """A sample; make trig-sweep tries every float."""
     result = subprocess.run([trig_sweep, *mode.split()], capture_output=True, text=True)
     assert result.returncode == 0, result.stdout
 
 
-# -- warnings ------------------------------------------------------------------------------------------------------------
+# -- warnings ------------------------------------------------------------------------------------------------
 
 
 @compilers
 @each_level
 def test_no_warnings(cc, level, built):
-    """What clang warns of does not depend on the level; test_bits.py sees to it that all levels give the same bits."""
+    """What clang warns of does not depend on the level; test_bits.py sees to it that all levels give the same
+    bits."""
     built(cc, level)
 
 
@@ -184,7 +224,7 @@ def test_no_warnings_from_the_flow_of_data(more, tmp_path):
     objects(HOST_CC, [*more.split(), *STRICT], tmp_path, FLOAT_SOURCES)
 
 
-# -- one program with everything, seen from here --------------------------------------------------------------------------
+# -- one program with everything, seen from here -------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -196,8 +236,18 @@ def program(built, tmp_path_factory):
     ffi.cdef(declarations("noslip_grip.h"))
     laws = [path for path in GENERATED.glob("*.h") if not re.search("follower|telemetry|ekf", path.name)]
     for header in sorted(laws, key=lambda path: len(path.name)):
-        text = re.sub(r'extern "C" \{|^\}$', "", re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", header.read_text(), flags=re.M))
-        ffi.cdef("\n".join(line for line in text.replace("NOSLIP_NODISCARD ", "").splitlines() if not line.startswith("#")))
+        text = re.sub(
+            r'extern "C" \{|^\}$',
+            "",
+            re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", header.read_text(), flags=re.M),
+        )
+        ffi.cdef(
+            "\n".join(
+                line
+                for line in text.replace("NOSLIP_NODISCARD ", "").splitlines()
+                if not line.startswith("#")
+            )
+        )
     return ffi, ffi.dlopen(str(library))
 
 
@@ -263,7 +313,12 @@ class Robot:
     def answers(self) -> dict[str, tuple[str, list[float]]]:
         """Every entry point's status and values."""
         found = {"step": self.step(), "evaluate": self.evaluate()}
-        for name, shape in (("output", "[2]"), ("rate", "[2]"), ("decoupling", "[2][2]"), ("decoupling_rate", "[2][2]")):
+        for name, shape in (
+            ("output", "[2]"),
+            ("rate", "[2]"),
+            ("decoupling", "[2][2]"),
+            ("decoupling_rate", "[2][2]"),
+        ):
             if hasattr(self.lib, f"{self.prefix}_{name}{self.suffix}"):
                 count = 1 if name == "rate" and 1 in self.law.linearization.relative_degree else 2
                 value = self.ffi.new(f"{self.real}{shape}")
@@ -324,7 +379,11 @@ def test_null_pointers(robot):
         ("decoupling", []),
         ("decoupling_rate", []),
     ):
-        answer = robot.all if function == "evaluate" else robot.ffi.new(f"{kind}[2][2]" if "decoup" in function else f"{kind}[2]")
+        answer = (
+            robot.all
+            if function == "evaluate"
+            else robot.ffi.new(f"{kind}[2][2]" if "decoup" in function else f"{kind}[2]")
+        )
         arguments = [robot.self, robot.state, *given, answer]
         size = robot.ffi.sizeof(answer[0]) if function == "evaluate" else robot.ffi.sizeof(answer)
         if function == "rate" and 1 in robot.law.linearization.relative_degree:
@@ -364,7 +423,11 @@ def test_not_finite(robot):
 @each_law
 def test_refused_numbers(robot):
     """Every parameter, configuration value, gain and limit: not finite, or of the wrong sign."""
-    groups = ((robot.params, robot.law.parameters), (robot.config, robot.law.config), (robot.gains, robot.law.gains))
+    groups = (
+        (robot.params, robot.law.parameters),
+        (robot.config, robot.law.config),
+        (robot.gains, robot.law.gains),
+    )
     for struct, quantities in groups:
         assert robot.fields(struct) == [q.name for q in quantities]
         for q in quantities:
@@ -398,7 +461,8 @@ def test_refused_numbers(robot):
 @each_scalar
 @each_law
 def test_tiny_and_huge_parameters(robot):
-    """What overflows or vanishes on the way is refused by init or a status of the step, never an answer that is not finite."""
+    """What overflows or vanishes on the way is refused by init or a status of the step,
+    never an answer that is not finite."""
     huge = 1e38 if robot.suffix else 1e300
     for struct in (robot.params, robot.config, robot.gains):
         for name in robot.fields(struct):
@@ -406,10 +470,19 @@ def test_tiny_and_huge_parameters(robot):
             for value in (huge, 1 / huge, 5e-324 if not robot.suffix else 1e-45):
                 setattr(struct, name, value)
                 ready = robot.init()
-                assert ready in ("ok", "bad_parameter", "singular", *(["range"] if name == "direction" else []))
+                assert ready in (
+                    "ok",
+                    "bad_parameter",
+                    "singular",
+                    *(["range"] if name == "direction" else []),
+                )
                 for status, values in robot.answers().values():
                     assert np.all(np.isfinite(values)), name
-                    assert status == "not_ready" if ready != "ok" else status in ("ok", "nonfinite", "singular", "range")
+                    assert (
+                        status == "not_ready"
+                        if ready != "ok"
+                        else status in ("ok", "nonfinite", "singular", "range")
+                    )
             setattr(struct, name, good)
 
 
@@ -454,7 +527,10 @@ SINGULAR = {  # l = 0 everywhere but in Types II and III; the heading normal to 
     "type_iii": {"state": {"phi": 0.0}},
     "type_iv_line": {"config": {"A": 1.0, "B": 0.0, "C": 0.0}, "state": {"phi": math.pi}},
     "type_iv_circle": {"config": {"x_f": 0.0, "y_f": 0.0}, "state": {"x_c": 9.0, "y_c": 0.0, "phi": 0.0}},
-    "type_iv_ellipse": {"config": {"a": 4.0, "b": 2.0}, "state": {"x_c": 0.0, "y_c": 3.0, "phi": -math.pi / 2}},
+    "type_iv_ellipse": {
+        "config": {"a": 4.0, "b": 2.0},
+        "state": {"x_c": 0.0, "y_c": 3.0, "phi": -math.pi / 2},
+    },
     "type_iv_segment": {"config": {"direction": 0.0, "curvature": 0.0}, "state": {"phi": math.pi / 2}},
 }
 INVERTING = ("step", "evaluate", "feedback")
@@ -511,7 +587,9 @@ def test_centre_of_the_path(robot):
     assert robot.init() == "ok"
     answers = robot.answers()
     assert all(status in ("ok", "singular") for status, _ in answers.values())
-    assert all(answers[name][0] == "singular" for name in (*INVERTING, "rate", "decoupling", "decoupling_rate"))
+    assert all(
+        answers[name][0] == "singular" for name in (*INVERTING, "rate", "decoupling", "decoupling_rate")
+    )
     assert all(np.all(np.isfinite(values)) for _, values in answers.values())
 
 
@@ -522,7 +600,12 @@ def test_never_made(program, law, scalar):
     robot = Robot(program, law, scalar)
     source = np.random.default_rng(8)
     size = robot.ffi.sizeof(robot.self[0])
-    for content in (bytes(size), b"\xff" * size, b"\x01\0\0\0" * (size // 4), *(source.bytes(size) for _ in range(50))):
+    for content in (
+        bytes(size),
+        b"\xff" * size,
+        b"\x01\0\0\0" * (size // 4),
+        *(source.bytes(size) for _ in range(50)),
+    ):
         robot.ffi.buffer(robot.self)[:size] = content.ljust(size, b"\0")
         robot.self.ready = 0 if robot.self.ready == 0x5EED1992 else robot.self.ready
         for on_error in (robot.self.on_error, 1):
@@ -636,7 +719,8 @@ def test_default_parameters(program, scalar):
 
 
 def test_controllers_do_not_touch_each_other(program):
-    """Every law in both scalars, two of each with different parameters, stepped in turn: the bits of each are those alone."""
+    """Every law in both scalars, two of each with different parameters, stepped in turn:
+    the bits of each are those alone."""
 
     def controllers() -> list[Robot]:
         made = []
@@ -685,11 +769,16 @@ def test_users_get_the_c_that_is_written_by_hand(tmp_path):
     assert tokens == preprocessed(tmp_path, "-P").split() and "noslip_nearest_angle_f" in "".join(tokens)
     macros = preprocessed(RUNTIME, "-dM").splitlines()
     assert sorted(macros) == sorted(preprocessed(tmp_path, "-dM").splitlines())
-    assert not [text for text in (*macros, *map(files.get, headers)) if re.search(r"\bNOSLIP_(?:REAL|NAME|MODULE)\b", text)]
+    assert not [
+        text
+        for text in (*macros, *map(files.get, headers))
+        if re.search(r"\bNOSLIP_(?:REAL|NAME|MODULE)\b", text)
+    ]
 
 
 def test_each_public_name_is_in_a_header():
-    """Each function that the runtime's library has stands in a header for users by its whole name, in double and in float."""
+    """Each function that the runtime's library has stands in a header for users by its whole name,
+    in double and in float."""
     text = "".join(text for name, text in runtime_files().items() if name.endswith(".h"))
     for header in ("angle", "disturbance", "integral", "odometry", "path", "reversing", "solve"):
         names = re.findall(r"\b(noslip_\w+)\(", declarations(f"noslip_{header}.h"))
@@ -719,7 +808,17 @@ def test_generated_c_refuses_a_runtime_of_another_version(number, cc, tmp_path):
     if number is not None:
         path.write_text(re.sub(r"(NOSLIP_VERSION_NUMBER) \d+", rf"\1 {number + 1}", path.read_text()))
     for header in ("labmate.h", "labmate_type_i.h", "labmate_dynamics_f.h"):
-        command = [cc, "-std=c99", *STRICT, f"-I{tmp_path / 'runtime'}", f"-I{GENERATED}", "-fsyntax-only", "-x", "c", "-"]
+        command = [
+            cc,
+            "-std=c99",
+            *STRICT,
+            f"-I{tmp_path / 'runtime'}",
+            f"-I{GENERATED}",
+            "-fsyntax-only",
+            "-x",
+            "c",
+            "-",
+        ]
         result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, text=True)
         assert (result.returncode == 0) == (number is None), result.stderr
         expected = (f"{header} belongs to noslip", "labmate_f.h belongs to noslip")
@@ -753,10 +852,12 @@ void choose(labmate_options *options, noslip_path_options_f *path)
 
 @compilers
 @pytest.mark.parametrize(
-    "language", ["c -std=c99 -Wstrict-prototypes", "c -std=c99 -fshort-enums", "c++ -std=c++11", "c++ -std=c++17"]
+    "language",
+    ["c -std=c99 -Wstrict-prototypes", "c -std=c99 -fshort-enums", "c++ -std=c++11", "c++ -std=c++17"],
 )
 def test_choices_have_types(language, cc, tmp_path):
-    """The enums of public structs are types as wide as an int, and their values are assigned without a cast, in C and C++."""
+    """The enums of public structs are types as wide as an int,
+    and their values are assigned without a cast, in C and C++."""
     strict = [flag for flag in STRICT if flag not in ("-Wstrict-prototypes", "-Wmissing-prototypes")]
     command = [cc, *strict, "-x", *language.split(), f"-I{RUNTIME}", f"-I{GENERATED}", "-fsyntax-only", "-"]
     result = subprocess.run(command, input=CHOICES, capture_output=True, text=True)

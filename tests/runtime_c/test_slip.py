@@ -36,18 +36,28 @@ OPTIONS = SlipOptions(
     rise=0.05,
     hold=1.0,
 )
-NAMES = ("mu", "slower", "uncertain_heading", "uncertain_way", "heading_difference", "heading_threshold", "speed_difference")
+NAMES = (
+    "mu",
+    "slower",
+    "uncertain_heading",
+    "uncertain_way",
+    "heading_difference",
+    "heading_threshold",
+    "speed_difference",
+)
 
 
 def drive(random, seconds: float):
-    """Rates of the wheels (rad/s) of a vehicle that rolls about at random, and their means over each call, (N, 2)."""
+    """Rates of the wheels (rad/s) of a vehicle that rolls about at random,
+    and their means over each call, (N, 2)."""
     steps = round(seconds / DT)
     wheels = 10.0 + np.cumsum(random.normal(0.0, 0.3, (steps + 1, 2)), axis=0)
     return (wheels[1:] + wheels[:-1]) / 2
 
 
 def readings(random, rates: np.ndarray, options: SlipOptions, geometry=(0.0, 0.0)):
-    """What sensors with the errors of the options measure: angles in counts (N, 2), yaw rate (N), acceleration (N)."""
+    """What sensors with the errors of the options measure: angles in counts (N, 2),
+    yaw rate (N), acceleration (N)."""
     noisy = rates + random.normal(0.0, 1.0, rates.shape) * options.wheel_noise
     turned = np.cumsum(np.vstack([[random.uniform(0, 1, 2)], noisy * DT]), axis=0)
     step = np.array(options.count)
@@ -61,7 +71,8 @@ def readings(random, rates: np.ndarray, options: SlipOptions, geometry=(0.0, 0.0
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_c_is_the_reference(scalar):
-    """With slip now and then, of one wheel and of both alike, calls of any length, and accelerations that are known or not."""
+    """With slip now and then, of one wheel and of both alike, calls of any length,
+    and accelerations that are known or not."""
     random, tolerance = np.random.default_rng(3), 1e-11 if scalar == "double" else 2e-3
     options = replace(OPTIONS, hold=0.3)
     c, reference = CompiledSlip(options, FORWARD, TURN, scalar), ReferenceSlip(options, FORWARD, TURN)
@@ -83,14 +94,16 @@ def test_c_is_the_reference(scalar):
 
 
 def test_no_false_alarm_within_the_bounds():
-    """Errors of geometry and bias at their bounds, in any direction, counts of any phase; noise at its rate: 3 deviations give
-    no more alarms than normal numbers beyond them, and 6 none.
+    """Errors of geometry and bias at their bounds, in any direction, counts of any phase; noise at its rate:
+    3 deviations give no more alarms than normal numbers beyond them, and 6 none.
     """
     random, worst, beyond, calls = np.random.default_rng(5), 0.0, 0, 0
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         options = replace(OPTIONS, deviations=3.0, lower=0.999, pause=0.0, hold=0.0)
         notice = ReferenceSlip(options, FORWARD, TURN)
-        for angle, yaw, gained in zip(*readings(random, drive(random, 20.0), options, 0.005 * np.array(signs)), strict=True):
+        for angle, yaw, gained in zip(
+            *readings(random, drive(random, 20.0), options, 0.005 * np.array(signs)), strict=True
+        ):
             found = notice.step(angle, yaw, gained, DT)
             beyond, calls = beyond + (found.status == "slipping"), calls + 1
             worst = max(worst, abs(found.heading_difference) / found.heading_threshold)
@@ -103,9 +116,19 @@ def test_no_false_alarm_within_the_bounds():
 
 @pytest.mark.parametrize("count", [0.0, 0.01])
 def test_counts_alone_are_bounded_not_random(count):
-    """Without noise there is no alarm with 0 deviations, whatever the phase of the counts, and the bound is met within a half."""
-    options = replace(OPTIONS, count=(count, count), wheel_noise=0.0, gyro_noise=0.0, gyro_bias=0.0, acceleration_noise=0.0,
-                      acceleration_bias=0.0, geometry=1e-9, deviations=0.0)  # fmt: skip
+    """Without noise there is no alarm with 0 deviations, whatever the phase of the counts,
+    and the bound is met within a half."""
+    options = replace(
+        OPTIONS,
+        count=(count, count),
+        wheel_noise=0.0,
+        gyro_noise=0.0,
+        gyro_bias=0.0,
+        acceleration_noise=0.0,
+        acceleration_bias=0.0,
+        geometry=1e-9,
+        deviations=0.0,
+    )
     random, used = np.random.default_rng(6), [0.0, 0.0]
     notice = ReferenceSlip(options, FORWARD, TURN)
     for angle, yaw, gained in zip(*readings(random, drive(random, 30.0), options), strict=True):
@@ -118,11 +141,13 @@ def test_counts_alone_are_bounded_not_random(count):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_mu_is_lowered_and_rises_again(scalar):
-    """By `lower` at each notice, not below `least`, again after `pause`; after `hold` it rises by `rise` per second to mu."""
+    """By `lower` at each notice, not below `least`, again after `pause`;
+    after `hold` it rises by `rise` per second to mu."""
     notice = CompiledSlip(OPTIONS, FORWARD, TURN, scalar)
     rolling = ((0.1, 0.1), 0.0, None, DT)
     assert notice.step(*rolling).status == "ok"
-    slipping = [notice.step((0.1, 0.3), 0.0, None, DT) for _ in range(300)]  # 2 rad/s of yaw that no gyro sees
+    # 2 rad/s of yaw that no gyro sees
+    slipping = [notice.step((0.1, 0.3), 0.0, None, DT) for _ in range(300)]
     falls = [k for k in range(1, 300) if slipping[k].mu < slipping[k - 1].mu]
     assert (
         slipping[0].mu == pytest.approx(0.48)
@@ -143,7 +168,8 @@ def test_mu_is_lowered_and_rises_again(scalar):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_any_bits(scalar):
-    """Whatever a reading or dt is: the status is one of six, what comes out is finite, mu within its bounds."""
+    """Whatever a reading or dt is: the status is one of six, what comes out is finite,
+    mu within its bounds."""
     c = runtime("noslip_slip.h")
     random, kind = np.random.default_rng(11), {"double": np.float64, "float": np.float32}[scalar]
     vehicle = c.new("noslip_odometry_options", scalar, {"forward": list(FORWARD), "turn": list(TURN)})
@@ -151,7 +177,12 @@ def test_any_bits(scalar):
     step, statuses = c.function("noslip_slip_step", scalar), set()
     reading = c.new("noslip_slip_reading", scalar)
     assert c.status(step(self, reading, DT, out)) == "not_ready" and out.mu == 0
-    assert c.function("noslip_slip_init", scalar)(self, c.new("noslip_slip_options", scalar, vars(OPTIONS)), vehicle) == 0
+    assert (
+        c.function("noslip_slip_init", scalar)(
+            self, c.new("noslip_slip_options", scalar, vars(OPTIONS)), vehicle
+        )
+        == 0
+    )
     for k in range(4000):
         numbers = random.integers(0, 256, 5 * kind().itemsize, dtype=np.uint8).view(kind)
         if k % 2:
@@ -160,9 +191,15 @@ def test_any_bits(scalar):
         reading.yaw_rate, reading.acceleration = float(numbers[2]), float(numbers[3])
         reading.accelerates = int(random.integers(-2, 2))
         before = c.ffi.buffer(self)[:]
-        statuses.add(status := c.status(step(self, reading, float(abs(numbers[4]) if k % 4 == 1 else numbers[4]), out)))
+        statuses.add(
+            status := c.status(step(self, reading, float(abs(numbers[4]) if k % 4 == 1 else numbers[4]), out))
+        )
         values = [getattr(out, name) for name, _ in c.ffi.typeof(out[0]).fields]
-        assert np.isfinite(values).all() and 0.1 * (1 - 1e-6) <= out.mu <= 0.6 * (1 + 1e-6) and 0 < out.slower <= 1
+        assert (
+            np.isfinite(values).all()
+            and 0.1 * (1 - 1e-6) <= out.mu <= 0.6 * (1 + 1e-6)
+            and 0 < out.slower <= 1
+        )
         assert status in ("ok", "slipping") or c.ffi.buffer(self)[:] == before, "an error changes nothing"
     assert statuses == {"ok", "slipping", "nonfinite", "bad_parameter"}
 
@@ -170,8 +207,20 @@ def test_any_bits(scalar):
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_refused_options(scalar):
     negative = ("wheel_noise", "gyro_bias", "acceleration_noise", "deviations", "rise")
-    bad = {name: -1.0 for name in negative} | {"window": 0.0, "count": (0.0, -1.0), "mu": 0.0, "least": 0.0, "lower": 1.0}
-    bad |= {"gyro_noise": math.nan, "acceleration_bias": math.nan, "geometry": math.inf, "hold": math.inf, "pause": 2.0}
+    bad = {name: -1.0 for name in negative} | {
+        "window": 0.0,
+        "count": (0.0, -1.0),
+        "mu": 0.0,
+        "least": 0.0,
+        "lower": 1.0,
+    }
+    bad |= {
+        "gyro_noise": math.nan,
+        "acceleration_bias": math.nan,
+        "geometry": math.inf,
+        "hold": math.inf,
+        "pause": 2.0,
+    }
     assert set(bad) == set(vars(OPTIONS))
     for name, value in [*bad.items(), ("least", 0.7), ("lower", 0.0), ("pause", -1.0)]:
         with pytest.raises(BadInput, match="bad_parameter"):
@@ -187,7 +236,8 @@ def test_refused_options(scalar):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_the_grip_of_a_law(scalar):
-    """It is that of the friction with the mu that is noticed, which no friction exceeds; earned friction falls to it at once."""
+    """It is that of the friction with the mu that is noticed, which no friction exceeds;
+    earned friction falls to it at once."""
     c = runtime("noslip_slip.h")
     vehicle = c.new("noslip_odometry_options", scalar, {"forward": list(FORWARD), "turn": list(TURN)})
     self, earned, grip = (c.new(name, scalar) for name in ("noslip_slip", "noslip_earned", "noslip_grip"))
@@ -207,7 +257,9 @@ def test_the_grip_of_a_law(scalar):
         assert write(self, earned, grip) == 0
         assert grip.weight == pytest.approx(min(mu, 0.6) * 0.9 * 0.5 * 9.81, rel=1e-6)
         assert grip.height == pytest.approx(min(mu, 0.6) * 0.9 * 0.2, rel=1e-6)
-    c.function("noslip_grip_init", scalar)(earned, grip, c.new("noslip_friction", scalar, given | {"period": 0.01}), 1)
+    c.function("noslip_grip_init", scalar)(
+        earned, grip, c.new("noslip_friction", scalar, given | {"period": 0.01}), 1
+    )
     for mu, believed in ((0.5, 0.36), (0.3, 0.3), (0.5, 0.3)):
         self.noticed.mu = mu
         assert write(self, earned, grip) == 0 and earned.mu == pytest.approx(believed, rel=1e-6)
@@ -230,8 +282,8 @@ def overestimated(notice: str = "", end: str = SENSED, mu: float = 0.65):
 
 @pytest.mark.nightly
 def test_noticing_slip_keeps_the_path_where_mu_is_overestimated():
-    """Without, it is lost by 10 cm; with, it is kept within 1 cm, the wheels slip ten times shorter, and what dead reckoning
-    lost is within what it says; with the right mu nothing is noticed.
+    """Without, it is lost by 10 cm; with, it is kept within 1 cm, the wheels slip ten times shorter, and what
+    dead reckoning lost is within what it says; with the right mu nothing is noticed.
     """
     pytest.importorskip("mujoco")
     bare, noticing = overestimated(), overestimated(", notice_slip = {}")
@@ -245,11 +297,16 @@ def test_noticing_slip_keeps_the_path_where_mu_is_overestimated():
     assert np.abs(reckoned[-1, 2]) < 2 * heading[-1] + 0.01
     assert np.hypot(*reckoned[-1, :2]) < way[-1]
     right = overestimated(", notice_slip = {}", mu=0.5)
-    assert "slipping" not in right.status and (right.noticed[:, 0] == 0.5).all() and (right.noticed[:, 1:] == 0).all()
+    assert (
+        "slipping" not in right.status
+        and (right.noticed[:, 0] == 0.5).all()
+        and (right.noticed[:, 1:] == 0).all()
+    )
 
 
 def test_slip_is_noticed_on_a_floor():
-    """Both wheels spin alike on a line of which mu promises too much: an accelerometer tells it, a gyro alone cannot."""
+    """Both wheels spin alike on a line of which mu promises too much: an accelerometer tells it,
+    a gyro alone cannot."""
     pytest.importorskip("mujoco")
     grip = 'mode = "grip", friction = "given", notice_slip = {}'
     text = FASTEST.replace("mu = 0.5", "mu = 0.65").replace('mode = "grip"', grip)
@@ -266,7 +323,8 @@ def test_slip_is_noticed_on_a_floor():
 
 @pytest.mark.parametrize("backend", ["c", "cf", "casadi"])
 def test_in_each_backend(backend):
-    """A track that is wider than believed by more than `geometry`: slip is noticed in the same calls, and the robot is slower."""
+    """A track that is wider than believed by more than `geometry`: slip is noticed in the same calls,
+    and the robot is slower."""
     text = FASTEST.replace("11.0,", f'5.0, backend = "{backend}",') + SENSED + "[plant]\nb = 0.8\n"
     runs = [
         simulate(spec_of(text.replace('mode = "grip"', f'mode = "grip"{notice}'), "test"))
@@ -275,14 +333,17 @@ def test_in_each_backend(backend):
     assert runs[1].columns[-4:] == ["believed_mu", "uncertain_heading", "uncertain_way", "piece"]
     slipping = np.flatnonzero(runs[1].status == "slipping")
     assert 1.5 < runs[1].t[slipping[0]] < 2.5 and runs[1].noticed[:, 0].min() < 0.45
-    assert np.abs(runs[1].y[:, 1]).max() <= np.abs(runs[0].y[:, 1]).max() and runs[1].piece[-1] < runs[0].piece[-1] + 1
+    assert (
+        np.abs(runs[1].y[:, 1]).max() <= np.abs(runs[0].y[:, 1]).max()
+        and runs[1].piece[-1] < runs[0].piece[-1] + 1
+    )
     first = slipping[0]
     assert np.abs(runs[0].x[:first] - runs[1].x[:first]).max() == 0
 
 
 def wet_bend() -> tuple[float, float, float, float]:
-    """Return radius (m), speed (m/s), the angle along the bend of wet.toml where both wheels are on its patch, and the time (s)
-    until the first leaves it, of the rigid robot on the path."""
+    """Return radius (m), speed (m/s), the angle along the bend of wet.toml where both wheels are on its
+    patch, and the time (s) until the first leaves it, of the rigid robot on the path."""
     spec = tomllib.loads((ROOT / "examples/specs/figures/wet.toml").read_text())
     b, d = (q.default for name in "bd" for q in find_robot("labmate").parameters if q.name == name)
     (line, arc, _), (patch,) = spec["output"]["path"]["segments"], spec["floor"]["patch"]
@@ -290,8 +351,15 @@ def wet_bend() -> tuple[float, float, float, float]:
 
     def left_wheel(angle: float) -> np.ndarray:
         heading = angle - math.asin(d / radius)  # the middle of the axle, d behind, does not move sideways
-        forward, left = (np.array([math.cos(heading + turn), math.sin(heading + turn)]) for turn in (0.0, math.pi / 2))
-        return np.array(line["to"]) + radius * np.array([math.sin(angle), 1 - math.cos(angle)]) - d * forward + b * left
+        forward, left = (
+            np.array([math.cos(heading + turn), math.sin(heading + turn)]) for turn in (0.0, math.pi / 2)
+        )
+        return (
+            np.array(line["to"])
+            + radius * np.array([math.sin(angle), 1 - math.cos(angle)])
+            - d * forward
+            + b * left
+        )
 
     on = brentq(lambda angle: left_wheel(angle)[0] - patch["x"][0], 0.5, 1.5)
     off = brentq(lambda angle: left_wheel(angle)[1] - patch["y"][1], on, 2.0)
@@ -299,9 +367,10 @@ def wet_bend() -> tuple[float, float, float, float]:
 
 
 def least_distance(unaware: float, dt: float = 0.02, facets: int = 64) -> float:
-    """Return how far (m) the centre of mass at least comes outside the bend, whatever forces within friction act on it from
-    `unaware` (s) after both wheels are on the patch; until then the force is towards the centre, as of wheels that slide
-    sideways. A linear program: polygons around the circles of forces and places, to 0.6 s after the patch.
+    """Return how far (m) the centre of mass at least comes outside the bend, whatever forces within friction
+    act on it from `unaware` (s) after both wheels are on the patch; until then the force is towards the
+    centre, as of wheels that slide sideways. A linear program: polygons around the circles of forces and
+    places, to 0.6 s after the patch.
     """
     radius, speed, angle, wet = wet_bend()
     steps, gravity = round((wet + 0.6) / dt), 9.81
@@ -314,7 +383,9 @@ def least_distance(unaware: float, dt: float = 0.02, facets: int = 64) -> float:
         inwards = -most[k] * x / np.linalg.norm(x)
         x, v = x + dt * v + dt**2 * inwards / 2, v + dt * inwards
         bounds += [(a, a) if times[k] < unaware + dt / 2 else (-most[k], most[k]) for a in inwards]
-    for normal in (np.array([math.cos(turn), math.sin(turn)]) for turn in 2 * np.pi * np.arange(facets) / facets):
+    for normal in (
+        np.array([math.cos(turn), math.sin(turn)]) for turn in 2 * np.pi * np.arange(facets) / facets
+    ):
         rows += [np.append(np.kron(np.eye(steps)[k], normal), 0.0) for k in range(steps)]
         right += most.tolist()
         for k in range(steps):
@@ -322,7 +393,9 @@ def least_distance(unaware: float, dt: float = 0.02, facets: int = 64) -> float:
             rows.append(np.append(np.kron(moved, normal), -1.0))
             right.append(radius - normal @ (place + times[k] * velocity))
     cost = np.append(np.zeros(2 * steps), 1.0)
-    found = linprog(cost, A_ub=np.array(rows), b_ub=np.array(right), bounds=[*bounds, (0.0, None)], method="highs")
+    found = linprog(
+        cost, A_ub=np.array(rows), b_ub=np.array(right), bounds=[*bounds, (0.0, None)], method="highs"
+    )
     assert found.status == 0
     return found.fun
 

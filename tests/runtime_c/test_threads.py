@@ -1,4 +1,5 @@
-"""Threads may share a controller, a tracker, dead reckoning or an integrator: the answers are those that one thread gets."""
+"""Threads may share a controller, a tracker, dead reckoning or an integrator:
+the answers are those that one thread gets."""
 
 import sys
 from collections.abc import Callable
@@ -26,7 +27,9 @@ def in_threads(call: Callable[[int], object]) -> list:
     try:
         sys.setswitchinterval(1e-6)
         with ThreadPoolExecutor(THREADS) as pool:
-            parts = pool.map(lambda first: [call(k) for k in range(first, THREADS * CALLS, THREADS)], range(THREADS))
+            parts = pool.map(
+                lambda first: [call(k) for k in range(first, THREADS * CALLS, THREADS)], range(THREADS)
+            )
             return [answer for part in parts for answer in part]
     finally:
         sys.setswitchinterval(interval)

@@ -1,4 +1,5 @@
-"""Laws of Type IV along a course: a P_l on the axle, whose distance has the poles that were placed wherever the curve bends."""
+"""Laws of Type IV along a course: a P_l on the axle, whose distance has the poles that were placed wherever
+the curve bends."""
 
 import json
 import math
@@ -53,7 +54,8 @@ def along(speed: float, text: str = AXLE) -> str:
 
 @pytest.mark.parametrize("speed", [pytest.param(0.5, marks=pytest.mark.nightly), -0.5])
 def test_the_distance_has_the_poles_that_were_placed(speed):
-    """Of the chain of three integrators, from 0.1 m beside a curve with ends of different curvature: (s + 0.5)(s + 2)^2."""
+    """Of the chain of three integrators, from 0.1 m beside a curve with ends of different curvature:
+    (s + 0.5)(s + 2)^2."""
     run = simulate(spec_of(along(speed), "spec"))
     assert run.stopped is None
     chain = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-2.0, -6.0, -4.5]])
@@ -64,7 +66,8 @@ def test_the_distance_has_the_poles_that_were_placed(speed):
 
 
 def test_the_c_is_the_model():
-    """Random points of random courses: C in double and float against CasADi, and the same law at a point given later."""
+    """Random points of random courses: C in double and float against CasADi,
+    and the same law at a point given later."""
     law = law_of(find_robot("labmate"), "type_iv_course_extended")
     assert law.linearization.relative_degree == (3, 2)
     assert [c.name for c in law.config] == ["x_s", "y_s", "direction", "curvature", "curvature_1"]
@@ -76,7 +79,10 @@ def test_the_c_is_the_model():
         placed = make_controller(backend, law, params, np.zeros(5), gains)
         placed.place(there)
         status, tau = placed.step(state, reference)
-        assert status == "ok" and (tau == make_controller(backend, law, params, there, gains).step(state, reference)[1]).all()
+        assert (
+            status == "ok"
+            and (tau == make_controller(backend, law, params, there, gains).step(state, reference)[1]).all()
+        )
         placed.place(np.array([0.0, 0.0, math.nan, 0.0, 0.0]))
         assert placed.step(state, reference)[0] != "ok" and not placed.step(state, reference)[1].any()
 
@@ -87,7 +93,11 @@ def test_the_c_is_the_model():
     [(0.5, "c", 0.0, 1e-6), (3.0, "c", 0.0, 1e-6), (0.5, "cf", 0.01, 1e-2), (3.0, "cf", 0.01, 1e-2)],
 )
 def test_a_rear_axle_on_lines_clothoids_and_an_arc(speed, backend, period, tolerance):
-    changes = {"simulation.backend": backend, "simulation.period": period, "simulation.duration": 18.0 / speed}
+    changes = {
+        "simulation.backend": backend,
+        "simulation.period": period,
+        "simulation.duration": 18.0 / speed,
+    }
     changes |= {"reference.speed": speed, "initial.speed": speed, "initial.point": [0.0, 0.0]}
     run = simulate(read_varied(BACKING / "car_course.toml", changes))
     assert run.stopped is None and np.abs(run.y[:, 0]).max() < tolerance
@@ -108,7 +118,10 @@ def test_a_course_from_a_file(tmp_path):
     """As `noslip plan course` writes it, and points; beside the SPEC; its place may be given anew."""
     planned = read_reference(BACKING / "points.json")
     spec = read_spec(BACKING / "through_points.toml")
-    assert spec.reference.course is not None and list(spec.reference.course.lengths) == planned["course"]["lengths"]
+    assert (
+        spec.reference.course is not None
+        and list(spec.reference.course.lengths) == planned["course"]["lengths"]
+    )
     assert spec.desired_speed == 0.5 and list(spec.reference.position or ()) == planned["position"]
     (tmp_path / "points.csv").write_text((BACKING / "points.csv").read_text())
     text = (
@@ -120,12 +133,17 @@ def test_a_course_from_a_file(tmp_path):
     (tmp_path / "spec.toml").write_text(text)
     moved = read_spec(tmp_path / "spec.toml")
     assert moved.desired_speed == 1.0 and moved.reference.position == (1.0, 2.0)
-    assert moved.reference.course is not None and sum(moved.reference.course.lengths) == pytest.approx(9.0, abs=0.1)
+    assert moved.reference.course is not None and sum(moved.reference.course.lengths) == pytest.approx(
+        9.0, abs=0.1
+    )
 
 
 WRONG = {
     "no file": ('course = "absent.json"', "absent.json: No such file"),
-    "other kind": ('course = "points.xml"', "points.xml: the name of a course ends in .json or .toml or .csv"),
+    "other kind": (
+        'course = "points.xml"',
+        "points.xml: the name of a course ends in .json or .toml or .csv",
+    ),
     "not JSON": ('course = "bad.json"', "bad.json: not JSON"),
     "no course": ('course = "empty.json"', r"empty.json has no \[reference\]"),
     "a circle": ("circle = { radius = 1.0, rate = 1.0 }", "requires .reference. course"),
@@ -135,7 +153,8 @@ WRONG = {
         "a position that is no point",
     ),
     "far": (
-        "position = [9, 0]\ncourse = { speed = 1, lengths = [1], curvatures = [0.111112, 0.111112], heading = 1.5707963 }",
+        "position = [9, 0]\ncourse = { speed = 1, lengths = [1], curvatures = [0.111112, 0.111112], heading "
+        "= 1.5707963 }",
         "centre of its curvature",
     ),
 }
@@ -169,8 +188,15 @@ def test_what_does_not_go_with_a_course(old, new, says):
 
 def test_a_sweep_runs_each_sample_by_simulation(tmp_path):
     """Two masses of the robot, of which the law knows: the distance has the same poles with both."""
-    text = along(0.5).replace("[simulation]", "[simulation]\nperiod = 0.02").replace('"casadi"', '"c"').replace("7.0", "1.0")
-    (tmp_path / "spec.toml").write_text(text + "[sweep]\nseed = 1\n[sweep.parameters]\nm_c = { uniform = [80.0, 120.0] }\n")
+    text = (
+        along(0.5)
+        .replace("[simulation]", "[simulation]\nperiod = 0.02")
+        .replace('"casadi"', '"c"')
+        .replace("7.0", "1.0")
+    )
+    (tmp_path / "spec.toml").write_text(
+        text + "[sweep]\nseed = 1\n[sweep.parameters]\nm_c = { uniform = [80.0, 120.0] }\n"
+    )
     table = tmp_path / "table.parquet"
     assert main(["sweep", str(tmp_path / "spec.toml"), "--samples", "2", "-o", str(table)]) == 0
     assert table.stat().st_size > 0
@@ -181,13 +207,44 @@ def test_a_planned_course_is_followed(tmp_path, capsys):
     """From the file of points to a run and its picture."""
     course, out = tmp_path / "course.json", tmp_path / "run.png"
     assert (
-        main(["plan", "course", str(BACKING / "points.csv"), "--tolerance", "0.1", "--speed", "0.5", "--json", "-o", str(course)])
+        main(
+            [
+                "plan",
+                "course",
+                str(BACKING / "points.csv"),
+                "--tolerance",
+                "0.1",
+                "--speed",
+                "0.5",
+                "--json",
+                "-o",
+                str(course),
+            ]
+        )
         == 0
     )
-    text = (BACKING / "through_points.toml").read_text().replace("points.json", "course.json").replace('"cf"', '"casadi"')
+    text = (
+        (BACKING / "through_points.toml")
+        .read_text()
+        .replace("points.json", "course.json")
+        .replace('"cf"', '"casadi"')
+    )
     (tmp_path / "spec.toml").write_text(text)
     capsys.readouterr()
-    assert main(["simulate", str(tmp_path / "spec.toml"), "-o", str(tmp_path / "run.csv"), "--plot", str(out), "--json"]) == 0
+    assert (
+        main(
+            [
+                "simulate",
+                str(tmp_path / "spec.toml"),
+                "-o",
+                str(tmp_path / "run.csv"),
+                "--plot",
+                str(out),
+                "--json",
+            ]
+        )
+        == 0
+    )
     errors = json.loads(capsys.readouterr().out)["errors"]
     assert abs(errors["distance"]["final"]) < 1e-3 and out.read_bytes().startswith(b"\x89PNG")
 
@@ -197,10 +254,19 @@ LONG = [pytest.param(speed, 7.0, 2.5, marks=pytest.mark.nightly) for speed in (0
 
 @pytest.mark.parametrize(("speed", "duration", "least"), [*LONG, (-0.5, 2.0, 0.5)])
 def test_errors_along_the_way_have_poles_per_metre_from_rest(speed, duration, least):
-    """From standstill 0.1 m beside a bending course: (d/ds + 1)(d/ds + 2) e = 0 in the way s along the parallel through P_l."""
-    text = along(speed).replace("extension = true", "arclength = true\npoles = [-1.0, -2.0]").replace("extension = [0.0]\n", "")
+    """From standstill 0.1 m beside a bending course: (d/ds + 1)(d/ds + 2) e = 0 in the way s along the
+    parallel through P_l."""
+    text = (
+        along(speed)
+        .replace("extension = true", "arclength = true\npoles = [-1.0, -2.0]")
+        .replace("extension = [0.0]\n", "")
+    )
     begin, end = text.index("[initial]"), text.index("[simulation]")
-    text = text[:begin] + text[begin:end].replace(f"speed = {speed}", "speed = 0.0") + text[end:].replace("0.25", "0.02")
+    text = (
+        text[:begin]
+        + text[begin:end].replace(f"speed = {speed}", "speed = 0.0")
+        + text[end:].replace("0.25", "0.02")
+    )
     text = text.replace("duration = 7.0", f"duration = {duration}")
     run = simulate(spec_of(text, "spec"))
     assert run.stopped is None and run.law.linearization.relative_degree == (1, 1)
@@ -214,7 +280,8 @@ def test_errors_along_the_way_have_poles_per_metre_from_rest(speed, duration, le
 
 
 def test_a_stop_is_regular_and_reverse_leads_back():
-    """At rest no motion is asked for across the course; backing along the reversed course, with the law of that."""
+    """At rest no motion is asked for across the course; backing along the reversed course,
+    with the law of that."""
     law = law_of(find_robot("labmate"), "type_iv_course_arclength")
     params, gains = [q.default for q in law.parameters], [q.default for q in law.gains]
     given = [0.0, 0.0, 0.2, 0.5, -0.3, 2.0, 3.0]
@@ -229,17 +296,22 @@ def test_a_stop_is_regular_and_reverse_leads_back():
 
 
 def test_the_analysis_of_a_law_along_the_way_is_short():
-    """det Phi is r^2 / (2 b cos^2) of the angle from the course to the heading, whatever the distance and the curvature; the
-    polynomials on the way take a hundredth of the terms at which an analysis ends."""
+    """det Phi is r^2 / (2 b cos^2) of the angle from the course to the heading, whatever the distance and the
+    curvature; the polynomials on the way take a hundredth of the terms at which an analysis ends."""
     robot = find_robot("labmate")
     form = analyse(robot, ["type_iv_course_arclength"]).outputs["type_iv_course_arclength"]
     assert form.decoupling.functions.work < 200_000
     draw = np.random.default_rng(4)
     r, b = (next(p.default for p in robot.parameters if p.name == name) for name in ("r", "b"))
     for _ in range(5):
-        values = {str(s): draw.uniform(0.2, 0.6) for s in form.decoupling.det_in_full.free_symbols} | {"r": r, "b": b}
+        values = {str(s): draw.uniform(0.2, 0.6) for s in form.decoupling.det_in_full.free_symbols} | {
+            "r": r,
+            "b": b,
+        }
         expected = r**2 / (2 * b * np.cos(values["phi"] - values["direction"]) ** 2)
-        found = form.decoupling.det_in_full.subs({s: values[str(s)] for s in form.decoupling.det_in_full.free_symbols})
+        found = form.decoupling.det_in_full.subs(
+            {s: values[str(s)] for s in form.decoupling.det_in_full.free_symbols}
+        )
         assert float(found) == pytest.approx(expected, rel=1e-12)
 
 
@@ -260,7 +332,18 @@ def test_the_c_of_kinematic_laws_is_the_model(name, capsys):
 def test_the_rear_axle_along_the_way():
     """Three poles per metre, of a car: C against CasADi at points of random courses."""
     assert (
-        main(["check", "--robot", f"{BACKING / 'rear.py'}:rear", "--output", "type_iv_course_arclength", "--states", "20"]) == 0
+        main(
+            [
+                "check",
+                "--robot",
+                f"{BACKING / 'rear.py'}:rear",
+                "--output",
+                "type_iv_course_arclength",
+                "--states",
+                "20",
+            ]
+        )
+        == 0
     )
 
 
@@ -275,25 +358,44 @@ def test_the_rear_axle_along_the_way():
 )
 def test_poles_along_the_way_that_are_wrong(new, says):
     with pytest.raises(BadInput, match=says):
-        simulate(spec_of(along(0.5).replace("extension = true", new, 1).replace("extension = [0.0]\n", ""), "spec"))
+        simulate(
+            spec_of(along(0.5).replace("extension = true", new, 1).replace("extension = [0.0]\n", ""), "spec")
+        )
 
 
 ALONG, SPEC = "type_iv_course_arclength", str(BACKING / "through_points.toml")
 NEEDS_THE_COURSE = {
     "FMU of the law": (["export", "labmate", "--output", ALONG, "--fmu", "controller"], "new at each step"),
-    "FMU of the loop": (["export", "labmate", "--output", "type_iv_course_extended", "--fmu", "loop"], "new at each step"),
+    "FMU of the loop": (
+        ["export", "labmate", "--output", "type_iv_course_extended", "--fmu", "loop"],
+        "new at each step",
+    ),
     "firmware": (["export", "labmate", "--output", ALONG, "--firmware", "rv32"], "new at each step"),
-    "package": (["export", "labmate", "--output", "follower", "--output", ALONG, "--package", "cmake"], "new at each step"),
+    "package": (
+        ["export", "labmate", "--output", "follower", "--output", ALONG, "--package", "cmake"],
+        "new at each step",
+    ),
     "outer loop": (["outer-loop", "labmate", "--output", ALONG], "has no default course"),
-    "kinematic outer loop": (["outer-loop", "labmate", "--output", ALONG, "--drive", "kinematic"], "has no default course"),
+    "kinematic outer loop": (
+        ["outer-loop", "labmate", "--output", ALONG, "--drive", "kinematic"],
+        "has no default course",
+    ),
     "table": (["analyse", "labmate", "--start", SPEC, "--table"], "not supported"),
     "record": (["simulate", SPEC, "--record", "r"], "--record requires [simulation] backend"),
-    "Cortex-M4F": (["simulate", SPEC, "--set", 'simulation.backend="m4f"'], "emulated processors have no courses"),
-    "RISC-V": (["simulate", SPEC, "--set", 'simulation.backend="rv32"'], "emulated processors have no courses"),
+    "Cortex-M4F": (
+        ["simulate", SPEC, "--set", 'simulation.backend="m4f"'],
+        "emulated processors have no courses",
+    ),
+    "RISC-V": (
+        ["simulate", SPEC, "--set", 'simulation.backend="rv32"'],
+        "emulated processors have no courses",
+    ),
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.nightly) if n == "table" else n for n in NEEDS_THE_COURSE])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.nightly) if n == "table" else n for n in NEEDS_THE_COURSE]
+)
 def test_what_cannot_give_the_course_at_each_step_refuses(name, tmp_path, capsys):
     given, says = NEEDS_THE_COURSE[name]
     out = tmp_path / ("x.fmu" if "--fmu" in given else "x")

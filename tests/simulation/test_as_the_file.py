@@ -35,13 +35,18 @@ def cart(centre, castors) -> Urdf:
     for side, name in ((-1, "right"), (1, "left")):
         made.wheel(name, "base", (0, side * 0.2, 0.1))
     for k, ahead in enumerate(castors):
-        made.link(f"castor_{k}", 0.05, shape='<collision><geometry><sphere radius="0.03"/></geometry></collision>')
+        made.link(
+            f"castor_{k}", 0.05, shape='<collision><geometry><sphere radius="0.03"/></geometry></collision>'
+        )
         made.joint(f"castor_{k}_joint", "fixed", "base", f"castor_{k}", (ahead, 0, 0.03))
     return made
 
 
 CART = {"joints": {"theta_r": "right_joint", "theta_l": "left_joint"}}
-SIDES = {"theta_r": ["front_right_joint", "rear_right_joint"], "theta_l": ["front_left_joint", "rear_left_joint"]}
+SIDES = {
+    "theta_r": ["front_right_joint", "rear_right_joint"],
+    "theta_l": ["front_left_joint", "rear_left_joint"],
+}
 FRONT = {"front wheel": ["front_right_joint", "front_left_joint"]}
 STEERED = {"initial": {"q": [2.9, 0.0, np.pi / 2, 0.0, 0.0], "nu": [1.0, 0.0]}}
 SKID = {"drive": {"kind": "velocity", "bandwidth": 5.0, "delay": 0.01}}
@@ -53,17 +58,26 @@ KINDS = {
     "skid steer": (four_wheels(), {"joints": SIDES}, SKID),
     "car": (
         steered(pair=True),
-        {"joints": {"delta": ["steering_right", "steering_left"], "theta": ["right_joint", "left_joint"]}, "wheels": FRONT},
+        {
+            "joints": {"delta": ["steering_right", "steering_left"], "theta": ["right_joint", "left_joint"]},
+            "wheels": FRONT,
+        },
         STEERED,
     ),
     "tricycle": (
         steered(pair=False, front=True),
-        {"joints": {"delta": "steering", "theta": "front_joint"}, "wheels": {"rear axle": ["right_joint", "left_joint"]}},
+        {
+            "joints": {"delta": "steering", "theta": "front_joint"},
+            "wheels": {"rear axle": ["right_joint", "left_joint"]},
+        },
         STEERED,
     ),
     "tricycle driven at the rear": (
         steered(pair=False),
-        {"joints": {"delta": "steering", "theta": ["right_joint", "left_joint"]}, "wheels": {"front wheel": "front_joint"}},
+        {
+            "joints": {"delta": "steering", "theta": ["right_joint", "left_joint"]},
+            "wheels": {"front wheel": "front_joint"},
+        },
         STEERED,
     ),
 }
@@ -72,11 +86,23 @@ KINDS = {
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_import_moves_as_its_file(kind, tmp_path, capsys):
-    """Along a circle, by the same controller: the robot that the importer wrote, and the URDF itself as a scene."""
+    """Along a circle, by the same controller: the robot that the importer wrote,
+    and the URDF itself as a scene."""
     urdf, scene, changes = KINDS[kind]
     file, robot = tmp_path / "robot.urdf", tmp_path / "robot.py"
     file.write_text(urdf.text)
-    assert main(["import", str(file), "-o", str(robot), *(["--skid-steer-track", "0.9"] if kind == "skid steer" else [])]) == 0
+    assert (
+        main(
+            [
+                "import",
+                str(file),
+                "-o",
+                str(robot),
+                *(["--skid-steer-track", "0.9"] if kind == "skid steer" else []),
+            ]
+        )
+        == 0
+    )
     path = {"kind": "circle", "x_f": 0.0, "y_f": 0.0, "R": 3.0}
     rest = {
         "robot": f"{robot}:{urdf.name}",
@@ -89,13 +115,16 @@ def test_an_import_moves_as_its_file(kind, tmp_path, capsys):
         "simulation": {"duration": 6.0, "period": 0.01},
     }
     own = simulate(read_varied(LINE, rest | changes), engine="mujoco")
-    there = simulate(read_varied(LINE, rest | changes | {"scene": {"file": str(file), **scene}}), engine="mujoco")
+    there = simulate(
+        read_varied(LINE, rest | changes | {"scene": {"file": str(file), **scene}}), engine="mujoco"
+    )
     assert own.stopped is there.stopped is None
     assert np.hypot(*np.ptp(own.q[:, :2], axis=0)) > 0.4
     assert np.hypot(*(own.q - there.q)[:, :2].T).max() < NEAR
     slips = own.floor.slip.max() > 0.02
     assert slips == (kind == "skid steer") == ("skidding costs" in summary(own))
-    assert np.abs(there.floor.load - there.floor.load[0]).max() < 0.1 * there.floor.load[0].max()  # nothing chatters
+    # Nothing chatters
+    assert np.abs(there.floor.load - there.floor.load[0]).max() < 0.1 * there.floor.load[0].max()
 
 
 def stands(castors, d=0.05, h=0.12, wheels=(), track=0.2) -> Plant:
@@ -103,7 +132,11 @@ def stands(castors, d=0.05, h=0.12, wheels=(), track=0.2) -> Plant:
     robot = Mechanism("cart")
     units = {"x": "m", "y": "m", "phi": "rad", "theta_r": "rad", "theta_l": "rad"}
     x, y, phi, *angles = (robot.coordinate(name, unit) for name, unit in units.items())
-    m, b, r = robot.parameter("m", 10.0, "kg"), robot.parameter("b", track, "m"), robot.parameter("r", 0.1, "m")
+    m, b, r = (
+        robot.parameter("m", 10.0, "kg"),
+        robot.parameter("b", track, "m"),
+        robot.parameter("r", 0.1, "m"),
+    )
     forward = ca.cos(phi) * robot.rate(x) + ca.sin(phi) * robot.rate(y)
     left, turning = ca.cos(phi) * robot.rate(y) - ca.sin(phi) * robot.rate(x), robot.rate(phi)
     robot.body("base", m, ca.SX(0.4), forward, left + d * turning, turning, height=h)
@@ -127,20 +160,26 @@ INERTIA = 0.004  # kg m^2, of a wheel about its axle
 
 
 def on_floor(plant: Plant, start=None, mu=2.0, **contact) -> FloorEngine:
-    return FloorEngine(plant, ContactSection(**contact), Floor(mu=mu), np.zeros(7) if start is None else start)
+    return FloorEngine(
+        plant, ContactSection(**contact), Floor(mu=mu), np.zeros(7) if start is None else start
+    )
 
 
 def test_castors_carry_what_statics_says():
-    """One castor: the lever rule. Two with the mass above the axle: their masses, whatever springs say. Three: minimum norm."""
+    """One castor: the lever rule. Two with the mass above the axle: their masses,
+    whatever springs say. Three: minimum norm."""
     made = on_floor(stands([(0.25, 0.0, 2.0)]))
     assert made.carried() == pytest.approx([10 * GRAVITY * 0.05 / 0.25], rel=1e-4)
     assert made.look()[1] == pytest.approx([10 * GRAVITY * 0.8 / 2] * 2, rel=1e-4)
     made = on_floor(stands([(0.25, 0.0, 1.5), (-0.25, 0.0, 1.5)], d=0.0))
-    assert made.carried() == pytest.approx([1.5 * GRAVITY] * 2, rel=1e-4) and made.look()[1].sum() == pytest.approx(7 * GRAVITY)
+    assert made.carried() == pytest.approx([1.5 * GRAVITY] * 2, rel=1e-4) and made.look()[
+        1
+    ].sum() == pytest.approx(7 * GRAVITY)
     wrong = on_floor(stands([(0.2, 0.15, 1.0), (0.2, -0.15, 1.0), (-0.2, 0.0, 1.0)], d=0.04))
     loads = np.array([*wrong.look()[1], *wrong.carried()])
     places = np.array([[0.0, -0.2], [0.0, 0.2], [0.2, 0.15], [0.2, -0.15], [-0.2, 0.0]])
-    rows, root = np.vstack([np.ones(5), places.T]), np.sqrt([3.5, 3.5, 1.0, 1.0, 1.0])  # springs in proportion to the masses
+    # Springs in proportion to the masses
+    rows, root = np.vstack([np.ones(5), places.T]), np.sqrt([3.5, 3.5, 1.0, 1.0, 1.0])
     springs = root * np.linalg.lstsq(rows * root, 10 * np.array([1.0, 0.04, 0.0]), rcond=None)[0]
     assert loads == pytest.approx(GRAVITY * springs, rel=1e-3)
     assert "castor 3" in wrong.castors and "0.12 m high" in wrong.standing.summary()
@@ -153,13 +192,15 @@ def test_castors_that_are_not_named_are_where_the_moments_balance():
     (castor,) = with_castors(replace(bare, castors=()), 1.0).castors
     assert castor.place == pytest.approx([0.25, 0.0]) and castor.load == pytest.approx(2.0)
     level = planar(stands([(0.25, 0.0, 3.0)], d=0.0).system.mechanism, plant.parameters)
-    assert [c.place[0] for c in with_castors(replace(level, castors=()), 1.0).castors] == pytest.approx([0.2, -0.2])
+    assert [c.place[0] for c in with_castors(replace(level, castors=()), 1.0).castors] == pytest.approx(
+        [0.2, -0.2]
+    )
 
 
 @pytest.mark.parametrize("where, sign", [(0.25, 1), (-0.25, -1)])
 def test_a_robot_tips_where_m_g_d_is_m_a_h(where, sign):
-    """A castor in front lifts as the robot pulls away, one behind as it brakes. Its load L at a distance c from the axle:
-    L c = m g d - (m h + 2 I / r) a, with the wheels' own spin; tau = (m + 2 I / r^2) a r / 2.
+    """A castor in front lifts as the robot pulls away, one behind as it brakes. Its load L at a distance c
+    from the axle: L c = m g d - (m h + 2 I / r) a, with the wheels' own spin; tau = (m + 2 I / r^2) a r / 2.
     """
     d, h = 0.05, 0.3
     for part in (0.5, 0.9, 1.15):
@@ -192,8 +233,8 @@ def test_the_verdict_sees_the_castor_lift(tmp_path):
 
 
 def test_wheels_of_one_coordinate_skid(tmp_path):
-    """Four wheels on two coordinates, turning on the spot: a wheel a ahead and c at the right has the friction mu N against its
-    slip v = (c omega - r theta', a omega).
+    """Four wheels on two coordinates, turning on the spot: a wheel a ahead and c at the right has the
+    friction mu N against its slip v = (c omega - r theta', a omega).
     """
     a, c, mu = 0.2, 0.25, 0.5
     plant = stands([], d=0.0, wheels=[(a, c), (-a, c)], track=0.3)
@@ -203,9 +244,12 @@ def test_wheels_of_one_coordinate_skid(tmp_path):
     made.hold(0.0, made.state(), np.zeros(2), 1e-5)
     slip, load, use, force = made.look()
     v = np.array([omega * c - 0.1 * 9.0, omega * a])  # of the front wheel at the right, in its axes
-    assert load == pytest.approx([10 * GRAVITY / 4] * 4, rel=1e-3) and use == pytest.approx([1.0] * 4, rel=1e-6)
+    assert load == pytest.approx([10 * GRAVITY / 4] * 4, rel=1e-3) and use == pytest.approx(
+        [1.0] * 4, rel=1e-6
+    )
     assert force[:2] == pytest.approx(-mu * 10 * GRAVITY / 4 * v / np.hypot(*v), rel=0.02)
-    assert made.on_contacts(force[None])[0, 1] == pytest.approx(0.0, abs=0.01)  # N; front and rear are opposite
+    # N; front and rear are opposite
+    assert made.on_contacts(force[None])[0, 1] == pytest.approx(0.0, abs=0.01)
     assert slip[0] == pytest.approx(np.hypot(*v), rel=0.05)
 
 
@@ -250,6 +294,12 @@ def test_idle_wheels_have_their_inertia():
     robot.moves_in_plane(x, y, phi)
     bodies = planar(robot, np.zeros(0))
     rear, front = bodies.wheels
-    assert rear.inertia / rear.radius**2 == pytest.approx(2 * 0.05 / 0.1**2, rel=1e-9) and front.inertia == pytest.approx(0.01)
-    assert bodies.frames[1].apart and bodies.frames[1].pivot == pytest.approx([1.0, 0.0]) and bodies.mass == pytest.approx(22)
+    assert rear.inertia / rear.radius**2 == pytest.approx(
+        2 * 0.05 / 0.1**2, rel=1e-9
+    ) and front.inertia == pytest.approx(0.01)
+    assert (
+        bodies.frames[1].apart
+        and bodies.frames[1].pivot == pytest.approx([1.0, 0.0])
+        and bodies.mass == pytest.approx(22)
+    )
     assert 1e-4 < bodies.off < 1e-3  # 2 kg m 0.2 m 0.01 m / largest entry

@@ -1,4 +1,5 @@
-"""The batch simulator: its runs against the adaptive ones of `noslip simulate`, its noise against the normal law."""
+"""The batch simulator: its runs against the adaptive ones of `noslip simulate`,
+its noise against the normal law."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -50,20 +51,31 @@ WAY = (  # a line, a quarter to the left, a line, the same in reverse
 def spec(name="circle", **simulation):
     """A shipped SPEC, sampled, for 2 s."""
     found = read_spec(SPECS / f"{name}.toml")
-    return replace(found, simulation=replace(found.simulation, **{"duration": 2.0, "period": 0.01, **simulation}))
+    return replace(
+        found, simulation=replace(found.simulation, **{"duration": 2.0, "period": 0.01, **simulation})
+    )
 
 
 def sensed(encoders=0, **simulation):
     """With noise, dead reckoning, corrections, limits, and what is asked for in its time."""
-    sensors = Sensors(noise=NoiseSection(mean=(0.01, -0.02), sd=(0.05,)), seed=5, period=0.03, counts=encoders)
+    sensors = Sensors(
+        noise=NoiseSection(mean=(0.01, -0.02), sd=(0.05,)), seed=5, period=0.03, counts=encoders
+    )
     correction = Correction(rate=2.0) if encoders else Correction(rate=2.0, mode="bumpless", release=0.2)
     limits = LimitsSection(torque=(20.0,), mode="cut" if encoders else "slow")
-    return replace(spec(delay=0.004, output_step=0.015, **simulation), sensors=sensors, correction=correction, limits=limits)
+    return replace(
+        spec(delay=0.004, output_step=0.015, **simulation),
+        sensors=sensors,
+        correction=correction,
+        limits=limits,
+    )
 
 
 def route():
     """Along a composite path with a cusp."""
-    output = OutputSection(type="IV", L=0.3, path=Curve(kind="composite", segments=WAY, stop="axle"), reversing="switch")
+    output = OutputSection(
+        type="IV", L=0.3, path=Curve(kind="composite", segments=WAY, stop="axle"), reversing="switch"
+    )
     reference, gains = Reference(speed=1.5, deceleration=1.0), {"kp": 4.0, "kd": 5.0, "kv": 3.0}
     return replace(spec(duration=12.0), output=output, reference=reference, gains=gains, initial=None)
 
@@ -72,43 +84,65 @@ def headed():
     """Type II, whose heading is to be half a dozen turns away, with integral action."""
     output, reference = OutputSection(type="II", L=0.4), Reference(position=(2.0, 13.0), velocity=(0.3, 0.1))
     start = Initial(q=(0.0, 0.0, 0.4, 0.0, 0.0))
-    return replace(spec(), output=output, reference=reference, initial=start, gains={"kp": 1.0, "kd": 2.0, "ki": 0.5})
+    return replace(
+        spec(), output=output, reference=reference, initial=start, gains={"kp": 1.0, "kd": 2.0, "ki": 0.5}
+    )
 
 
 def gripping(backend="c", approach=None, **limits):
     """The paper's start beside the line, on a slippery floor."""
     made = spec("line", backend=backend)
-    reference, contact = replace(made.reference, approach=approach), ContactSection(mu=0.3, share=0.9, height=0.1)
-    return replace(made, reference=reference, contact=contact, limits=LimitsSection(**{"mode": "grip", **limits}))
+    reference, contact = (
+        replace(made.reference, approach=approach),
+        ContactSection(mu=0.3, share=0.9, height=0.1),
+    )
+    return replace(
+        made, reference=reference, contact=contact, limits=LimitsSection(**{"mode": "grip", **limits})
+    )
 
 
 def fastest(backend="c"):
-    """The fastest along a composite path, with a gyro and an accelerometer that tell wrongly that wheels slip. Without encoder
-    counts in float: a rounding in float decides which count it is, and a count is more than what is compared.
+    """The fastest along a composite path, with a gyro and an accelerometer that tell wrongly that wheels
+    slip. Without encoder counts in float: a rounding in float decides which count it is, and a count is more
+    than what is compared.
     """
     made = replace(route(), reference=Reference(speed=math.inf), contact=ContactSection(mu=0.5, height=0.1))
-    output, start = replace(made.output, L=0.0, reversing="refuse", path=replace(made.output.path, segments=WAY[:3])), None
+    output, start = (
+        replace(made.output, L=0.0, reversing="refuse", path=replace(made.output.path, segments=WAY[:3])),
+        None,
+    )
     sensors = Sensors(
         noise=NoiseSection(sd=(0.02,)), seed=3, counts=2000 if backend == "c" else 0,
         pose="reckoned" if backend == "c" else "true",
         gyro=GyroSection(noise=0.01, bias=0.002), accelerometer=AccelerometerSection(noise=0.1),
     )  # fmt: skip
-    notice = NoticeSlipSection(deviations=1.0 if backend == "c" else 6.0, geometry=0.0, hold=0.2, pause=0.05, rise=0.3)
-    limits, simulation = LimitsSection(mode="grip", notice_slip=notice), replace(made.simulation, backend=backend, duration=6.0)
+    notice = NoticeSlipSection(
+        deviations=1.0 if backend == "c" else 6.0, geometry=0.0, hold=0.2, pause=0.05, rise=0.3
+    )
+    limits, simulation = (
+        LimitsSection(mode="grip", notice_slip=notice),
+        replace(made.simulation, backend=backend, duration=6.0),
+    )
     return replace(made, output=output, initial=start, sensors=sensors, limits=limits, simulation=simulation)
 
 
 def observed(made, backend="c", torque=(9.0,)):
-    """With disturbance observers, integral action of the other output, and limits of both that are reached."""
+    """With disturbance observers, integral action of the other output,
+    and limits of both that are reached."""
     limits = LimitsSection(torque=torque, integral=(0.05,), disturbance=(0.1,))
     simulation = replace(made.simulation, backend=backend, duration=1.5 * made.simulation.duration)
-    return replace(made, gains=made.gains | {"ko_distance": 2.0, "ki_speed": 0.2}, limits=limits, simulation=simulation)
+    return replace(
+        made, gains=made.gains | {"ko_distance": 2.0, "ki_speed": 0.2}, limits=limits, simulation=simulation
+    )
 
 
 LED = Reference(speed=1.5, deceleration=1.0, approach=ApproachSection(acceleration=0.5))
 TURNING = ApproachSection(acceleration=0.5, angular=1.0, jerk=2.0)
 BESIDE, GAINS = Initial(point=(0.3, 0.4), heading=0.1, speed=0.2), {"kp": 1.0, "kd": 2.0}
-CORRECTED = {"sensors": Sensors(noise=NoiseSection(mean=(0.02, -0.05)), seed=4), "correction": Correction(rate=0.7)}
+CORRECTED = {
+    "sensors": Sensors(noise=NoiseSection(mean=(0.02, -0.05)), seed=4),
+    "correction": Correction(rate=0.7),
+}
 KINDS = {  # name -> SPEC and how many samples
     "line": (lambda: spec("line"), 25),
     "circle": (spec, 25),
@@ -122,7 +156,10 @@ KINDS = {  # name -> SPEC and how many samples
     "grip": (lambda: gripping(torque=(4.0,)), 4),
     "approach": (lambda: gripping("cf", ApproachSection(acceleration=0.3)), 4),
     "approached": (lambda: replace(route(), reference=LED, initial=BESIDE, **CORRECTED), 2),
-    "led point": (lambda: replace(headed(), reference=replace(headed().reference, approach=TURNING), gains=GAINS), 2),
+    "led point": (
+        lambda: replace(headed(), reference=replace(headed().reference, approach=TURNING), gains=GAINS),
+        2,
+    ),
     "slips": (lambda: gripping(torque=(20.0,), mode="cut"), 4),
     "fastest": (fastest, 3),
     "fastest in float": (lambda: fastest("cf"), 2),
@@ -131,17 +168,28 @@ KINDS = {  # name -> SPEC and how many samples
 
 @cache
 def made(kind):
-    """The simulator of a kind of SPEC, and as many samples as it is tried with: other masses, starts, seeds, gains, times."""
+    """The simulator of a kind of SPEC, and as many samples as it is tried with: other masses, starts,
+    seeds, gains, times."""
     batch = Batch(KINDS[kind][0](), instants=(0.5, 1.234))
     random, count = np.random.default_rng(len(kind)), KINDS[kind][1]
     varied = {
         name: value * random.uniform(0.8, 1.2, count)
         for name, value in batch.nominal.items()
-        if name.startswith(("plant.m", "plant.I", "gains.", "contact.mu", "contact.h", "limits.m", "reference.a"))
+        if name.startswith(
+            ("plant.m", "plant.I", "gains.", "contact.mu", "contact.h", "limits.m", "reference.a")
+        )
         or name in ("parameters.b", "simulation.delay", "limits.torque[1]")
     }
-    near = {"initial.point[0]": 1.0, "initial.point[1]": 0.1, "initial.heading": 0.3, "initial.x_c": 1.0, "initial.theta_r": 3.0}
-    varied |= {n: batch.nominal[n] + w * random.uniform(-1, 1, count) for n, w in near.items() if n in batch.nominal}
+    near = {
+        "initial.point[0]": 1.0,
+        "initial.point[1]": 0.1,
+        "initial.heading": 0.3,
+        "initial.x_c": 1.0,
+        "initial.theta_r": 3.0,
+    }
+    varied |= {
+        n: batch.nominal[n] + w * random.uniform(-1, 1, count) for n, w in near.items() if n in batch.nominal
+    }
     if "seed" in batch.nominal:
         varied["seed"] = random.integers(0, 2**53, count).astype(float)
     return batch, batch.table(varied, count)
@@ -173,7 +221,9 @@ def test_samples_are_the_runs_of_simulate(kind):
         np.testing.assert_array_equal(columns(batch, outcomes, "settling", rows)[k], last)
         for i, instant in enumerate((0.5, 1.234)):
             error = run.error[np.flatnonzero(run.t >= instant - 1e-9)[0], 0]
-            assert outcomes[k, batch.outcomes.index(f"error.{rows[0]}[{i}]")] == pytest.approx(error, abs=near["atol"])
+            assert outcomes[k, batch.outcomes.index(f"error.{rows[0]}[{i}]")] == pytest.approx(
+                error, abs=near["atol"]
+            )
     assert arrived == len(table) or kind not in ("route", "approached", "observed in float")
 
 
@@ -186,9 +236,15 @@ def test_friction_is_that_of_simulate(kind):
         run, found = simulate(batch.spec_of(sample)), dict(zip(batch.outcomes, row, strict=True))
         worst.append(max(use.max() for use in run.use.values()))
         assert found["use"] == pytest.approx(worst[-1], abs=1e-9)
-        limited = {"grip": ("saturated", "grip", "will_slip"), "approach": ("grip",), "fastest": ("grip", "slipping")}
+        limited = {
+            "grip": ("saturated", "grip", "will_slip"),
+            "approach": ("grip",),
+            "fastest": ("grip", "slipping"),
+        }
         for status in limited.get(kind, ()):
-            assert found[status] == pytest.approx(np.count_nonzero(run.status[:-1] == status) * 0.01, abs=1e-9)
+            assert found[status] == pytest.approx(
+                np.count_nonzero(run.status[:-1] == status) * 0.01, abs=1e-9
+            )
     assert {"slips": max(worst) > 1.5, "fastest": max(worst) > 0.97}.get(kind, max(worst) <= 0.97)
     assert ("will_slip" in batch.outcomes) == (kind != "slips") and "use" not in made("line")[0].outcomes
 
@@ -197,10 +253,15 @@ def test_friction_is_that_of_simulate(kind):
 def test_the_friction_of_a_robot_on_a_castor():
     """A castor bears load, but has no friction of its own."""
     made = read_spec(SPECS / "robots/turtlebot3_burger.toml")
-    simulation, floor = replace(made.simulation, duration=2.0, period=0.01), ContactSection(mu=0.6, height=0.05)
+    simulation, floor = (
+        replace(made.simulation, duration=2.0, period=0.01),
+        ContactSection(mu=0.6, height=0.05),
+    )
     made = replace(made, simulation=simulation, contact=floor)
     batch, alone = Batch(made), Batch(made, vectors=0)
-    table = batch.table({"contact.mu": np.linspace(0.2, 0.8, 5), "plant.m_c": batch.nominal["plant.m_c"] * 1.2}, 5)
+    table = batch.table(
+        {"contact.mu": np.linspace(0.2, 0.8, 5), "plant.m_c": batch.nominal["plant.m_c"] * 1.2}, 5
+    )
     outcomes = batch.run(table)
     assert outcomes.tobytes() == alone.run(table).tobytes()
     for row, sample in zip(outcomes[[0, -1]], table[[0, -1]], strict=True):
@@ -214,7 +275,10 @@ def test_a_bend_taken_too_fast_will_slip():
     gripped = {"initial": turning, "contact": ContactSection(mu=0.7), "limits": LimitsSection(mode="grip")}
     batch = Batch(replace(spec(duration=0.5), **gripped))
     table = batch.table({"contact.mu": 0.2}, 1)
-    outcomes, run = dict(zip(batch.outcomes, batch.run(table)[0], strict=True)), simulate(batch.spec_of(table[0]))
+    outcomes, run = (
+        dict(zip(batch.outcomes, batch.run(table)[0], strict=True)),
+        simulate(batch.spec_of(table[0])),
+    )
     slips = np.count_nonzero(run.status[:-1] == "will_slip") * 0.01
     assert outcomes["will_slip"] == pytest.approx(slips, abs=1e-9) and outcomes["use"] > 1 and slips > 0
 
@@ -248,7 +312,9 @@ def test_the_same_bytes_whatever_the_chunks_and_threads(kind, monkeypatch):
 def test_a_run_ends_where_it_meets_the_singular_set():
     batch = Batch(spec())
     heading = np.linspace(-3.1, 3.1, 60)
-    table = batch.table({"initial.heading": heading, "initial.point[0]": 29.0, "initial.speed": 4.0}, len(heading))
+    table = batch.table(
+        {"initial.heading": heading, "initial.point[0]": 29.0, "initial.speed": 4.0}, len(heading)
+    )
     outcomes = batch.run(table)
     met = np.flatnonzero([batch.status(number) == "singular" for number in outcomes[:, 0]])
     assert 1 <= len(met) < len(heading)
@@ -311,11 +377,20 @@ def test_a_refused_number_is_an_outcome():
         "initial.heading": (math.nan,),
         "correction.rate": (0.0,),
     }
-    floor = {"contact.mu": (0.0, -1.0), "contact.share": (0.0, 1.1), "contact.height": (-0.1,), "limits.margin": (-0.1, 1.0)}
+    floor = {
+        "contact.mu": (0.0, -1.0),
+        "contact.share": (0.0, 1.1),
+        "contact.height": (-0.1,),
+        "limits.margin": (-0.1, 1.0),
+    }
     gripped = made("grip")[0]
-    refused = np.concatenate([gripped.table({name: value}, 1) for name, values in floor.items() for value in values])
+    refused = np.concatenate(
+        [gripped.table({name: value}, 1) for name, values in floor.items() for value in values]
+    )
     assert {gripped.status(number) for number in gripped.run(refused)[:, 0]} == {"bad_parameter"}
-    refused = np.concatenate([batch.table({name: value}, 1) for name, values in bad.items() for value in values])
+    refused = np.concatenate(
+        [batch.table({name: value}, 1) for name, values in bad.items() for value in values]
+    )
     outcomes = batch.run(np.concatenate([table[:1], refused, table[:1]]))
     assert {batch.status(number) for number in outcomes[1:-1, 0]} == {"bad_parameter"}
     assert np.all(outcomes[1:-1, 1] == 0.0) and np.all(np.isnan(outcomes[1:-1, 2:]))
@@ -326,7 +401,10 @@ def test_a_plant_is_what_is_believed_unless_it_is_said():
     batch = made("circle")[0]
     table = batch.table({"parameters.b": np.array([0.7, 0.8]), "parameters.d": 0.1, "plant.d": 0.2}, 2)
     place = {name: batch.inputs.index(name) for name in ("plant.b", "plant.d", "plant.m_c")}
-    assert table[:, place["plant.b"]].tolist() == [0.7, 0.8] and table[:, place["plant.d"]].tolist() == [0.2, 0.2]
+    assert table[:, place["plant.b"]].tolist() == [0.7, 0.8] and table[:, place["plant.d"]].tolist() == [
+        0.2,
+        0.2,
+    ]
     assert table[0, place["plant.m_c"]] == batch.nominal["plant.m_c"]
     given = batch.spec_of(table[1])
     assert given.plant["b"] == given.parameters["b"] == 0.8 and given.plant["d"] == 0.2
@@ -345,11 +423,15 @@ def test_a_sweep_refuses_what_it_cannot_run():
 def test_starts_are_where_they_are_wanted(robot, L, W):
     random, system, count = np.random.default_rng(9), system_of(find_robot(robot)), 8
     pose, speed = random.uniform(-3, 3, (count, 3)), random.uniform(-2, 2, count)
-    parameters = np.array([p.default for p in system.mechanism.parameters]) * random.uniform(0.9, 1.1, (count, 1))
+    parameters = np.array([p.default for p in system.mechanism.parameters]) * random.uniform(
+        0.9, 1.1, (count, 1)
+    )
     found = starts(system, parameters, (np.full(count, L), np.full(count, W)), pose, speed)
     x, y, heading, forward, turning = vehicle_motion(system)(found.T, parameters.T).full()
     point = [x + L * np.cos(heading) - W * np.sin(heading), y + L * np.sin(heading) + W * np.cos(heading)]
-    np.testing.assert_allclose([*point, heading, forward, turning], [*pose.T, speed, np.zeros(count)], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        [*point, heading, forward, turning], [*pose.T, speed, np.zeros(count)], rtol=0, atol=1e-11
+    )
     names = [c.name for c in system.mechanism.coordinates]
     still = [names.index(name) for name in ("theta_r", "theta_l", "delta", "theta") if name in names]
     np.testing.assert_array_equal(found[:, still], 0.0)  # wheels straight, no turns on them
@@ -399,6 +481,10 @@ def test_noise_is_normal_and_independent():
 def test_the_logarithm_is_good_to_the_last_bits():
     log, random = library()[1].noise_log, np.random.default_rng(3)
     for x in np.concatenate(
-        [random.uniform(0, 1, 2000), 2.0 ** random.uniform(-60, 0, 2000), 1 - 2.0 ** -random.uniform(1, 53, 500)]
+        [
+            random.uniform(0, 1, 2000),
+            2.0 ** random.uniform(-60, 0, 2000),
+            1 - 2.0 ** -random.uniform(1, 53, 500),
+        ]
     ):
         assert log(x) == pytest.approx(math.log(x), rel=1e-14, abs=0)

@@ -1,4 +1,5 @@
-"""The ground's forces at the contacts against balances of forces and moments written down by hand; absolute values, SI units."""
+"""The ground's forces at the contacts against balances of forces and moments written down by hand;
+absolute values, SI units."""
 
 import dataclasses
 import math
@@ -25,7 +26,8 @@ from noslip.simulation.specification.vary import read_varied
 from noslip.tests.legible import unreadable
 
 SPECS = File(__file__).parents[2] / "examples/specs"
-BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}  # which asks much of the ground
+# Which asks much of the ground
+BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}
 LINE, CIRCLE = read_varied(SPECS / "line.toml", BESIDE_THE_LINE), read_spec(SPECS / "circle.toml")
 STATES = 200
 RANGES = {
@@ -50,11 +52,17 @@ def labmates():
     for _ in range(STATES):
         values = {name: random.uniform(*bounds) for name, bounds in RANGES.items()}
         plant = Plant(labmate_system(), [values[p.name] for p in labmate_system().mechanism.parameters])
-        yield values, plant, np.append(random.uniform(-10, 10, 5), random.uniform(-10, 10, 2)), random.uniform(-10, 10, 2)
+        yield (
+            values,
+            plant,
+            np.append(random.uniform(-10, 10, 5), random.uniform(-10, 10, 2)),
+            random.uniform(-10, 10, 2),
+        )
 
 
 def body_of(p):
-    """Of the whole platform, wheels included: mass, inertia about its centre of mass, how far that is ahead of the axle."""
+    """Of the whole platform, wheels included: mass, inertia about its centre of mass,
+    how far that is ahead of the axle."""
     mass = p["m_c"] + 2 * p["m_w"]
     ahead = p["m_c"] * p["d"] / mass
     about = p["I_c"] + p["m_c"] * (p["d"] - ahead) ** 2 + 2 * (p["I_m"] + p["m_w"] * (ahead**2 + p["b"] ** 2))
@@ -63,14 +71,17 @@ def body_of(p):
 
 def first(contacts: tuple[ContactForce, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Longitudinal and lateral forces and loads of the only row."""
-    return tuple(np.array([getattr(c, name)[0] for c in contacts]) for name in ("longitudinal", "lateral", "load"))
+    return tuple(
+        np.array([getattr(c, name)[0] for c in contacts]) for name in ("longitudinal", "lateral", "load")
+    )
 
 
-# -- the platform -----------------------------------------------------------------------------------------------------
+# -- the platform --------------------------------------------------------------------------------------------
 
 
 def test_forces_accelerate_the_platform():
-    """m a, moments about the centre of mass and each wheel's spin, with the acceleration that the plant has."""
+    """m a, moments about the centre of mass and each wheel's spin,
+    with the acceleration that the plant has."""
     for p, plant, x, tau in labmates():
         mass, about, ahead = body_of(p)
         speed, turn = p["r"] * (x[5] + x[6]) / 2, p["r"] * (x[5] - x[6]) / (2 * p["b"])
@@ -100,7 +111,9 @@ def test_forces_are_those_of_newton_and_euler():
                 [J / r, -J * b / r, 0, r, 0],
             ]
         )
-        *_, right, left, side = np.linalg.solve(balances, [mass * ahead * turn**2, -mass * speed * turn, 0, *tau])
+        *_, right, left, side = np.linalg.solve(
+            balances, [mass * ahead * turn**2, -mass * speed * turn, 0, *tau]
+        )
         longitudinal, lateral, _ = first(contact_forces(plant, x, tau, ContactSection()))
         assert np.abs(longitudinal - [right, left]).max() < 1e-10
         assert np.abs(lateral - side / 2).max() < 1e-10
@@ -113,21 +126,35 @@ def test_height_shifts_load_to_the_outer_wheel():
         speed, turn_rate = p["r"] * (x[5] + x[6]) / 2, p["r"] * (spin[0] - spin[1]) / (2 * p["b"])
         pull = mass * (speed * turn + ahead * turn_rate)  # to the left
         height = 0.5 * 0.8 * mass * 9.81 * p["b"] / abs(pull)  # half of what lifts a wheel
-        _, side, (right, left) = first(contact_forces(plant, x, tau, ContactSection(share=0.8, height=height)))
+        _, side, (right, left) = first(
+            contact_forces(plant, x, tau, ContactSection(share=0.8, height=height))
+        )
         assert abs(right + left - 0.8 * mass * 9.81) < 1e-9
-        assert abs(p["b"] * (right - left) - height * pull) < 1e-8  # no moment is left that rolls the body over
+        # No moment is left that rolls the body over
+        assert abs(p["b"] * (right - left) - height * pull) < 1e-8
         assert abs(side.sum() - pull) < 1e-10
         assert abs(side[0] - side[1]) < 1e-10  # shared in proportion to the load at rest
 
 
 def test_steady_circle():
-    run = simulate(dataclasses.replace(CIRCLE, simulation=dataclasses.replace(CIRCLE.simulation, duration=30.0, output_step=0.1)))
+    run = simulate(
+        dataclasses.replace(
+            CIRCLE, simulation=dataclasses.replace(CIRCLE.simulation, duration=30.0, output_step=0.1)
+        )
+    )
     inner = math.sqrt(10.0**2 - 0.3**2)  # m, radius of the axle's middle, which turns left at 5 m/s
     right, left = grip(run).contacts
     for wheel, sign in ((right, 1), (left, -1)):
         assert abs(wheel.lateral[-1] - 32.0 * 25.0 / inner / 2) < 1e-6
-        # At a steady rate torques only carry the centre of mass, ahead of the axle, round: moment b (F_r - F_l) = ahead F_side.
-        assert abs(2 * wheel.longitudinal[-1] - (-32.0 * 0.28125 * (5 / inner) ** 2 + sign * 0.28125 * 80.0360324 / 0.75)) < 1e-4
+        # At a steady rate torques only carry the centre of mass, ahead of the axle, round: moment b (F_r -
+        # F_l) = ahead F_side.
+        assert (
+            abs(
+                2 * wheel.longitudinal[-1]
+                - (-32.0 * 0.28125 * (5 / inner) ** 2 + sign * 0.28125 * 80.0360324 / 0.75)
+            )
+            < 1e-4
+        )
     assert wheel.load[-1] == pytest.approx(156.96, abs=1e-9)
 
 
@@ -147,7 +174,11 @@ def test_friction_beyond_measure_is_told_briefly():
     heavy = dataclasses.replace(run, tau=1e200 * np.ones_like(run.tau))
     verdict = grip(heavy).verdict()
     assert "would slip" in verdict and len(verdict) < 200
-    told = [float(word) for word, before in zip(verdict.split()[1:], verdict.split(), strict=False) if before == ">="]
+    told = [
+        float(word)
+        for word, before in zip(verdict.split()[1:], verdict.split(), strict=False)
+        if before == ">="
+    ]
     needed = [c.needs.max() for c in grip(heavy).contacts]
     assert all(1 <= a / b < 1.011 for a, b in zip(told, needed, strict=True))
 
@@ -204,7 +235,10 @@ def test_friction_use_has_columns():
     header, first_row, *_ = (line.split(",") for line in run.csv().splitlines())
     values = dict(zip(header, first_row, strict=True))
     right, left = grip(run).contacts
-    assert float(values["use_right_wheel"]) == right.use[0] > 1 and float(values["use_left_wheel"]) == left.use[0]
+    assert (
+        float(values["use_right_wheel"]) == right.use[0] > 1
+        and float(values["use_left_wheel"]) == left.use[0]
+    )
 
 
 def test_constraint_forces_have_columns():
@@ -213,7 +247,8 @@ def test_constraint_forces_have_columns():
     assert [name for name in run.columns if name.startswith("lambda")] == ["lambda_1", "lambda_2", "lambda_3"]
     right, left = grip(run).contacts
     wanted = np.column_stack([-right.lateral - left.lateral, right.longitudinal, left.longitudinal])
-    assert np.abs(forces - wanted).max() < 1e-10  # the rows of A: side slip of P_o, then what rolls beyond each wheel's centre
+    # The rows of A: side slip of P_o, then what rolls beyond each wheel's centre
+    assert np.abs(forces - wanted).max() < 1e-10
 
 
 def test_contacts_are_part_of_the_c():
@@ -235,17 +270,24 @@ def test_figure(options):
     assert unreadable(figure) == []
 
 
-# -- other robots -----------------------------------------------------------------------------------------------------
+# -- other robots --------------------------------------------------------------------------------------------
 
 
 def disk() -> Mechanism:
     """An upright rolling disk, steered and driven."""
     robot = Mechanism("disk")
-    x, y, heading, roll = (robot.coordinate(*q) for q in (("x", "m"), ("y", "m"), ("heading", "rad"), ("roll", "rad")))
-    m, r, I, J = (robot.parameter(*p) for p in (("m", 2.0, "kg"), ("r", 0.2, "m"), ("I", 0.03, "kg m^2"), ("J", 0.04, "kg m^2")))  # noqa: E741
+    x, y, heading, roll = (
+        robot.coordinate(*q) for q in (("x", "m"), ("y", "m"), ("heading", "rad"), ("roll", "rad"))
+    )
+    m, r, I, J = (  # noqa: E741
+        robot.parameter(*p)
+        for p in (("m", 2.0, "kg"), ("r", 0.2, "m"), ("I", 0.03, "kg m^2"), ("J", 0.04, "kg m^2"))
+    )
     forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
     sideways = cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x)
-    robot.kinetic_energy((m * (forward**2 + sideways**2) + I * robot.rate(heading) ** 2 + J * robot.rate(roll) ** 2) / 2)
+    robot.kinetic_energy(
+        (m * (forward**2 + sideways**2) + I * robot.rate(heading) ** 2 + J * robot.rate(roll) ** 2) / 2
+    )
     robot.rolls("rolls along x", 7 * (robot.rate(x) - r * robot.rate(roll) * cos(heading)))  # not even in m/s
     robot.rolls("rolls along y", r * robot.rate(roll) * sin(heading) - robot.rate(y))
     robot.input("drive", "N m", on=robot.rate(roll))
@@ -271,7 +313,8 @@ def edge(**contact) -> Mechanism:
 
 
 def tractor_trailer() -> Mechanism:
-    """A tractor with a hinged trailer, two axles of two wheels; a rod pushes a slider and touches no ground."""
+    """A tractor with a hinged trailer, two axles of two wheels;
+    a rod pushes a slider and touches no ground."""
     robot = Mechanism("tractor_trailer")
     names = (("x", "m"), ("y", "m"), ("heading", "rad"), ("hinge", "rad"), ("slider", "m"))
     x, y, heading, hinge, slider = (robot.coordinate(*q) for q in names)
@@ -285,7 +328,9 @@ def tractor_trailer() -> Mechanism:
         return x_dot * cos(angle) + y_dot * sin(angle), y_dot * cos(angle) - x_dot * sin(angle)
 
     for mass, point, angle in ((m, (x, y), heading), (mt, trailer, behind)):
-        robot.kinetic_energy(mass * sum(robot.rate(c) ** 2 for c in point) / 2 + 0.5 * robot.rate(angle) ** 2 / 2)
+        robot.kinetic_energy(
+            mass * sum(robot.rate(c) ** 2 for c in point) / 2 + 0.5 * robot.rate(angle) ** 2 / 2
+        )
     robot.kinetic_energy(robot.rate(slider) ** 2 / 2)
     robot.rolls("tractor", body((x, y), heading)[1])
     robot.rolls("trailer", body(trailer, behind)[1])
@@ -301,9 +346,12 @@ def tractor_trailer() -> Mechanism:
 
 
 def ball() -> Mechanism:
-    """A ball that rolls on a level plate without spin, q = place and orientation as turns about x and y so far."""
+    """A ball that rolls on a level plate without spin, q = place and orientation as turns about x and y so
+    far."""
     robot = Mechanism("ball")
-    x, y, about_x, about_y = (robot.coordinate(*q) for q in (("x", "m"), ("y", "m"), ("about_x", "rad"), ("about_y", "rad")))
+    x, y, about_x, about_y = (
+        robot.coordinate(*q) for q in (("x", "m"), ("y", "m"), ("about_x", "rad"), ("about_y", "rad"))
+    )
     m, r = robot.parameter("m", 0.5, "kg"), robot.parameter("r", 0.1, "m")
     robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2)
     robot.kinetic_energy(0.4 * m * r**2 * (robot.rate(about_x) ** 2 + robot.rate(about_y) ** 2) / 2)
@@ -311,7 +359,12 @@ def ball() -> Mechanism:
     robot.rolls("rolls along y", robot.rate(y) + r * robot.rate(about_x))
     robot.input("f_x", "N", on=robot.rate(x))
     robot.input("f_y", "N", on=robot.rate(y))
-    robot.contact("ball", m, along=robot.rate(x) - r * robot.rate(about_y), across=robot.rate(y) + r * robot.rate(about_x))
+    robot.contact(
+        "ball",
+        m,
+        along=robot.rate(x) - r * robot.rate(about_y),
+        across=robot.rate(y) + r * robot.rate(about_x),
+    )
     return robot
 
 
@@ -332,7 +385,8 @@ def states_of(name: str, options: ContactSection):
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_ground_and_inputs_do_what_the_equations_of_motion_ask(name):
-    """M qddot + V - E tau is what the ground does at the contacts, J' F, and what a rod does that touches no ground."""
+    """M qddot + V - E tau is what the ground does at the contacts, J' F,
+    and what a rod does that touches no ground."""
     system, plant, x, tau, contacts = states_of(name, ContactSection())
     mechanism, n = system.mechanism, len(system.mechanism.coordinates)
     nudot = ca.SX.sym("nudot", system.dof)
@@ -350,7 +404,9 @@ def test_ground_and_inputs_do_what_the_equations_of_motion_ask(name):
     rods = [k for k, constraint in enumerate(mechanism.constraint_names) if constraint == "rod"]
     for k in range(STATES):
         nudots = plant.rate(x[k], tau[k])[n:]
-        rest, A = (value.full() for value in balance(x[k, :n], x[k, n:], nudots, tau[k], F[k], plant.parameters))
+        rest, A = (
+            value.full() for value in balance(x[k, :n], x[k, n:], nudots, tau[k], F[k], plant.parameters)
+        )
         assert np.abs(rest[:, 0] + A[rods].T @ lam[k, rods]).max() < 1e-10
 
 
@@ -375,14 +431,17 @@ SHIPPED = [name for name in ROBOTS if find_robot(name).contacts]
 
 @pytest.mark.parametrize("name", [*OTHERS, *SHIPPED])
 def test_forces_are_affine_in_what_is_wanted(name):
-    """`ground` against lambda (8): its forces at random inputs, and that they and the loads are affine in the inputs."""
+    """`ground` against lambda (8): its forces at random inputs,
+    and that they and the loads are affine in the inputs."""
     system = reduce(OTHERS[name]()) if name in OTHERS else system_of(find_robot(name))
     mechanism = system.mechanism
     n, m, inputs = len(mechanism.coordinates), len(mechanism.constraint_names), len(mechanism.inputs)
     tau = ca.SX.sym("tau", inputs)
     made = ground(system, system.acceleration(tau), tau)
     answers = [made.force, made.mass, made.shift]
-    function = ca.Function("ground", [ca.vertcat(mechanism.q, system.nu), tau, mechanism.p], [ca.densify(a) for a in answers])
+    function = ca.Function(
+        "ground", [ca.vertcat(mechanism.q, system.nu), tau, mechanism.p], [ca.densify(a) for a in answers]
+    )
     random = np.random.default_rng(1992)
     height = 0.1 if not narrow(mechanism) else 0.0
     for _ in range(STATES // 10):
@@ -396,15 +455,24 @@ def test_forces_are_affine_in_what_is_wanted(name):
         held = np.abs(C).max(axis=0) > 0
         size = 1 + np.abs(force).max()
         assert C.shape == (2 * len(found), m) and np.abs(C.T @ force + lam)[held].max() < 1e-9 * size
-        assert np.abs(force - np.ravel([[c.longitudinal[0], c.lateral[0]] for c in found])).max() < 1e-9 * size
+        assert (
+            np.abs(force - np.ravel([[c.longitudinal[0], c.lateral[0]] for c in found])).max() < 1e-9 * size
+        )
         assert np.abs(GRAVITY * mass + height * shift - [c.load[0] for c in found]).max() < 1e-9 * size
-        between, second = (np.concatenate([v.full().ravel() for v in function(x, u, values)]) for u in ((one + other) / 2, other))
-        assert np.abs(2 * between - second - np.concatenate([force, mass, shift])).max() < 1e-9 * (size + np.abs(second).max())
+        between, second = (
+            np.concatenate([v.full().ravel() for v in function(x, u, values)])
+            for u in ((one + other) / 2, other)
+        )
+        assert np.abs(2 * between - second - np.concatenate([force, mass, shift])).max() < 1e-9 * (
+            size + np.abs(second).max()
+        )
 
 
 def test_a_robot_without_contacts():
     system = reduce(no_contacts())
-    assert contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), ContactSection()) == ()
+    assert (
+        contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), ContactSection()) == ()
+    )
     found = Grip(np.zeros(3), (), ContactSection())
     assert found.summary() == found.verdict() == "not known whether it rolls: the robot defines no contacts"
 
@@ -418,7 +486,9 @@ def no_contacts() -> Mechanism:
 def test_height_needs_a_width():
     system = reduce(edge())
     with pytest.raises(BadInput, match=r"\[contact\] height = 0.4: blade of edge has no width"):
-        contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), ContactSection(height=0.4))
+        contact_forces(
+            Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), ContactSection(height=0.4)
+        )
 
 
 def forward_of(robot: Mechanism):
@@ -456,18 +526,23 @@ def test_contacts_must_tell_constraints_apart():
     robot.contacts.clear()
     forward = cos(robot.q[2]) * robot.rate(robot.q[0]) + sin(robot.q[2]) * robot.rate(robot.q[1])
     robot.contact("disk", 1.0, along=forward - robot.p[1] * robot.rate(robot.q[3]))
-    with pytest.raises(ModelError, match="do not determine how the forces of 'rolls along x', 'rolls along y' are distributed"):
+    with pytest.raises(
+        ModelError,
+        match="do not determine how the forces of 'rolls along x', 'rolls along y' are distributed",
+    ):
         combination(robot)
 
 
-# -- robots that name all that they stand on ---------------------------------------------------------------------------
+# -- robots that name all that they stand on -----------------------------------------------------------------
 
 
 def cart(*supports: tuple[str, float, float, float], ahead: float = 0.0) -> Mechanism:
-    """The LABMATE's platform and wheels with supports (name, mass, ahead and left of the axle's middle); `ahead` is that of the
-    wheels."""
+    """The LABMATE's platform and wheels with supports (name, mass, ahead and left of the axle's middle);
+    `ahead` is that of the wheels."""
     robot = labmate()
-    robot.contacts = [dataclasses.replace(each, mass=ca.SX(10.0), ahead=ca.SX(ahead)) for each in robot.contacts]
+    robot.contacts = [
+        dataclasses.replace(each, mass=ca.SX(10.0), ahead=ca.SX(ahead)) for each in robot.contacts
+    ]
     for support in supports:
         robot.support(support[0], support[1], ahead=support[2], left=support[3])
     return robot
@@ -482,9 +557,9 @@ CARTS = {
 
 @pytest.mark.parametrize("name", CARTS)
 def test_loads_balance_the_moments_of_all_forces(name):
-    """Newton and Euler for the whole robot as one body with its centre of mass at a height, whose acceleration is found by
-    differences of the motion: nothing of the contacts takes part. With three supports the loads are those of the balance; with
-    more they satisfy it.
+    """Newton and Euler for the whole robot as one body with its centre of mass at a height, whose
+    acceleration is found by differences of the motion: nothing of the contacts takes part. With three
+    supports the loads are those of the balance; with more they satisfy it.
     """
     system = reduce(cart(*CARTS[name]))
     height, random = 0.15, np.random.default_rng(7)
@@ -500,7 +575,9 @@ def test_loads_balance_the_moments_of_all_forces(name):
         mass, _, ahead = body_of(sizes)
         turn, spin = sizes["r"] * (x[5] - x[6]) / (2 * sizes["b"]), plant.rate(x, tau)[5:]
         speed, turn_rate = sizes["r"] * (x[5] + x[6]) / 2, sizes["r"] * (spin[0] - spin[1]) / (2 * sizes["b"])
-        pull = mass * np.array([sizes["r"] * spin.sum() / 2 - ahead * turn**2, speed * turn + ahead * turn_rate])
+        pull = mass * np.array(
+            [sizes["r"] * spin.sum() / 2 - ahead * turn**2, speed * turn + ahead * turn_rate]
+        )
         load, still = (np.array([c.load[0] for c in each]) for each in (found, at_rest))
         assert np.abs(still - GRAVITY * np.array([10.0, 10.0, *(s[1] for s in CARTS[name])])).max() < 1e-12
         balance = np.vstack([np.ones(len(load)), places.T])
@@ -508,17 +585,23 @@ def test_loads_balance_the_moments_of_all_forces(name):
         if len(load) == 3:
             assert np.abs(load - still - np.linalg.solve(balance, [0.0, *(-height * pull)])).max() < 1e-9
         assert [c.support for c in found] == [False, False, *[True] * len(CARTS[name])]
-        assert all(c.longitudinal[0] == 0 == c.lateral[0] and c.use[0] == (0 if c.load[0] > 0 else np.inf) for c in found[2:])
+        assert all(
+            c.longitudinal[0] == 0 == c.lateral[0] and c.use[0] == (0 if c.load[0] > 0 else np.inf)
+            for c in found[2:]
+        )
 
 
 @pytest.mark.parametrize("name", CARTS)
 def test_the_ground_of_a_robot_with_supports(name):
-    """`ground` gives the loads of `contact_forces`, affine in the inputs; also of a steered wheel, whose forces are turned."""
+    """`ground` gives the loads of `contact_forces`, affine in the inputs; also of a steered wheel,
+    whose forces are turned."""
     for system in (reduce(cart(*CARTS[name])), reduce(steered_with_supports())):
         mechanism, random = system.mechanism, np.random.default_rng(8)
         tau = ca.SX.sym("tau", 2)
         made = ground(system, system.acceleration(tau), tau)
-        function = ca.Function("ground", [mechanism.q, system.nu, tau, mechanism.p], [ca.densify(a) for a in vars(made).values()])
+        function = ca.Function(
+            "ground", [mechanism.q, system.nu, tau, mechanism.p], [ca.densify(a) for a in vars(made).values()]
+        )
         plant = Plant(system, [p.default for p in mechanism.parameters])
         for _ in range(10):
             q, nu, inputs = (random.uniform(-1, 1, size) for size in (mechanism.q.numel(), 2, 2))
@@ -526,7 +609,10 @@ def test_the_ground_of_a_robot_with_supports(name):
             found = contact_forces(plant, np.append(q, nu), inputs, ContactSection(height=0.2))
             size = 1 + np.abs(force).max()
             assert np.abs(GRAVITY * mass + 0.2 * shift - [c.load[0] for c in found]).max() < 1e-9 * size
-            assert np.abs(force - np.ravel([[c.longitudinal[0], c.lateral[0]] for c in found])).max() < 1e-9 * size
+            assert (
+                np.abs(force - np.ravel([[c.longitudinal[0], c.lateral[0]] for c in found])).max()
+                < 1e-9 * size
+            )
 
 
 def steered_with_supports() -> Mechanism:
@@ -555,7 +641,8 @@ def test_contacts_on_the_centre_line_move_load_forward_and_back():
     rear, front = contact_forces(plant, x, tau, ContactSection(height=height))
     assert sum(c.load[0] for c in (rear, front)) == pytest.approx(m * GRAVITY, rel=1e-9)
     assert front.load[0] == pytest.approx(at_rest - height * rear.longitudinal[0] / wheelbase, rel=1e-9)
-    robot.contacts[1] = dataclasses.replace(robot.contacts[1], left=ca.SX(0.1))  # no longer on the centre line: it would lean
+    # No longer on the centre line: it would lean
+    robot.contacts[1] = dataclasses.replace(robot.contacts[1], left=ca.SX(0.1))
     assert narrow(robot)
 
 
@@ -591,7 +678,8 @@ LEANS = {"balancer": "it rises and falls as it leans", "slope_platform": "", "ca
 
 @pytest.mark.parametrize("name", LEANS)
 def test_loads_that_change_as_a_body_leans_are_not_known(name):
-    """Nothing is said of its contacts then; on a slope, too, the energy at rest changes, but not by leaning."""
+    """Nothing is said of its contacts then; on a slope, too, the energy at rest changes,
+    but not by leaning."""
     plant = Plant(system_of(find_robot(name)), find_robot(name).parameter_values({}))
     state, reason = np.zeros((1, len(plant.system.state))), unknown_loads(plant.system.mechanism)
     assert reason.startswith(LEANS[name]) and bool(reason) == bool(LEANS[name])

@@ -1,4 +1,5 @@
-"""Courses with cusps: the curve and the tracker in C, and runs of a car and of trailers, against paths integrated here."""
+"""Courses with cusps: the curve and the tracker in C, and runs of a car and of trailers,
+against paths integrated here."""
 
 import json
 import math
@@ -28,8 +29,9 @@ TURN = SmoothCurve(1.0, -0.5, 0.3, 1.0, (1.0, 2.0, -1.5, -2.0, 1.0), (0.0, 0.3, 
 
 
 def driven(curve: SmoothCurve, steps: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return way (m), place x + i y and heading (rad) of a vehicle whose curvature is that of a course without rounding,
-    integrated over its signed lengths: it turns by curvature times what it drives, forward and in reverse.
+    """Return way (m), place x + i y and heading (rad) of a vehicle whose curvature is that of a course
+    without rounding, integrated over its signed lengths: it turns by curvature times what it drives, forward
+    and in reverse.
     """
     way, place, heading = [0.0], [complex(curve.x, curve.y)], [curve.heading]
     for length, first, last in zip(curve.lengths, curve.curvatures, curve.curvatures[1:], strict=False):
@@ -40,7 +42,15 @@ def driven(curve: SmoothCurve, steps: int = 200) -> tuple[np.ndarray, np.ndarray
             return [length * math.cos(pose[2]), length * math.sin(pose[2]), length * bend]
 
         u = np.linspace(0.0, 1.0, steps + 1)
-        run = solve_ivp(rate, (0.0, 1.0), [place[-1].real, place[-1].imag, heading[-1]], "DOP853", u, rtol=1e-12, atol=1e-14)
+        run = solve_ivp(
+            rate,
+            (0.0, 1.0),
+            [place[-1].real, place[-1].imag, heading[-1]],
+            "DOP853",
+            u,
+            rtol=1e-12,
+            atol=1e-14,
+        )
         way += list(way[-1] + abs(length) * u[1:])
         place += list(run.y[0, 1:] + 1j * run.y[1, 1:])
         heading += list(run.y[2, 1:])
@@ -66,9 +76,13 @@ def test_the_curve_is_what_a_vehicle_drives(scalar, tolerance):
 def test_the_curvature_of_a_vehicle_continues_at_a_cusp():
     """Seen against the direction it changes its sign, and so do its derivatives of even order."""
     for rounding in (0.0, 0.2):
-        curve = replace(TURN, lengths=(2.0, 1.0, -1.5, -1.0), curvatures=(0.0, 0.3, 0.3, 0.3, -0.2), rounding=rounding)
+        curve = replace(
+            TURN, lengths=(2.0, 1.0, -1.5, -1.0), curvatures=(0.0, 0.3, 0.3, 0.3, -0.2), rounding=rounding
+        )
         there, back = (curve.pieces[k] for k in (0, 1))
-        assert there.bend(there.way - 1e-12) == pytest.approx(0.3, abs=1e-12) and back.bend(0.0) == pytest.approx(-0.3, abs=1e-12)
+        assert there.bend(there.way - 1e-12) == pytest.approx(0.3, abs=1e-12) and back.bend(
+            0.0
+        ) == pytest.approx(-0.3, abs=1e-12)
         assert there.position(there.way) == pytest.approx(back.position(0.0), abs=1e-13)
         assert abs(back.direction(0.0) - there.direction(there.way)) == pytest.approx(math.pi, abs=1e-13)
         in_c = CourseInC(curve)
@@ -92,7 +106,8 @@ def test_a_vehicle_on_the_course(scalar, tolerance):
     tracker, found, stops = CourseTracker(TURN, OPTIONS, scalar), [], np.array([3.0, 6.5, 7.5])
     for s, at, angle in zip(way, place, heading, strict=True):
         piece, at_stop = int(sum(s > stops[:2] + 1e-6)), np.any(np.abs(stops - s) < 1e-6)
-        beyond = at + 1e-3 * np.exp(1j * angle) * (-1.0) ** piece  # of a vehicle that overshoots, and stands there
+        # Of a vehicle that overshoots, and stands there
+        beyond = at + 1e-3 * np.exp(1j * angle) * (-1.0) ** piece
         if at_stop:
             found.append(tracker.update(beyond.real, beyond.imag, angle, 0.3))
             assert (found[-1].waiting or s > 7.0) and not found[-1].changed and found[-1].speed == 0.0
@@ -122,17 +137,25 @@ def test_double_and_float_agree_and_both_are_reproducible():
     for one, other in zip(double, single, strict=True):
         assert one.status == other.status
         if one.piece == other.piece and one.waiting == other.waiting:
-            assert one.length == pytest.approx(other.length, abs=1e-4) and one.distance == pytest.approx(other.distance, abs=1e-4)
+            assert one.length == pytest.approx(other.length, abs=1e-4) and one.distance == pytest.approx(
+                other.distance, abs=1e-4
+            )
 
 
 def test_p_l_changes_sides_at_a_cusp():
-    """P_l 0.4 m ahead of the axle, and as far behind it in reverse; where the axle stops, it has moved on by as much."""
+    """P_l 0.4 m ahead of the axle, and as far behind it in reverse; where the axle stops,
+    it has moved on by as much."""
     line = SmoothCurve(0.0, 0.0, 0.0, 1.0, (3.0, -3.0), (0.0, 0.0, 0.0))
     for stop, at in (("point", 2.6), ("axle", 3.0)):
         tracker = CourseTracker(line, replace(OPTIONS, L=(0.4, -0.4), stop=stop))
         guide = tracker.update(1.0, 0.1, 0.0, 0.5)
-        assert (guide.L, guide.length, guide.left) == pytest.approx((0.4, 1.4, at - 1.0)) and guide.distance == pytest.approx(0.1)
-        assert not tracker.update(at - 1e-3, 0.1, 0.0, 0.5).waiting and tracker.update(at + 1e-3, 0.1, 0.0, 0.5).waiting
+        assert (guide.L, guide.length, guide.left) == pytest.approx(
+            (0.4, 1.4, at - 1.0)
+        ) and guide.distance == pytest.approx(0.1)
+        assert (
+            not tracker.update(at - 1e-3, 0.1, 0.0, 0.5).waiting
+            and tracker.update(at + 1e-3, 0.1, 0.0, 0.5).waiting
+        )
         assert tracker.look(at, 0.1, 0.0, 0.01).waiting
         guide = tracker.update(at, 0.1, 0.0, 0.01)
         assert guide.changed and guide.backward and guide.L == -0.4 and guide.speed == -0.5
@@ -142,7 +165,10 @@ def test_p_l_changes_sides_at_a_cusp():
 def test_a_vehicle_that_faces_against_the_course():
     line = SmoothCurve(0.0, 0.0, 0.0, 1.0, (3.0, -2.0), (0.0, 0.0, 0.0))
     tracker = CourseTracker(line, replace(OPTIONS, speed=-0.5))
-    assert tracker.update(0.5, 0.0, math.pi, -0.5).backward and tracker.update(3.0, 0.0, math.pi, 0.0).speed == 0.5
+    assert (
+        tracker.update(0.5, 0.0, math.pi, -0.5).backward
+        and tracker.update(3.0, 0.0, math.pi, 0.0).speed == 0.5
+    )
 
 
 def test_what_a_tracker_refuses():
@@ -162,7 +188,10 @@ def test_what_a_tracker_refuses():
     with pytest.raises(BadInput, match="diverges"):
         CourseTracker(TURN, replace(OPTIONS, L=(0.3, 0.3)))
     assert (
-        CourseTracker(TURN, replace(OPTIONS, L=(0.3, 0.3), reversing="allow", stop="axle")).update(1.0, -0.5, 0.3, 0.0).L == 0.3
+        CourseTracker(TURN, replace(OPTIONS, L=(0.3, 0.3), reversing="allow", stop="axle"))
+        .update(1.0, -0.5, 0.3, 0.0)
+        .L
+        == 0.3
     )
     with pytest.raises(BadInput, match="too short"):
         CourseTracker(TURN, replace(OPTIONS, L=(0.6, -0.6)))
@@ -183,7 +212,10 @@ def test_what_a_tracker_refuses():
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_null_and_not_ready(scalar):
     c, course = runtime("noslip_course.h"), CourseInC(TURN, scalar)
-    options, tracker = c.new("noslip_course_tracker_options", scalar, {"speed": 0.5}), c.new("noslip_course_tracker", scalar)
+    options, tracker = (
+        c.new("noslip_course_tracker_options", scalar, {"speed": 0.5}),
+        c.new("noslip_course_tracker", scalar),
+    )
     guide, null = c.new("noslip_course_guide", scalar), c.ffi.NULL
 
     def call(name: str, *arguments) -> str:
@@ -191,7 +223,10 @@ def test_null_and_not_ready(scalar):
 
     pose = (1.0, -0.5, 0.3, 0.0)
     assert call("init", null, course.self, options) == call("init", tracker, null, options) == "null"
-    assert call("init", tracker, course.self, null) == "null" and call("update", tracker, *pose, guide) == "not_ready"
+    assert (
+        call("init", tracker, course.self, null) == "null"
+        and call("update", tracker, *pose, guide) == "not_ready"
+    )
     assert call("init", tracker, c.new("noslip_course", scalar), options) == "not_ready"
     assert call("init", tracker, course.self, options) == "ok"
     for name in ("look", "update"):
@@ -233,8 +268,9 @@ BESIDE = '[output]\ntype = "IV"\nL = 0.0\nreversing = "switch"\npath = { kind = 
 
 @pytest.mark.nightly
 def test_the_middle_of_the_axle_through_a_cusp():
-    """From 5 cm beside the course, at rest: (d/ds + 1)^2 e = 0 in the way s of each piece. At the cusp left and right change, and
-    an error that was on its way back leads away at first; that the law takes it over while the vehicle creeps costs 0.05 mm.
+    """From 5 cm beside the course, at rest: (d/ds + 1)^2 e = 0 in the way s of each piece. At the cusp left
+    and right change, and an error that was on its way back leads away at first; that the law takes it over
+    while the vehicle creeps costs 0.05 mm.
     """
     run = simulate(spec_of(SPEC.replace("OUTPUT", ON_AXLE), "spec"))
     assert run.stopped is None and list(np.unique(run.piece)) == [0, 1] and abs(run.y[-1, 1]) < 1e-3
@@ -253,25 +289,39 @@ def test_the_middle_of_the_axle_through_a_cusp():
 
 @pytest.mark.nightly
 def test_a_point_off_the_axle_changes_sides():
-    """P_l 0.3 m ahead of the axle, behind it in reverse: the distance has the poles -0.5 and -2 1/s, also at a standstill."""
+    """P_l 0.3 m ahead of the axle, behind it in reverse: the distance has the poles -0.5 and -2 1/s,
+    also at a standstill."""
     run = simulate(spec_of(SPEC.replace("OUTPUT", BESIDE), "spec"))
     assert run.stopped is None and list(np.unique(run.piece)) == [0, 1] and abs(run.y[-1, 1]) < 1e-3
     L, first = run.config[:, [c.name for c in run.law.config].index("L")], np.flatnonzero(run.piece == 1)[0]
-    assert set(L[:first]) == {0.0} and set(L[first:]) == {-0.6} and np.abs(run.distance - run.y[:, 0]).max() < 1e-9
+    assert (
+        set(L[:first]) == {0.0}
+        and set(L[first:]) == {-0.6}
+        and np.abs(run.distance - run.y[:, 0]).max() < 1e-9
+    )
     for piece in (slice(0, first), slice(first, None)):
         t, e = run.t[piece] - run.t[piece][0], run.distance[piece]
         rate = np.gradient(e, t, edge_order=2)[0]
         a = (2.0 * e[0] + rate) / 1.5
         expected = a * np.exp(-0.5 * t) + (e[0] - a) * np.exp(-2.0 * t)
         assert np.abs(e - expected).max() < 1e-4
-    assert np.abs(run.distance[:first] - 0.05 / 3.0 * (4.0 * np.exp(-0.5 * run.t) - np.exp(-2.0 * run.t))[:first]).max() < 1e-6
+    assert (
+        np.abs(
+            run.distance[:first] - 0.05 / 3.0 * (4.0 * np.exp(-0.5 * run.t) - np.exp(-2.0 * run.t))[:first]
+        ).max()
+        < 1e-6
+    )
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("backend", "period", "tolerance"), [("cf", 0.01, 1e-3), ("c", 0.01, 1e-3), ("casadi", 0.0, 1e-8)])
+@pytest.mark.parametrize(
+    ("backend", "period", "tolerance"), [("cf", 0.01, 1e-3), ("c", 0.01, 1e-3), ("casadi", 0.0, 1e-8)]
+)
 def test_a_car_turns_in_three_points(backend, period, tolerance):
     """Its rear axle against the path that is integrated here, and its heading at the end."""
-    spec = read_varied(BACKING / "three_point.toml", {"simulation.backend": backend, "simulation.period": period})
+    spec = read_varied(
+        BACKING / "three_point.toml", {"simulation.backend": backend, "simulation.period": period}
+    )
     course = spec.reference.course
     assert course is not None
     curve = SmoothCurve(0.0, 0.0, course.heading, course.speed, course.lengths, course.curvatures)
@@ -294,7 +344,11 @@ def test_trailers_in_a_yard():
 
 REFUSED = {
     "zero": ("lengths = [1.0, 1.0", "lengths = [0.0, 1.0", "has a length of 0"),
-    "rounding": ("speed = 0.5\nlengths", "rounding = 0.2\nspeed = 0.5\nlengths", "the parts at a cusp, after .2."),
+    "rounding": (
+        "speed = 0.5\nlengths",
+        "rounding = 0.2\nspeed = 0.5\nlengths",
+        "the parts at a cusp, after .2.",
+    ),
     "extension": ("arclength = true", "extension = true", "singular at standstill"),
     "reversing": (
         'arclength = true\npath = { kind = "course" }',
@@ -309,7 +363,11 @@ REFUSED = {
     "lateral": ("creep = 0.005", "lateral = 1.0", "lateral requires a composite path"),
     "stop": ('kind = "course"', 'kind = "course", stop = "wheel"', "stop"),
     "closed": ('kind = "course"', 'kind = "course", closed = true', "closed"),
-    "other output": ('type = "IV"\nL = -0.3\narclength = true\npath = { kind = "course" }', 'type = "I"\nL = 0.0', "IV"),
+    "other output": (
+        'type = "IV"\nL = -0.3\narclength = true\npath = { kind = "course" }',
+        'type = "I"\nL = 0.0',
+        "IV",
+    ),
 }
 
 
@@ -326,7 +384,8 @@ def test_what_a_spec_refuses(name):
 
 
 def test_planned_paths_become_courses():
-    """Reeds and Shepp's between random poses, with ramps: driven here they end at the goal, and turn no more sharply."""
+    """Reeds and Shepp's between random poses, with ramps: driven here they end at the goal,
+    and turn no more sharply."""
     random, made, cusps = np.random.default_rng(7), 0, 0
     for _ in range(20):
         goal = *random.uniform(-6.0, 6.0, 2), random.uniform(-3.0, 3.0)
@@ -336,21 +395,51 @@ def test_planned_paths_become_courses():
             assert "ramps of 0.2 m" in str(error)
             continue
         _, place, heading = driven(curve, 2)
-        assert abs(place[-1] - complex(*goal[:2])) < 1e-8 and abs(np.exp(1j * (heading[-1] - goal[2])) - 1.0) < 1e-8
-        assert (curve.x, curve.y, curve.heading, curve.speed) == pytest.approx((0.5, -0.2, 0.4, 0.7), abs=1e-12)
-        assert curve.curvatures[0] == curve.curvatures[-1] == 0.0 and np.abs(curve.curvatures).max() < 0.5 + 1e-12
+        assert (
+            abs(place[-1] - complex(*goal[:2])) < 1e-8
+            and abs(np.exp(1j * (heading[-1] - goal[2])) - 1.0) < 1e-8
+        )
+        assert (curve.x, curve.y, curve.heading, curve.speed) == pytest.approx(
+            (0.5, -0.2, 0.4, 0.7), abs=1e-12
+        )
+        assert (
+            curve.curvatures[0] == curve.curvatures[-1] == 0.0
+            and np.abs(curve.curvatures).max() < 0.5 + 1e-12
+        )
         made, cusps = made + 1, cusps + curve.cusps
     assert made >= 8 and cusps >= 8
 
 
 def test_the_command_writes_such_a_course(tmp_path, capsys):
     out, picture = tmp_path / "course.json", tmp_path / "course.png"
-    command = ["plan", "reeds-shepp", "--from", "0", "0", "0", "--to", "0", "2", "180", "--degrees", "--radius", "3"]
-    assert main([*command, "--course", "0.5", "--speed", "0.4", "--json", "-o", str(out), "--plot", str(picture)]) == 0
+    command = [
+        "plan",
+        "reeds-shepp",
+        "--from",
+        "0",
+        "0",
+        "0",
+        "--to",
+        "0",
+        "2",
+        "180",
+        "--degrees",
+        "--radius",
+        "3",
+    ]
+    assert (
+        main(
+            [*command, "--course", "0.5", "--speed", "0.4", "--json", "-o", str(out), "--plot", str(picture)]
+        )
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
     assert said["cusps"] == 2 and said["parts"] == 9 and picture.read_bytes().startswith(b"\x89PNG")
     read = read_reference(out)["course"]
-    assert read["speed"] == 0.4 and [length < 0.0 for length in read["lengths"]] == [False] * 3 + [True] * 3 + [False] * 3
+    assert (
+        read["speed"] == 0.4
+        and [length < 0.0 for length in read["lengths"]] == [False] * 3 + [True] * 3 + [False] * 3
+    )
     for more, says in (
         (["--course", "5"], "ramps of 5 m"),
         (["--course", "-1"], "ramp = -1 must be positive"),
@@ -371,7 +460,9 @@ DEFECTS = {  # what is changed in the C, in double
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.nightly) if n != "does not wait" else n for n in DEFECTS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.nightly) if n != "does not wait" else n for n in DEFECTS]
+)
 def test_a_planted_defect_is_found(name, monkeypatch):
     """By the walk along the course: it is given the changed C."""
     text = runtime_files()["noslip_course.h"]
@@ -379,7 +470,9 @@ def test_a_planted_defect_is_found(name, monkeypatch):
     old, new = DEFECTS[name]
     planted = Runtime.__new__(Runtime)
     planted.ffi = runtime("noslip_course.h").ffi
-    planted.lib = load(planted.ffi, {"library.c": SOURCE.replace('#include "{header}"\n', "") + text.replace(old, new, 1)})
+    planted.lib = load(
+        planted.ffi, {"library.c": SOURCE.replace('#include "{header}"\n', "") + text.replace(old, new, 1)}
+    )
     monkeypatch.setattr(course_tracker, "runtime", lambda header: planted)
     with pytest.raises((AssertionError, BadInput)):
         test_a_vehicle_on_the_course("double", 1e-9)

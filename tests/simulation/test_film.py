@@ -18,7 +18,9 @@ SHORT = {"simulation.duration": 0.2}
 
 def data(page: bytes) -> dict:
     """The numbers in a page."""
-    return json.loads(re.search(r'<script type="application/json" id="film">(.*?)</script>', page.decode()).group(1))
+    return json.loads(
+        re.search(r'<script type="application/json" id="film">(.*?)</script>', page.decode()).group(1)
+    )
 
 
 def test_a_film_of_each_kind(tmp_path, capsys):
@@ -37,13 +39,16 @@ def test_a_film_of_each_kind(tmp_path, capsys):
 
 
 def test_the_page_shows_where_the_robot_is():
-    """LABMATE on the line: wheels stay 2 b apart, P_o goes its way, and the path to follow is the line x = y, to the mm."""
+    """LABMATE on the line: wheels stay 2 b apart, P_o goes its way,
+    and the path to follow is the line x = y, to the mm."""
     run = simulate(read_varied(SPECS / "line.toml", SHORT))
     shown = data(film(run, ".html"))
     assert shown["t"] == [k / RATE for k in range(5)] and shown["slip"] is None
     rows = np.searchsorted(run.t, np.array(shown["t"]) - 1e-9)
     assert np.abs(np.array(shown["way"]) - 1000 * run.q[rows, :2]).max() <= 0.5
-    wheels = [np.array(line["at"]).reshape(5, -1, 2).mean(axis=1) for line in shown["lines"] if not line["closed"]]
+    wheels = [
+        np.array(line["at"]).reshape(5, -1, 2).mean(axis=1) for line in shown["lines"] if not line["closed"]
+    ]
     b = next(p.default for p in run.law.system.mechanism.parameters if p.name == "b")
     assert np.abs(np.hypot(*(wheels[0] - wheels[1]).T) - 2000 * b).max() <= 2.0
     (path,) = (np.array(curve) for curve in shown["path"])

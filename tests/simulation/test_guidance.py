@@ -1,4 +1,5 @@
-"""Composite paths, sensors, corrections, limits and reversing in closed loop, and what is said before a run about its start."""
+"""Composite paths, sensors, corrections, limits and reversing in closed loop,
+and what is said before a run about its start."""
 
 import dataclasses
 import math
@@ -50,17 +51,24 @@ def composite(segments, duration: float = 12.0, **output) -> Spec:
     path = PathSection(kind="composite", segments=tuple(segments))
     first = segments[0]
     initial = dataclasses.replace(LINE.initial, point=(first.x, first.y), heading=first.heading, speed=SPEED)
-    return changed(LINE, output={"path": path, **output}, initial=initial, simulation={"duration": duration, "output_step": 0.05})
+    return changed(
+        LINE,
+        output={"path": path, **output},
+        initial=initial,
+        simulation={"duration": duration, "output_step": 0.05},
+    )
 
 
 def distance_from(path, points: np.ndarray) -> np.ndarray:
-    """Distance of each point from the nearest of many points on the path, m: by brute force, without the path's formulas."""
+    """Distance of each point from the nearest of many points on the path, m: by brute force,
+    without the path's formulas."""
     places = np.vstack([[piece.pose(s)[:2] for s in np.linspace(0, piece.length, 4000)] for piece in path])
     return np.array([np.min(np.hypot(*(places - point).T)) for point in points])
 
 
 def test_arc_line_arc_is_followed():
-    """Continuous, the path error stays at the tolerance of the integration through both joins; the torque jumps there."""
+    """Continuous, the path error stays at the tolerance of the integration through both joins;
+    the torque jumps there."""
     run = simulate(composite(ARC_LINE_ARC))
     assert run.stopped is None and list(np.unique(run.piece)) == [0, 1, 2]
     assert np.abs(run.error[:, 0]).max() < 1e-8
@@ -107,10 +115,12 @@ def test_it_comes_to_stand_at_the_end():
 
 @pytest.mark.nightly
 def test_at_a_cusp_direction_and_reference_point_change_while_it_stands():
-    """Forward on a line, back on an arc: P_l lies ahead of the axle, then behind it; the axle ends at the arc's end.
+    """Forward on a line, back on an arc: P_l lies ahead of the axle, then behind it; the axle ends at the
+    arc's end.
 
-    Python and C agree as well as the integrator knows the instant at which the vehicle stands: the speed v, known to its
-    tolerance, crosses the creep at the rate kv creep, and what changes then changes at most at the run's largest rate.
+    Python and C agree as well as the integrator knows the instant at which the vehicle stands: the speed v,
+    known to its tolerance, crosses the creep at the rate kv creep, and what changes then changes at most at
+    the run's largest rate.
     """
     forward, back = Segment(0, 0, 0, 0, 5), Segment(5, 0, math.pi, -1 / 4, 6, backward=True)
     spec = composite((forward, back), duration=20.0, reversing="switch")
@@ -135,7 +145,8 @@ def test_at_a_cusp_direction_and_reference_point_change_while_it_stands():
 @pytest.mark.parametrize("backend", ["c", "casadi"])
 @pytest.mark.parametrize("name", find_laws(system_of(find_robot("labmate"))))
 def test_whole_turns_change_nothing(name, backend):
-    """Of the heading, and any angles of the wheels: the same torques, where a wanted heading goes the short way round."""
+    """Of the heading, and any angles of the wheels: the same torques,
+    where a wanted heading goes the short way round."""
     law = law_of(find_robot("labmate"), name)
     names = [q.name for q in law.state]
     heading, wheels = names.index("phi"), [names.index("theta_r"), names.index("theta_l")]
@@ -174,7 +185,11 @@ def test_bad_paths_are_refused_before_anything_moves(name, backend):
 
 @pytest.mark.parametrize(
     ("start", "said"),
-    [({"point": (0.0, 5.0)}, "centre"), ({"heading": 2e6}, "subtract whole turns"), ({"point": (1e300, 0.0)}, "far")],
+    [
+        ({"point": (0.0, 5.0)}, "centre"),
+        ({"heading": 2e6}, "subtract whole turns"),
+        ({"point": (1e300, 0.0)}, "far"),
+    ],
 )
 @pytest.mark.parametrize("backend", ["c", "casadi"])
 def test_a_start_that_the_tracker_cannot_place_is_refused(backend, start, said):
@@ -220,23 +235,34 @@ def test_noise_has_the_stated_mean_and_spread():
 
 
 def test_without_noise_dead_reckoning_finds_the_true_pose():
-    """Between calls the rates change a little, which a reckoning from angles cannot know: 1e-5 m in 4 s at 5 m/s."""
+    """Between calls the rates change a little, which a reckoning from angles cannot know:
+    1e-5 m in 4 s at 5 m/s."""
     run = simulate(noisy(Sensors()))
     assert np.abs(run.seen - run.x)[::1, :5].max() < 0.0001
     coarse = simulate(noisy(Sensors(counts=1000)))
     assert 1e-4 < np.abs(coarse.seen - coarse.x)[:, :2].max() < 0.1
 
 
-@pytest.mark.parametrize(("backend", "most", "near"), [("casadi", 2**20, 1e-6), ("c", 2**20, 1e-6), ("cf", 2**13, 5e-3)])
+@pytest.mark.parametrize(
+    ("backend", "most", "near"), [("casadi", 2**20, 1e-6), ("c", 2**20, 1e-6), ("cf", 2**13, 5e-3)]
+)
 @pytest.mark.parametrize("mode", ["reset", "bumpless"])
 def test_a_sensed_run_may_turn_for_ever(mode, backend, most, near):
-    """From a heading at the end of the range of sine and cosine the run goes on as from that heading without its whole turns."""
-    spec = noisy(Sensors(), Correction(rate=5.0, mode=mode, release=0.1 if mode == "bumpless" else 0.0), duration=12.0)
+    """From a heading at the end of the range of sine and cosine the run goes on as from that heading without
+    its whole turns."""
+    spec = noisy(
+        Sensors(), Correction(rate=5.0, mode=mode, release=0.1 if mode == "bumpless" else 0.0), duration=12.0
+    )
     turns = 2 * math.pi * math.floor((most - 0.5 - spec.initial.heading) / (2 * math.pi))
     spec = changed(spec, simulation={"backend": backend})
-    plain, far = (simulate(changed(spec, initial={"heading": spec.initial.heading + more})) for more in (0.0, turns))
+    plain, far = (
+        simulate(changed(spec, initial={"heading": spec.initial.heading + more})) for more in (0.0, turns)
+    )
     assert far.stopped is None and far.q[-1, 2] > most and np.abs(far.seen[1:, 2]).max() < 4.1
-    assert np.abs(far.q[:, :2] - plain.q[:, :2]).max() < near and np.abs(far.q[:, 2] - turns - plain.q[:, 2]).max() < near
+    assert (
+        np.abs(far.q[:, :2] - plain.q[:, :2]).max() < near
+        and np.abs(far.q[:, 2] - turns - plain.q[:, 2]).max() < near
+    )
 
 
 def test_a_reset_makes_the_believed_pose_true_and_a_bumpless_one_gets_there_without_a_jump():
@@ -248,16 +274,20 @@ def test_a_reset_makes_the_believed_pose_true_and_a_bumpless_one_gets_there_with
         assert wrong.max() > 0.3
         if mode == "reset":
             assert all(wrong[np.isclose(run.t, k)] < 1e-12 for k in (1, 2, 3))
-        assert np.hypot(*np.diff(run.q[:, :2], axis=0).T).max() < 0.06  # the true one never jumps: 10 ms at 5 m/s and a bit
+        # The true one never jumps: 10 ms at 5 m/s and a bit
+        assert np.hypot(*np.diff(run.q[:, :2], axis=0).T).max() < 0.06
     assert jumps["reset"] > 0.3 > 0.1 > jumps["bumpless"]
 
 
 def test_limits_slow_down_and_keep_the_path():
-    """Starting on a bend with more than the motors have: cut, both push alike and it leaves the bend; slow, it stays on it."""
+    """Starting on a bend with more than the motors have: cut, both push alike and it leaves the bend;
+    slow, it stays on it."""
     path = chain((1 / 4, 4 * math.pi / 2))
     errors = {}
     for mode in ("cut", "slow"):
-        spec = dataclasses.replace(composite(path, duration=4.0), limits=LimitsSection(torque=(6.0,), mode=mode))
+        spec = dataclasses.replace(
+            composite(path, duration=4.0), limits=LimitsSection(torque=(6.0,), mode=mode)
+        )
         spec = changed(spec, reference={"speed": 2.0}, initial={"speed": 0.0})
         run = simulate(spec)
         assert np.abs(run.tau).max() <= 6.0 and "saturated" in run.status
@@ -282,7 +312,8 @@ def test_reversing():
 
 
 def test_a_reference_point_beside_the_axis():
-    """P_l anywhere on the vehicle follows the path just so: distance and speed obey the same linear equations."""
+    """P_l anywhere on the vehicle follows the path just so:
+    distance and speed obey the same linear equations."""
     line = changed(LINE, simulation={"output_step": 0.05})
     plain, aside = simulate(line), simulate(changed(line, output={"W": -0.4, "L": 0.5}))
     assert aside.law.name == "type_iv_line_offset"
@@ -293,7 +324,12 @@ def test_a_reference_point_beside_the_axis():
 
 @pytest.mark.parametrize(
     ("speed", "offset", "kind", "time"),
-    [(1.414, 5.0, "singular", 0.845), (0.0, 5.0, "singular", 0.54), (1.414, 4.6, "safe", None), (1.414, 1.0, "safe", None)],
+    [
+        (1.414, 5.0, "singular", 0.845),
+        (0.0, 5.0, "singular", 0.54),
+        (1.414, 4.6, "safe", None),
+        (1.414, 1.0, "safe", None),
+    ],
 )
 def test_a_start_is_judged_as_stated(speed, offset, kind, time):
     """Figures of the mathematics, section 4; and the run agrees."""
@@ -308,7 +344,9 @@ def test_a_start_is_judged_as_stated(speed, offset, kind, time):
 @pytest.mark.nightly
 @pytest.mark.parametrize("heading", np.radians([-90, -40, -20, 0, 60, 90, 120, 150, 156, 180]))
 def test_starts_on_the_circle_are_judged_as_they_run(heading):
-    spec = changed(CIRCLE, initial={"heading": float(heading)}, simulation={"duration": 6.0, "output_step": 0.05})
+    spec = changed(
+        CIRCLE, initial={"heading": float(heading)}, simulation={"duration": 6.0, "output_step": 0.05}
+    )
     verdict, run = certify(make_loop(spec), spec), simulate(spec)
     assert verdict.kind == ("singular" if run.stopped else "safe")
     if run.stopped:
@@ -320,7 +358,9 @@ LOOPS = {
     "other masses": dataclasses.replace(LINE, plant={"m_c": 60.0}),  # than the controller takes the robot for
     "integral action": dataclasses.replace(LINE, gains={"ki": 0.5}),
     "limits": dataclasses.replace(LINE, limits=LimitsSection(torque=(1e6,))),  # that never hold
-    "sampled with integral action": dataclasses.replace(changed(LINE, simulation={"period": 0.01}), gains={"ki_distance": 0.3}),
+    "sampled with integral action": dataclasses.replace(
+        changed(LINE, simulation={"period": 0.01}), gains={"ki_distance": 0.3}
+    ),
 }
 
 
@@ -338,7 +378,21 @@ def test_what_the_proof_does_not_cover_is_not_proved():
 
 def test_a_spec_is_changed_on_the_command_line(tmp_path, capsys):
     target, line = tmp_path / "x.csv", str(SPECS / "line.toml")
-    assert main(["simulate", line, "-o", str(target), "--set", "simulation.duration=0.5", "--set", "simulation.period=0.01"]) == 0
+    assert (
+        main(
+            [
+                "simulate",
+                line,
+                "-o",
+                str(target),
+                "--set",
+                "simulation.duration=0.5",
+                "--set",
+                "simulation.period=0.01",
+            ]
+        )
+        == 0
+    )
     assert len(target.read_text().splitlines()) == 52
     capsys.readouterr()
     for wrong in ("simulation.duration", "simulation.durration=1"):
@@ -347,7 +401,8 @@ def test_a_spec_is_changed_on_the_command_line(tmp_path, capsys):
 
 
 def test_headings_are_taken_the_short_way_round():
-    """Type II from heading 3.0 to -3.0: over pi, 0.28 rad, not 6 rad back; whole turns in the reference change nothing."""
+    """Type II from heading 3.0 to -3.0: over pi, 0.28 rad, not 6 rad back;
+    whole turns in the reference change nothing."""
     output = {"type": "II", "path": None}
     reference = Reference(position=(0.0, -3.0), velocity=(0.0, 0.0))
     spec = changed(LINE, output=output, reference=reference, initial={"point": (0.0, 0.0), "heading": 3.0})
@@ -375,7 +430,8 @@ simulation = { duration = 3.5, period = 0.01 }
 
 
 def test_a_speed_that_does_not_fit_is_said_with_one_that_does(tmp_path, capsys):
-    """By the forces that rolling needs in a run: within friction at the speed that is said, beyond it at 1.15 times that."""
+    """By the forces that rolling needs in a run: within friction at the speed that is said,
+    beyond it at 1.15 times that."""
     file, out = tmp_path / "bend.toml", str(tmp_path / "out.csv")
     file.write_text(BEND)
     assert main(["simulate", str(file), "-o", out]) == 0
@@ -384,10 +440,23 @@ def test_a_speed_that_does_not_fit_is_said_with_one_that_does(tmp_path, capsys):
     assert found and "speed = 1.8 m/s does not fit" in line
     for part, fits in ((1.0, True), (1.15, False)):
         speed = part * float(found[1])
-        run = simulate(read_varied(file, {"reference.speed": speed, "initial.speed": speed, "simulation.duration": 6 / speed}))
-        assert (max(use[run.t > 1 / speed].max() for use in run.use.values()) <= 1) == fits == (run.warnings == ())
+        run = simulate(
+            read_varied(
+                file, {"reference.speed": speed, "initial.speed": speed, "simulation.duration": 6 / speed}
+            )
+        )
+        assert (
+            (max(use[run.t > 1 / speed].max() for use in run.use.values()) <= 1)
+            == fits
+            == (run.warnings == ())
+        )
     pose = ["--from", "0", "0", "0", "--to", "4", "3", "90", "--degrees"]
-    assert main(["plan", "dubins", *pose, "--radius", "1", "--spec", str(file), "-o", str(tmp_path / "path.toml")]) == 0
+    assert (
+        main(
+            ["plan", "dubins", *pose, "--radius", "1", "--spec", str(file), "-o", str(tmp_path / "path.toml")]
+        )
+        == 0
+    )
     assert "does not fit" in capsys.readouterr().err
     assert main(["plan", "dubins", *pose, "--radius", "1", "--spec", str(tmp_path / "none.toml")]) == 2
 
@@ -399,7 +468,9 @@ def test_a_car_on_arcs_of_a_floor_runs_without_a_word_on_its_speed():
         .replace("L = 0.1,", "L = 1.0,")
         .replace("duration = 3.5", "duration = 0.2")
     )
-    text = re.sub(r"parameters = .*|limits = .*|, height = 0.3", "", text).replace("radius = 1.5", "radius = 9.0")
+    text = re.sub(r"parameters = .*|limits = .*|, height = 0.3", "", text).replace(
+        "radius = 1.5", "radius = 9.0"
+    )
     run = simulate(spec_of(text, "test"))
     assert run.stopped is None and run.warnings == ()
 
@@ -423,7 +494,11 @@ def test_a_singular_run_says_where_and_what_helps(tmp_path):
     assert run.stopped == "singular"
     said = why_singular(run)
     heading = float(re.search(r"heading (\S+) deg", said)[1])
-    assert abs(abs(heading) - 90) < 0.1 and "inputs were limited in" in said and "det Phi of distance, speed is zero at (" in said
+    assert (
+        abs(abs(heading) - 90) < 0.1
+        and "inputs were limited in" in said
+        and "det Phi of distance, speed is zero at (" in said
+    )
     assert said.endswith('with near_singular = "damped" in [output] this run does not stop (tried)')
     damped = simulate(read_varied(file, {**SINGULAR, "output.near_singular": "damped"}))
     assert damped.stopped is None and abs(damped.y[-1, 0]) < abs(damped.y[0, 0])

@@ -1,4 +1,5 @@
-"""Kinematic laws: commands nu = Phi^-1 (v - drift), their limits, the runs behind drives, and the outer loop about them."""
+"""Kinematic laws: commands nu = Phi^-1 (v - drift), their limits, the runs behind drives,
+and the outer loop about them."""
 
 import itertools
 import math
@@ -36,7 +37,12 @@ from noslip.simulation.controllers.compiled import library
 from noslip.simulation.controllers.controller import Limits
 from noslip.simulation.controllers.odometry import vehicle_wheels
 from noslip.simulation.controllers.runtime import runtime
-from noslip.simulation.controllers.velocity import CompiledVelocity, ReferenceVelocity, VehicleLimits, VelocityLimits
+from noslip.simulation.controllers.velocity import (
+    CompiledVelocity,
+    ReferenceVelocity,
+    VehicleLimits,
+    VelocityLimits,
+)
 from noslip.simulation.specification.spec import DriveSection, Initial, Simulation, Spec, read_spec, spec_of
 from noslip.tests.tools import HOST_CC
 
@@ -55,7 +61,12 @@ def controller(law, backend="c", limits=None, **config):
     """A controller with the defaults of robot and law, but for entries of config."""
     chosen = [config.get(q.name, q.default) for q in law.config]
     return make_controller(
-        backend, law, [p.default for p in law.parameters], chosen, [2.0 + k for k in range(len(law.gains))], limits
+        backend,
+        law,
+        [p.default for p in law.parameters],
+        chosen,
+        [2.0 + k for k in range(len(law.gains))],
+        limits,
     )
 
 
@@ -67,19 +78,34 @@ def rolled(law, q: np.ndarray, nu: np.ndarray) -> np.ndarray:
     return np.array([speed * c - p["d"] * turning * s, speed * s + p["d"] * turning * c, turning, *nu])
 
 
-CONFIG = {"L": 0.4, "W": -0.2, "A": 1.0, "B": -2.0, "C": 0.3, "R": 2.0, "a": 3.0, "b": 1.5, "curvature": 0.3, "x_f": 0.2}
+CONFIG = {
+    "L": 0.4,
+    "W": -0.2,
+    "A": 1.0,
+    "B": -2.0,
+    "C": 0.3,
+    "R": 2.0,
+    "a": 3.0,
+    "b": 1.5,
+    "curvature": 0.3,
+    "x_f": 0.2,
+}
 
 
 @pytest.mark.parametrize("backend", TOLERANCE)
 @pytest.mark.parametrize("name", [*OUTPUTS, "type_iv_circle_offset", "type_i_offset"])
 def test_the_commands_move_the_outputs_as_desired(name, backend):
-    """Differences of h along the motion of a unicycle, without Phi: each output moves with ydot_d + k (y_d - y), and the speed is
-    the desired one. At random states and references; the velocities of the state do not matter.
+    """Differences of h along the motion of a unicycle, without Phi: each output moves with ydot_d + k (y_d -
+    y), and the speed is the desired one. At random states and references; the velocities of the state do not
+    matter.
     """
     made, random, seen = law(name=name), np.random.default_rng(3), 0
     one = controller(made, backend, **CONFIG)
-    h = ca.Function("h", [*[ca.vertcat(*[q.symbol for q in made.groups[g]]) for g in ("state", "params", "config")]],
-                    [made.linearization.h])  # fmt: skip
+    h = ca.Function(
+        "h",
+        [*[ca.vertcat(*[q.symbol for q in made.groups[g]]) for g in ("state", "params", "config")]],
+        [made.linearization.h],
+    )
     numbers = [[p.default for p in made.parameters], [CONFIG.get(q.name, q.default) for q in made.config]]
     degrees, gains = made.linearization.relative_degree, iter(2.0 + k for k in range(len(made.gains)))
     gain = [next(gains) if degree else 0.0 for degree in degrees]
@@ -90,7 +116,9 @@ def test_the_commands_move_the_outputs_as_desired(name, backend):
             continue
         assert status == "ok"
         moving, eps = rolled(made, q, command), 1e-5
-        either = [h(np.concatenate([q + sign * eps * moving, command]), *numbers).full().ravel() for sign in (1, -1)]
+        either = [
+            h(np.concatenate([q + sign * eps * moving, command]), *numbers).full().ravel() for sign in (1, -1)
+        ]
         y = h(np.concatenate([q, command]), *numbers).full().ravel()
         rate, place = (either[0] - either[1]) / (2 * eps), 0
         size = 1 + np.abs(command).max()
@@ -120,15 +148,19 @@ def test_the_commands_move_the_outputs_as_desired(name, backend):
     ],
 )
 def test_c_is_the_reference(robot, name, tmp_path):
-    """The comparison that `noslip generate` makes, for robots that steer, with more quasi-velocities and more inputs; it finds a
-    planted sign.
+    """The comparison that `noslip generate` makes, for robots that steer, with more quasi-velocities and more
+    inputs; it finds a planted sign.
     """
     made, system = law(robot, name), system_of(find_robot(robot))
     files = robot_files(system, [made], dynamics=False)
     assert list(differences(system, [made], files)) == []
     source = f"{robot}_{made.name}.c"
     text = files[source]
-    line = next(x for x in text[text.index("_step_law(") :].splitlines() if "command[0] =" in x and ("-" in x or "+" in x))
+    line = next(
+        x
+        for x in text[text.index("_step_law(") :].splitlines()
+        if "command[0] =" in x and ("-" in x or "+" in x)
+    )
     planted = line.replace("-", "+", 1) if "-" in line else line.replace("+", "-", 1)
     wrong = files | {source: text.replace(line, planted, 1)}
     assert list(differences(system, [made], wrong)) != []
@@ -140,12 +172,17 @@ def test_all_that_a_law_says():
     assert made.linearization.relative_degree == (1, 0) and made.kinematic and made.speed_row == 1
     assert [q.name for q in made.gains] == ["kv_distance"]
     assert [q.name for q in made.reference] == ["distance", "distance_rate", "speed"]
-    assert [(q.name, q.unit) for q in made.inputs] == [("command_thetadot_r", "rad/s"), ("command_thetadot_l", "rad/s")]
+    assert [(q.name, q.unit) for q in made.inputs] == [
+        ("command_thetadot_r", "rad/s"),
+        ("command_thetadot_l", "rad/s"),
+    ]
     masses = ca.vertcat(*[p.symbol for p in made.parameters if p.name not in LABMATE])
     assert not ca.depends_on(made.tau, masses) and not ca.depends_on(made.tau, made.system.nu)
     assert law_of(find_robot("labmate"), "type_iv_circle").tau.shape == made.tau.shape
     for name in ("type_i_kinematic", "type_iv_line_offset_kinematic", "type_iii"):
-        assert str(LawName.parse(name)) == name and LawName.parse(name).kinematic == name.endswith("kinematic")
+        assert str(LawName.parse(name)) == name and LawName.parse(name).kinematic == name.endswith(
+            "kinematic"
+        )
     for entry in law_program(made).entries:
         assert "ground" not in entry.name and entry.name not in ("rate", "decoupling_rate")
 
@@ -179,10 +216,13 @@ def test_a_speed_must_be_affine():
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_any_bits_in_finite_out(scalar):
-    """Random bit patterns, infinities and NaN in state and reference: finite commands within their limits, zeros on an error."""
+    """Random bit patterns, infinities and NaN in state and reference:
+    finite commands within their limits, zeros on an error."""
     made, form = law(name="type_iv_circle"), "<f" if scalar == "float" else "<d"
     random, statuses = np.random.default_rng(5), set()
-    one = controller(made, "cf" if scalar == "float" else "c", Limits((60.0, 40.0), "slow"), R=2.0, x_f=0.0, y_f=0.0)
+    one = controller(
+        made, "cf" if scalar == "float" else "c", Limits((60.0, 40.0), "slow"), R=2.0, x_f=0.0, y_f=0.0
+    )
 
     def wild() -> float:
         if random.random() < 0.95:
@@ -200,7 +240,8 @@ def test_any_bits_in_finite_out(scalar):
 
 
 def test_singular_is_said_and_held():
-    """With the heading normal to the path the distance cannot be commanded: an error, zeros or the held command."""
+    """With the heading normal to the path the distance cannot be commanded: an error,
+    zeros or the held command."""
     made = law()
     state, reference = np.array([0, 1.0, 0.0, 0, 0, 0, 0]), np.array([0.0, 0.0, 1.0])
     state[2] = math.atan2(-1.0, 1.0)  # the normal of y = x
@@ -208,11 +249,15 @@ def test_singular_is_said_and_held():
         status, command = controller(made, backend, A=1.0, B=-1.0).step(state, reference)
         assert status == "singular" and (command == 0).all()
     compiled = library(made, "double")
-    assert "NOSLIP_SLOW" in compiled.text.declarations() and "friction is not used" in compiled.text.declarations()
+    assert (
+        "NOSLIP_SLOW" in compiled.text.declarations()
+        and "friction is not used" in compiled.text.declarations()
+    )
 
 
 def test_slow_keeps_the_path():
-    """With NOSLIP_SLOW the command is within its limits, and the distance still moves as desired; in the C and the reference."""
+    """With NOSLIP_SLOW the command is within its limits, and the distance still moves as desired;
+    in the C and the reference."""
     made, q = law(), np.array([0.3, 1.0, 0.6, 0, 0])
     reference = np.array([0.0, 0.0, 3.0])
     free = controller(made, A=0.0, B=1.0).step(np.append(q, [0, 0]), reference)[1]
@@ -223,7 +268,7 @@ def test_slow_keeps_the_path():
         assert rolled(made, q, command)[1] == pytest.approx(rolled(made, q, free)[1], rel=1e-4)
 
 
-# -- limits of the commands ----------------------------------------------------------------------------------------------
+# -- limits of the commands ----------------------------------------------------------------------------------
 
 VEHICLE = VehicleLimits((0.075, 0.075), (0.25, -0.25), 1.2, 1.6)
 UNEVEN = VehicleLimits((0.08, 0.07), (0.26, -0.22), 1.2, 1.6)  # wheels of two sizes
@@ -236,7 +281,8 @@ def twist(command: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_follow_is_the_reference(scalar):
-    """Beside the reference implementation, with desired velocities that jump, with limits of the vehicle and without."""
+    """Beside the reference implementation, with desired velocities that jump,
+    with limits of the vehicle and without."""
     random, seen = np.random.default_rng(4), set()
     for count, vehicle in itertools.product((2, 2, 2), (VEHICLE, UNEVEN, None)):
         limits = VelocityLimits((30.0, 20.0), (40.0, 90.0), tuple(random.uniform(0.5, 50, count)), vehicle)
@@ -245,7 +291,9 @@ def test_follow_is_the_reference(scalar):
         for k in range(300):
             desired = random.normal(0, 15, count) if k % 25 == 0 else desired
             status = "singular" if k % 90 == 80 else "ok"
-            (found, command), (expected, reference) = (one.follow(desired, nu, status, PERIOD) for one in both)
+            (found, command), (expected, reference) = (
+                one.follow(desired, nu, status, PERIOD) for one in both
+            )
             assert np.abs(command - reference).max() <= (1e-11 if scalar == "double" else 1e-4)
             assert found == expected or scalar == "float"
             both[1]._command = np.array(command)
@@ -256,7 +304,8 @@ def test_follow_is_the_reference(scalar):
 
 @pytest.mark.parametrize("scalar, slack", [("double", 1e-12), ("float", 1e-5)])
 def test_accelerations_of_the_vehicle_are_kept(scalar, slack):
-    """Along the way and across it, each at most its limit, together at most friction; and the desired motion is reached."""
+    """Along the way and across it, each at most its limit, together at most friction;
+    and the desired motion is reached."""
     random = np.random.default_rng(6)
     one, before = CompiledVelocity(WIDE, PERIOD, scalar), np.zeros(2)
     one.reset(before)
@@ -267,7 +316,8 @@ def test_accelerations_of_the_vehicle_are_kept(scalar, slack):
             status, command = one.follow(desired, before, "ok", PERIOD)
             (v, w), (v_before, _) = twist(command), twist(before)
             assert (
-                abs(v * w) <= VEHICLE.lateral * (1 + slack) and abs(v - v_before) <= VEHICLE.along * PERIOD * (1 + slack) + slack
+                abs(v * w) <= VEHICLE.lateral * (1 + slack)
+                and abs(v - v_before) <= VEHICLE.along * PERIOD * (1 + slack) + slack
             )
             assert np.hypot(v * w, (v - v_before) / PERIOD) <= 2.0 * (1 + slack) + 100 * slack
             before = command
@@ -291,20 +341,29 @@ def test_too_fast_in_a_curve_brakes_and_says_so():
     one.reset(start)
     _, command = one.follow(start, start, "ok", PERIOD)
     assert command == pytest.approx(start * command[0] / start[0], rel=1e-12), "both go to zero together"
-    assert twist(start - command)[0] == pytest.approx(VEHICLE.along * PERIOD, rel=1e-9), "as fast as they may, no faster"
+    assert twist(start - command)[0] == pytest.approx(VEHICLE.along * PERIOD, rel=1e-9), (
+        "as fast as they may, no faster"
+    )
 
 
 def test_what_a_step_says():
-    """A limit of the vehicle alone says so; the law's own word goes before it; a time too short for any change is refused."""
+    """A limit of the vehicle alone says so; the law's own word goes before it;
+    a time too short for any change is refused."""
     one = CompiledVelocity(WIDE, PERIOD)
-    straight, curve = (np.linalg.solve([VEHICLE.forward, VEHICLE.turn], each) for each in ([0.5, 0.0], [1.5, 1.5]))
-    assert one.follow(straight, np.zeros(2), "ok", PERIOD)[0] == "saturated", "60 rad/s^2 are more than the 1.2 m/s^2"
+    straight, curve = (
+        np.linalg.solve([VEHICLE.forward, VEHICLE.turn], each) for each in ([0.5, 0.0], [1.5, 1.5])
+    )
+    assert one.follow(straight, np.zeros(2), "ok", PERIOD)[0] == "saturated", (
+        "60 rad/s^2 are more than the 1.2 m/s^2"
+    )
     assert one.follow(curve, np.zeros(2), "ok", PERIOD)[0] == "grip"
     assert one.follow(curve, np.zeros(2), "saturated", PERIOD)[0] == "saturated"
     even = CompiledVelocity(replace(WIDE, vehicle=VehicleLimits((0.5, 0.5), (0.5, -0.5), 1.2, 1.0)), PERIOD)
     even.reset(np.array([2.0, 0.0]))  # 1 m/s and 1 rad/s: at the limit, not beyond it
     assert even.follow(np.array([2.0, 0.0]), np.array([2.0, 0.0]), "ok", PERIOD)[0] == "ok"
-    status, command = CompiledVelocity(replace(WIDE, vehicle=None), PERIOD).follow(curve, np.zeros(2), "ok", 1e-311)
+    status, command = CompiledVelocity(replace(WIDE, vehicle=None), PERIOD).follow(
+        curve, np.zeros(2), "ok", 1e-311
+    )
     assert status == "nonfinite" and np.all(command == 0)
 
 
@@ -317,10 +376,16 @@ def test_misuse_of_the_vehicle():
 
     def put(self, **changes) -> str:
         return made.status(
-            made.lib.noslip_velocity_set_vehicle(self, made.new("noslip_velocity_vehicle", "double", good | changes))
+            made.lib.noslip_velocity_set_vehicle(
+                self, made.new("noslip_velocity_vehicle", "double", good | changes)
+            )
         )
 
-    assert put(one) == "not_ready" and made.status(made.lib.noslip_velocity_twist(one, pair)) == "not_ready" and pair[0] == 0
+    assert (
+        put(one) == "not_ready"
+        and made.status(made.lib.noslip_velocity_twist(one, pair)) == "not_ready"
+        and pair[0] == 0
+    )
     assert made.lib.noslip_velocity_init(one, rows, 2, PERIOD) == 0
     assert made.status(made.lib.noslip_velocity_twist(one, pair)) == "not_ready"
     for name in ("along", "lateral"):
@@ -328,10 +393,14 @@ def test_misuse_of_the_vehicle():
             assert put(one, **{name: bad}) == "bad_parameter"
     assert put(one, along=5e-324) == "bad_parameter", "of which a period makes no speed"
     assert put(one, turn=VEHICLE.forward) == put(one, turn=(math.nan, 0.0)) == "bad_parameter"
-    assert put(made.ffi.NULL) == "null" == made.status(made.lib.noslip_velocity_set_vehicle(one, made.ffi.NULL))
+    assert (
+        put(made.ffi.NULL) == "null" == made.status(made.lib.noslip_velocity_set_vehicle(one, made.ffi.NULL))
+    )
     assert put(one) == "ok" and made.status(made.lib.noslip_velocity_twist(one, made.ffi.NULL)) == "null"
     assert made.lib.noslip_velocity_reset(one, made.array("double", [0.5, 0.25])) == 0
-    assert made.lib.noslip_velocity_twist(one, pair) == 0 and list(pair) == pytest.approx(twist(np.array([0.5, 0.25])), rel=1e-12)
+    assert made.lib.noslip_velocity_twist(one, pair) == 0 and list(pair) == pytest.approx(
+        twist(np.array([0.5, 0.25])), rel=1e-12
+    )
     assert made.lib.noslip_velocity_init(one, rows, 1, PERIOD) == 0 and put(one) == "bad_parameter"
 
 
@@ -357,7 +426,7 @@ def test_any_bits_of_desired_velocities(scalar, form):
         before = command
 
 
-# -- runs ----------------------------------------------------------------------------------------------------------------
+# -- runs ----------------------------------------------------------------------------------------------------
 
 CIRCLE = """
 robot = "labmate"
@@ -387,20 +456,32 @@ GRIP = '[limits]\nmode = "grip"\n[contact]\nmu = 0.08\n'
 
 @pytest.mark.nightly
 def test_a_run_decays_as_the_gain_says():
-    """Behind fast drives the distance decays as exp(-kv t), and the speed is the desired one; in all backends."""
-    fast = CIRCLE.replace("bandwidth = 5.0", "bandwidth = 400.0").replace("delay = 0.02", "delay = 0.0").replace("60.0", "1e5")
+    """Behind fast drives the distance decays as exp(-kv t), and the speed is the desired one;
+    in all backends."""
+    fast = (
+        CIRCLE.replace("bandwidth = 5.0", "bandwidth = 400.0")
+        .replace("delay = 0.02", "delay = 0.0")
+        .replace("60.0", "1e5")
+    )
     fast = fast.replace("period = 0.01", "period = 0.001\ngains = {}").replace("gains = {}", "")
     run = simulate(spec_of(fast, "test"), "c")
-    assert run.y[:, 0] == pytest.approx(0.5 * np.exp(-2.0 * run.t), abs=3e-3) and abs(run.y[50:, 1] - 1.4).max() < 1e-6
+    assert (
+        run.y[:, 0] == pytest.approx(0.5 * np.exp(-2.0 * run.t), abs=3e-3)
+        and abs(run.y[50:, 1] - 1.4).max() < 1e-6
+    )
     model, double, single = (simulate(spec_of(CIRCLE, "test"), backend) for backend in ("casadi", "c", "cf"))
     assert np.abs(double.x - model.x).max() < 1e-9 and np.abs(single.x - model.x).max() < 1e-3
-    assert model.columns[-2:] == ["command_thetadot_r", "command_thetadot_l"] and model.law.name == "type_iv_circle_kinematic"
+    assert (
+        model.columns[-2:] == ["command_thetadot_r", "command_thetadot_l"]
+        and model.law.name == "type_iv_circle_kinematic"
+    )
     heavier = CIRCLE.replace("[output]", "plant = { m_c = 120.0, I_c = 60.0 }\n[output]", 1)
     assert np.abs(simulate(spec_of(heavier, "test")).y - model.y).max() < 1e-9, "masses do not matter"
 
 
 def test_a_run_keeps_grip():
-    """With [limits] mode = "grip" the commands stay within friction: 1.4 m/s on 3 m needs 0.65 m/s^2, there are 0.60."""
+    """With [limits] mode = "grip" the commands stay within friction: 1.4 m/s on 3 m needs 0.65 m/s^2,
+    there are 0.60."""
     run = simulate(spec_of(CIRCLE + GRIP, "test"), "c")
     forward, turn, _ = vehicle_wheels(run.law.system, run.plant.parameters)
     v, w = run.command @ forward, run.command @ turn
@@ -426,18 +507,34 @@ def test_a_composite_path_is_followed():
     """Lines and arcs with a cusp, with the kinematic law."""
     spec = read_spec(ROOT / "examples/specs/figures/figure_11.toml")
     drive = DriveSection(kind="kinematic", bandwidth=20.0)
-    run = simulate(replace(spec, drive=drive, limits=None, gains={}, simulation=replace(spec.simulation, period=PERIOD)), "c")
-    assert run.stopped is None and run.law.name.endswith("segment_kinematic") and np.abs(run.error[:, 0]).max() < 0.05
+    run = simulate(
+        replace(spec, drive=drive, limits=None, gains={}, simulation=replace(spec.simulation, period=PERIOD)),
+        "c",
+    )
+    assert (
+        run.stopped is None
+        and run.law.name.endswith("segment_kinematic")
+        and np.abs(run.error[:, 0]).max() < 0.05
+    )
 
 
 @pytest.mark.parametrize(
     "change, said",
     [
-        (("[drive]", "[limits]\ntorque = 5.0\n[drive]"), "most_speed and most_acceleration limit its commands"),
-        (("[drive]", '[contact]\nmu = 0.5\n[limits]\ntorque = 5.0\nmode = "grip"\n[drive]'), "its law gives velocities"),
+        (
+            ("[drive]", "[limits]\ntorque = 5.0\n[drive]"),
+            "most_speed and most_acceleration limit its commands",
+        ),
+        (
+            ("[drive]", '[contact]\nmu = 0.5\n[limits]\ntorque = 5.0\nmode = "grip"\n[drive]'),
+            "its law gives velocities",
+        ),
         (("[drive]", '[limits]\nmode = "grip"\n[drive]'), "requires .contact.: mu"),
         (
-            ("[drive]", '[contact]\nmu = 0.5\n[limits]\nmode = "grip"\nnotice_slip = { window = 0.3 }\n[drive]'),
+            (
+                "[drive]",
+                '[contact]\nmu = 0.5\n[limits]\nmode = "grip"\nnotice_slip = { window = 0.3 }\n[drive]',
+            ),
             "notice_slip does not go with",
         ),
         (("speed = 1.4", "speed = 1.4\napproach = { acceleration = 0.5 }"), "approach does not go with"),
@@ -452,12 +549,15 @@ def test_refused_specs(change, said):
         simulate(spec_of(CIRCLE.replace(*change, 1), "test"))
 
 
-# -- outer loop ----------------------------------------------------------------------------------------------------------
+# -- outer loop ----------------------------------------------------------------------------------------------
 
 
 def grown(spec: Spec, gain: float) -> float:
-    """By what a deviation of 1e-6 m from the steady motion has grown from the second to the third 1.5 s, simulated."""
-    drive = DriveSection(kind="kinematic", bandwidth=5.0, delay=0.02, most_speed=(100.0,), most_acceleration=(1000.0,))
+    """By what a deviation of 1e-6 m from the steady motion has grown from the second to the third 1.5 s,
+    simulated."""
+    drive = DriveSection(
+        kind="kinematic", bandwidth=5.0, delay=0.02, most_speed=(100.0,), most_acceleration=(1000.0,)
+    )
     simulation = Simulation(duration=4.5, period=PERIOD, output_step=PERIOD, backend="casadi")
     spec = replace(spec, gains={"kv_distance": gain}, drive=drive, simulation=simulation)
     x = steady_motion(replace(setting_of(spec), drive=DriveLoop(10 * math.pi, 0.02, False, True))).state
@@ -469,7 +569,8 @@ def grown(spec: Spec, gain: float) -> float:
 
 @pytest.mark.parametrize("name", ["type_iv_line", "type_iv_circle"])
 def test_the_stability_limit_is_that_of_the_simulation(name):
-    """Behind 5 Hz and 20 ms: stable at 0.98, unstable at 1.02 of the predicted factor; another delay would give another one."""
+    """Behind 5 Hz and 20 ms: stable at 0.98, unstable at 1.02 of the predicted factor;
+    another delay would give another one."""
     made, gain = law(name=name), 2.0
     found = [
         OuterLoopReport(
@@ -480,17 +581,22 @@ def test_the_stability_limit_is_that_of_the_simulation(name):
     ]  # fmt: skip
     factor = found[0].fastest
     assert factor < found[0].channels["distance"].fastest() and found[1].fastest > 1.1 * factor
-    assert grown(found[0].spec, 0.98 * gain * factor) < 0.95 and grown(found[0].spec, 1.02 * gain * factor) > 1.05
+    assert (
+        grown(found[0].spec, 0.98 * gain * factor) < 0.95
+        and grown(found[0].spec, 1.02 * gain * factor) > 1.05
+    )
     assert found[0].motion.inputs == ["command_thetadot_r", "command_thetadot_l"]
 
 
 def test_the_distance_falls_as_python_control_says():
-    """A step of the desired distance of Type I along x: the sampled channel predicts each row, and a transfer function with a
-    Padé approximation of delay and hold the rise time within 2 %.
+    """A step of the desired distance of Type I along x: the sampled channel predicts each row, and a transfer
+    function with a Padé approximation of delay and hold the rise time within 2 %.
     """
     kv, period = 6.0, 0.004
     made = law(name="type_i")
-    drive = DriveSection(kind="kinematic", bandwidth=5.0, delay=0.02, most_speed=(100.0,), most_acceleration=(1e4,))
+    drive = DriveSection(
+        kind="kinematic", bandwidth=5.0, delay=0.02, most_speed=(100.0,), most_acceleration=(1e4,)
+    )
     spec = default_spec("labmate", made)
     spec = replace(
         spec,
@@ -501,7 +607,9 @@ def test_the_distance_falls_as_python_control_says():
         simulation=Simulation(duration=1.2, period=period, output_step=period, backend="casadi"),
     )
     run = simulate(spec)
-    channel = Channel("x_l", "m", Gains(1, kv), period, drive=DriveLoop(drive.omega, drive.delay, False, True))
+    channel = Channel(
+        "x_l", "m", Gains(1, kv), period, drive=DriveLoop(drive.omega, drive.delay, False, True)
+    )
     predicted = control.step_response(channel.closed(), run.t, squeeze=False).outputs[0, 0]
     assert np.abs(predicted - run.y[:, 0]).max() < 1e-8
     late = control.tf(*control.pade(0.02 + period / 2, 8))
@@ -533,15 +641,30 @@ def test_command_line(tmp_path, bad_input, capsys):
     spec.write_text(CIRCLE)
     assert "a kinematic law goes with" in bad_input([*given, "--spec", str(spec), "--drive", "torque"])
     assert "unknown output 'speed'" in bad_input([*fast, "--output", "type_iv_line", "--poles", "speed=-1"])
-    fmu = ["export", "labmate", "--output", "type_i_kinematic", "--fmu", "controller", "-o", str(tmp_path / "a.fmu")]
+    fmu = [
+        "export",
+        "labmate",
+        "--output",
+        "type_i_kinematic",
+        "--fmu",
+        "controller",
+        "-o",
+        str(tmp_path / "a.fmu"),
+    ]
     assert "take type_i" in bad_input(fmu)
     out = tmp_path / "c"
-    assert main(["generate", "labmate", "--output", "type_i_kinematic", "--scalar", "float", "-o", str(out)]) == 0
-    assert (out / "labmate/labmate_type_i_kinematic_f.c").exists() and not list(out.rglob("*kinematic_steps*"))
+    assert (
+        main(["generate", "labmate", "--output", "type_i_kinematic", "--scalar", "float", "-o", str(out)])
+        == 0
+    )
+    assert (out / "labmate/labmate_type_i_kinematic_f.c").exists() and not list(
+        out.rglob("*kinematic_steps*")
+    )
 
 
 def test_page(tmp_path):
-    """The C of docs/drives.md for a kinematic law compiles without a warning, with the law that noslip generates."""
+    """The C of docs/drives.md for a kinematic law compiles without a warning,
+    with the law that noslip generates."""
     page = (ROOT / "docs/drives.md").read_text()
     (block,) = re.findall(r"tests/simulation/test_kinematic.py -->\n```c\n(.*?)^```", page, re.S | re.M)
     prototypes = re.findall(r"^(?:int|void) [^{]*?\)(?=\n\{)", block, re.M)
@@ -551,9 +674,12 @@ def test_page(tmp_path):
     for name, content in text.files().items():
         (tmp_path / name).write_text(content)
     flags = (
-        "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-equal -Wshadow -Wstrict-prototypes -Werror"
+        "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-equal -Wshadow "
+        "-Wstrict-prototypes -Werror"
     )
     folders = [f"-I{tmp_path}", f"-I{RUNTIME}", f"-I{ROOT / 'generated/labmate'}"]
     for source in ("tick.c", "labmate_type_iv_line_kinematic_f.c"):
-        subprocess.run([HOST_CC, *flags.split(), *folders, "-c", tmp_path / source, "-o", tmp_path / "a.o"], check=True)
+        subprocess.run(
+            [HOST_CC, *flags.split(), *folders, "-c", tmp_path / source, "-o", tmp_path / "a.o"], check=True
+        )
     assert len(prototypes) == 2

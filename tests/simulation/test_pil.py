@@ -1,4 +1,5 @@
-"""Processor in the loop: the law on an emulated processor gives the bits of the law on this host, and errors are said clearly."""
+"""Processor in the loop: the law on an emulated processor gives the bits of the law on this host,
+and errors are said clearly."""
 
 import os
 import shutil
@@ -25,7 +26,13 @@ from noslip.simulation.controllers.odometry import make_odometry
 from noslip.simulation.controllers.pil import Session, TargetFault, served_law
 from noslip.simulation.controllers.targets import HOST, TARGETS
 from noslip.simulation.replay import first_difference, read_record, record_text
-from noslip.simulation.specification.spec import ContactSection, DriveSection, LimitsSection, read_spec, spec_of
+from noslip.simulation.specification.spec import (
+    ContactSection,
+    DriveSection,
+    LimitsSection,
+    read_spec,
+    spec_of,
+)
 from noslip.tests import firmware
 from noslip.tests.runtime_c.test_profile import SPEC as FASTEST
 from noslip.tests.runtime_c.test_slip import SENSED
@@ -46,14 +53,22 @@ def backend(request) -> str:
 def runs():
     """Short closed loops, and their tables on this host."""
     specs = firmware.runs()
-    short = {name: replace(spec, simulation=replace(spec.simulation, duration=2.0)) for name, spec in specs.items()}
-    noticing = FASTEST.replace('mode = "grip"', 'mode = "grip", notice_slip = {}') + SENSED + "accelerometer = { noise = 0.1 }\n"
+    short = {
+        name: replace(spec, simulation=replace(spec.simulation, duration=2.0)) for name, spec in specs.items()
+    }
+    noticing = (
+        FASTEST.replace('mode = "grip"', 'mode = "grip", notice_slip = {}')
+        + SENSED
+        + "accelerometer = { noise = 0.1 }\n"
+    )
     short["fastest"] = spec_of(noticing.replace("11.0,", "1.0,") + "[plant]\nb = 0.8\n", "test")
-    short["continuous"] = replace(specs["circle"], simulation=replace(specs["circle"].simulation, period=0.0, duration=0.5))
+    short["continuous"] = replace(
+        specs["circle"], simulation=replace(specs["circle"].simulation, period=0.0, duration=0.5)
+    )
     return {name: (spec, simulate(spec, "cf")) for name, spec in short.items()}
 
 
-# -- the same bits ---------------------------------------------------------------------------------------------------------
+# -- the same bits -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["line", "circle", "composite", "continuous", "grip", "fastest"])
@@ -65,16 +80,20 @@ def test_loop(name, backend, runs):
 
 
 def test_evaluate_and_step(backend):
-    """All quantities at random states, limits that cut, errors with their status; two laws do not disturb each other."""
+    """All quantities at random states, limits that cut, errors with their status;
+    two laws do not disturb each other."""
     (plant, other), seen = (list(random_plants(LAW, 40, seed=3))[:2], set())
     limits = Limits((2.0, 3.0), "slow")
     pairs = [
-        [make_controller(name, LAW, p.params, p.config, p.gains, limits) for name in ("cf", backend)] for p in (plant, other)
+        [make_controller(name, LAW, p.params, p.config, p.gains, limits) for name in ("cf", backend)]
+        for p in (plant, other)
     ]
     for point in plant.points:
         for state in (point.state, point.state * np.nan, 1e30 * point.state):
             for here, there in pairs:
-                (status, tau), (status_there, tau_there) = (c.step(state, point.reference) for c in (here, there))
+                (status, tau), (status_there, tau_there) = (
+                    c.step(state, point.reference) for c in (here, there)
+                )
                 assert status == status_there and tau.tobytes() == tau_there.tobytes()
                 found, found_there = (c.evaluate(state, point.reference) for c in (here, there))
                 assert found.status == found_there.status
@@ -93,7 +112,9 @@ def test_objects_are_given_back(backend):
     for _ in range(5):
         make_controller(backend, LAW, *numbers)
     assert len(running._free["law"]) == free
-    kept = [make_odometry(backend, (0.1, 0.1), (0.1, -0.1), 0.0, law=LAW) for _ in running._free["odometry"][:]]
+    kept = [
+        make_odometry(backend, (0.1, 0.1), (0.1, -0.1), 0.0, law=LAW) for _ in running._free["odometry"][:]
+    ]
     with pytest.raises(BadInput, match="no room for another odometry"):
         make_odometry(backend, (0.1, 0.1), (0.1, -0.1), 0.0, law=LAW)
     del kept
@@ -101,7 +122,10 @@ def test_objects_are_given_back(backend):
 
 
 def test_whole_turns_are_taken_off(backend):
-    here, there = (make_odometry(name, (0.1, 0.1), (0.1, -0.1), 0.3, start=(1.0, 2.0, 50.0), law=LAW) for name in ("cf", backend))
+    here, there = (
+        make_odometry(name, (0.1, 0.1), (0.1, -0.1), 0.3, start=(1.0, 2.0, 50.0), law=LAW)
+        for name in ("cf", backend)
+    )
     assert here.move((0.5, 0.2), 0.01).tolist() == there.move((0.5, 0.2), 0.01).tolist()
     assert here.unwind().tolist() == there.unwind().tolist() and abs(there.pose[2]) <= np.pi
 
@@ -117,7 +141,7 @@ def test_a_path_that_is_too_long(backend):
     assert here.update(0.5, 0.1, 0.0, 1.0) == there.update(0.5, 0.1, 0.0, 1.0)
 
 
-# -- a target that answers wrongly, or not at all -----------------------------------------------------------------------------
+# -- a target that answers wrongly, or not at all ------------------------------------------------------------
 # Here the target is this host: what answers is the same C, or a shell.
 
 
@@ -145,12 +169,20 @@ def test_protocol_errors_have_a_number(host):
     ):
         request = right.copy()
         request[place] = value
-        done = subprocess.run([program], input=struct.pack("<5I", *request) + bytes(size), capture_output=True, timeout=20)
+        done = subprocess.run(
+            [program], input=struct.pack("<5I", *request) + bytes(size), capture_output=True, timeout=20
+        )
         magic, version, found, status, more = struct.unpack("<3IiI", done.stdout)
         assert (magic, version, pil.FAULTS[found], more) == (pil.MAGIC, pil.VERSION, fault, 0) and status < 0
         assert done.returncode == 1
-    law_not_made = subprocess.run([program], input=struct.pack("<5I", *right) + bytes(size), capture_output=True, timeout=20)
-    assert law_not_made.returncode == 0 and struct.unpack("<3IiI", law_not_made.stdout[:20])[2:] == (0, -6, 12)
+    law_not_made = subprocess.run(
+        [program], input=struct.pack("<5I", *right) + bytes(size), capture_output=True, timeout=20
+    )
+    assert law_not_made.returncode == 0 and struct.unpack("<3IiI", law_not_made.stdout[:20])[2:] == (
+        0,
+        -6,
+        12,
+    )
     halved = subprocess.run([program], input=struct.pack("<5I", *right)[:13], capture_output=True, timeout=20)
     assert halved.returncode == 1 and halved.stdout == b""
 
@@ -210,16 +242,40 @@ def test_missing_tools(bad_input, monkeypatch, tmp_path):
     monkeypatch.setattr("shutil.which", lambda tool: None if tool in of_target.values() else which(tool))
     for backend, tool in of_target.items():
         setting = f'simulation.backend="{backend}"'
-        argv = ["simulate", str(ROOT / "examples/specs/line.toml"), "--set", setting, "-o", str(tmp_path / "x")]
+        argv = [
+            "simulate",
+            str(ROOT / "examples/specs/line.toml"),
+            "--set",
+            setting,
+            "-o",
+            str(tmp_path / "x"),
+        ]
         line = bad_input(argv)
-        assert f"{tool} is not installed" in line and f"package gcc-{'arm' if backend == 'm4f' else 'riscv64'}" in line
+        assert (
+            f"{tool} is not installed" in line
+            and f"package gcc-{'arm' if backend == 'm4f' else 'riscv64'}" in line
+        )
 
 
 def test_interrupt_leaves_nothing(backend, tmp_path):
     """Ctrl-C while the target computes for ever: exit 130, no file, no emulator."""
     spec = ROOT / "examples/specs/line.toml"
-    settings = ["--set", f'simulation.backend="{backend}"', "--set", "simulation.duration=1e4", "--set", "simulation.period=0.01"]
-    command = [str(Path(sys.executable).parent / "noslip"), "simulate", str(spec), *settings, "-o", str(tmp_path / "run.csv")]
+    settings = [
+        "--set",
+        f'simulation.backend="{backend}"',
+        "--set",
+        "simulation.duration=1e4",
+        "--set",
+        "simulation.period=0.01",
+    ]
+    command = [
+        str(Path(sys.executable).parent / "noslip"),
+        "simulate",
+        str(spec),
+        *settings,
+        "-o",
+        str(tmp_path / "run.csv"),
+    ]
     run = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     deadline = time.monotonic() + 60
     while not (emulators := _children(run.pid)) and time.monotonic() < deadline:
@@ -233,7 +289,9 @@ def test_interrupt_leaves_nothing(backend, tmp_path):
 
 def _children(pid: int) -> list[int]:
     """The emulators that a process started."""
-    found = subprocess.run(["ps", "-o", "pid=,comm=", "--ppid", str(pid)], capture_output=True, text=True).stdout.splitlines()
+    found = subprocess.run(
+        ["ps", "-o", "pid=,comm=", "--ppid", str(pid)], capture_output=True, text=True
+    ).stdout.splitlines()
     return [int(line.split()[0]) for line in found if "qemu" in line]
 
 
@@ -247,12 +305,13 @@ def _runs(pid: int) -> bool:
     return True
 
 
-# -- record and replay -----------------------------------------------------------------------------------------------------
+# -- record and replay ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def record(tmp_path_factory):
-    """The text of a record. It is made on this host: what an image answers is the same, which test_loop and others see to."""
+    """The text of a record. It is made on this host: what an image answers is the same,
+    which test_loop and others see to."""
     spec = firmware.runs()["line"]
     session = Session(HOST, served_law(LAW))
     session.log = calls = []
@@ -352,13 +411,23 @@ def test_record_needs_a_target(bad_input, tmp_path):
 def test_record_of_a_run(backend, tmp_path, capsys):
     """From the command line: run, record, replay."""
     out, record = str(tmp_path / "run.csv"), str(tmp_path / "record.txt")
-    settings = ["--set", f'simulation.backend="{backend}"', "--set", "simulation.period=0.05", "--set", "simulation.duration=0.5"]
-    assert main(["simulate", str(ROOT / "examples/specs/line.toml"), *settings, "-o", out, "--record", record]) == 0
+    settings = [
+        "--set",
+        f'simulation.backend="{backend}"',
+        "--set",
+        "simulation.period=0.05",
+        "--set",
+        "simulation.duration=0.5",
+    ]
+    assert (
+        main(["simulate", str(ROOT / "examples/specs/line.toml"), *settings, "-o", out, "--record", record])
+        == 0
+    )
     assert main(["replay", record]) == 0
     assert "the same bits on cf" in capsys.readouterr().out
 
 
-# -- make firmware-test ----------------------------------------------------------------------------------------------------
+# -- make firmware-test --------------------------------------------------------------------------------------
 
 
 def test_a_failing_image_is_seen(backend, capsys):
@@ -383,12 +452,19 @@ def test_what_is_missing_is_skipped_or_wrong(monkeypatch, capsys):
 
 @pytest.mark.parametrize("kind", ["velocity", "kinematic"])
 def test_velocity_drives_on_the_processor(kind, backend):
-    """Commands of the target are those of the host's float, to the bit: the law, the dynamics, and the limits of the vehicle."""
+    """Commands of the target are those of the host's float, to the bit: the law, the dynamics,
+    and the limits of the vehicle."""
     spec = read_spec(ROOT / "examples/specs/circle.toml")
     drive = DriveSection(kind=kind, bandwidth=5.0, delay=0.013, most_speed=(9.0,), most_acceleration=(20.0,))
     limits = LimitsSection(mode="grip") if kind == "kinematic" else None
     simulation = replace(spec.simulation, period=0.01, duration=0.3, output_step=0.01)
-    spec = replace(spec, drive=drive, limits=limits, contact=ContactSection(mu=0.3), gains={}, simulation=simulation)
+    spec = replace(
+        spec, drive=drive, limits=limits, contact=ContactSection(mu=0.3), gains={}, simulation=simulation
+    )
     here, there = simulate(spec, "cf"), simulate(spec, backend)
-    assert (there.command == here.command).all() and (there.x == here.x).all() and (there.status == here.status).all()
+    assert (
+        (there.command == here.command).all()
+        and (there.x == here.x).all()
+        and (there.status == here.status).all()
+    )
     assert np.abs(here.command).max() > 1.0

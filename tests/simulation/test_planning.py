@@ -35,7 +35,8 @@ def length(path: list[Segment]) -> float:
 
 
 def drive(pose: tuple[float, float, float], curvature: float, way: float) -> tuple[float, float, float]:
-    """The vehicle's pose after an arc about its centre, or a line; `way` is negative backward, curvature is the vehicle's."""
+    """The vehicle's pose after an arc about its centre, or a line; `way` is negative backward,
+    curvature is the vehicle's."""
     place, heading = complex(pose[0], pose[1]), pose[2]
     if curvature:
         centre = place + 1j / curvature * cmath.exp(1j * heading)
@@ -60,19 +61,25 @@ def random_cases(count: int, seed: int):
         yield tuple(start), (*(start[:2] + rng.uniform(-far, far, 2)), rng.uniform(-7, 7)), radius
 
 
-# -- Dubins and Reeds-Shepp ---------------------------------------------------------------------------------------------
+# -- Dubins and Reeds-Shepp ----------------------------------------------------------------------------------
 
 PLANNERS = (dubins, reeds_shepp)
 SIDES = (-1, 1)
 
 
 def check_path(path, start, goal, radius, plan) -> None:
-    """The vehicle drives it from start to goal in one go, on lines and arcs of the radius, none empty, none to be merged."""
+    """The vehicle drives it from start to goal in one go, on lines and arcs of the radius, none empty,
+    none to be merged."""
     at = start
     for segment in path:
         sign = -1 if segment.backward else 1
-        assert apart((segment.x, segment.y, segment.heading), (at[0], at[1], at[2] + PI * segment.backward)) <= CLOSE
-        assert segment.length > 0 and (segment.curvature == 0 or math.isclose(abs(segment.curvature) * radius, 1.0))
+        assert (
+            apart((segment.x, segment.y, segment.heading), (at[0], at[1], at[2] + PI * segment.backward))
+            <= CLOSE
+        )
+        assert segment.length > 0 and (
+            segment.curvature == 0 or math.isclose(abs(segment.curvature) * radius, 1.0)
+        )
         at = drive(at, sign * segment.curvature, sign * segment.length)
     assert apart(at, goal) <= CLOSE
     kinds = [(segment.backward, np.sign(segment.curvature)) for segment in path]
@@ -105,7 +112,13 @@ def shortest_by_tangents(goal) -> float:
             for side in SIDES:
                 centre = (a + b) / 2 + side * 1j * (b - a) / gap * math.sqrt(4 - gap**2 / 4)
                 leave, arrive = (cmath.phase((c - centre) / (2j * first)) for c in (a, b))
-                candidates.append([(first, first * leave), (-first, first * (leave - arrive)), (last, last * (end - arrive))])
+                candidates.append(
+                    [
+                        (first, first * leave),
+                        (-first, first * (leave - arrive)),
+                        (last, last * (end - arrive)),
+                    ]
+                )
     lengths = []
     for pieces in candidates:
         pieces = [(steer, way % (2 * PI) if steer else way) for steer, way in pieces]
@@ -128,8 +141,9 @@ def test_dubins_is_the_shortest_of_all_words():
 def test_no_detour_is_shorter(plan):
     """No path there is is shorter, whatever its pieces.
 
-    Driving on from the goal by a line or an arc never makes the way from the start longer than by what was driven. Along
-    any path, cut into such pieces, the length of the planned path thus grows by no more than that path's own, from 0 on.
+    Driving on from the goal by a line or an arc never makes the way from the start longer than by what was
+    driven. Along any path, cut into such pieces, the length of the planned path thus grows by no more than
+    that path's own, from 0 on.
     """
     rng = np.random.default_rng(3)
     moves = [(steer, sign) for steer in (-1, 0, 1) for sign in ((1, -1) if plan is reeds_shepp else (1,))]
@@ -186,7 +200,8 @@ def test_reeds_shepp_is_symmetric_and_no_longer_than_dubins():
 
 
 def test_reeds_shepp_is_continuous_in_the_goal():
-    """Shifting a pose by e costs at most 2 sqrt(2) sqrt(e) and smaller terms, which is what pure side shift costs."""
+    """Shifting a pose by e costs at most 2 sqrt(2) sqrt(e) and smaller terms,
+    which is what pure side shift costs."""
     rng = np.random.default_rng(6)
     for e in [1e-2, 1e-4, 1e-6] * 50:
         goal = np.array([*rng.uniform(-3, 3, 2), rng.uniform(-PI, PI)])
@@ -201,7 +216,9 @@ NEAR = [0.0, 1e-12, -1e-9, 1e-7, -1e-5]
 @pytest.mark.parametrize("plan", PLANNERS)
 def test_degenerate_poses(plan):
     """On and very near the borders between words: collinear, touching circles, half and full turns."""
-    for x, y, turn in itertools.product([-4, -2, -1, 0, 1, 2, 4], [-4, -2, 0, 1, 2], [-PI, -PI / 2, 0, PI / 2, PI, 2 * PI]):
+    for x, y, turn in itertools.product(
+        [-4, -2, -1, 0, 1, 2, 4], [-4, -2, 0, 1, 2], [-PI, -PI / 2, 0, PI / 2, PI, 2 * PI]
+    ):
         for e in NEAR:
             goal = (x + e, y - e, turn + e)
             if apart(goal, ORIGIN) > 1e-10:
@@ -211,7 +228,8 @@ def test_degenerate_poses(plan):
 @pytest.mark.parametrize("plan", PLANNERS)
 @pytest.mark.parametrize("radius", [0.1, 1.0, 20.0])
 def test_rounding_costs_no_full_turn(plan, radius):
-    """A goal straight ahead that is off by rounding is reached by one line, a goal on the circle by one arc."""
+    """A goal straight ahead that is off by rounding is reached by one line,
+    a goal on the circle by one arc."""
     for heading in np.linspace(-7, 7, 41):
         start = (31.7, -12.9, heading)
         for curvature in (0.0, 1 / radius, -1 / radius):
@@ -243,12 +261,14 @@ def test_no_plan(plan, start, goal, radius, words):
         plan(start, goal, radius)
 
 
-# -- biarcs -------------------------------------------------------------------------------------------------------------
+# -- biarcs --------------------------------------------------------------------------------------------------
 
 
 def dense(path: list[Segment], step: float) -> np.ndarray:
     """Points along a path, (N, 2), no farther apart than step."""
-    return np.array([s.pose(r)[:2] for s in path for r in np.linspace(0, s.length, 2 + math.ceil(s.length / step))])
+    return np.array(
+        [s.pose(r)[:2] for s in path for r in np.linspace(0, s.length, 2 + math.ceil(s.length / step))]
+    )
 
 
 def two_sided(path: list[Segment], curve: np.ndarray, step: float) -> float:
@@ -264,7 +284,8 @@ def check_joins(path: list[Segment], closed: bool = False) -> None:
 
 
 def random_waypoints(seed: int, count: int) -> np.ndarray:
-    """A walk with turns below a right angle, or for every third seed points anywhere, so that the curve has sharp bends."""
+    """A walk with turns below a right angle, or for every third seed points anywhere,
+    so that the curve has sharp bends."""
     rng = np.random.default_rng(seed)
     if seed % 3 == 0:
         return rng.uniform(-5, 5, (count, 2))
@@ -289,7 +310,10 @@ def test_stays_within_the_stated_distance_of_a_function(name, stated):
     curve = np.array([function(t) for t in np.linspace(0, 1, math.ceil(2 * size / step))])
     check_joins(path)
     assert two_sided(path, curve, step) <= (1 + 1 / 20) * stated
-    assert np.hypot(*(curve[0] - [path[0].x, path[0].y])) <= CLOSE and np.hypot(*(curve[-1] - path[-1].end[:2])) <= CLOSE
+    assert (
+        np.hypot(*(curve[0] - [path[0].x, path[0].y])) <= CLOSE
+        and np.hypot(*(curve[-1] - path[-1].end[:2])) <= CLOSE
+    )
 
 
 @pytest.mark.parametrize("closed", [False, True])
@@ -304,7 +328,9 @@ def test_stays_within_the_tolerance_of_the_curve_through_waypoints(seed, closed)
     velocities = []
     for k in range(len(ring)):
         near = slice(j := min(max(k - 1, 0), len(ring) - 3), j + 3)
-        velocities.append([np.polyval(np.polyder(np.polyfit(times[near], ring[near, i], 2)), times[k]) for i in (0, 1)])
+        velocities.append(
+            [np.polyval(np.polyder(np.polyfit(times[near], ring[near, i], 2)), times[k]) for i in (0, 1)]
+        )
     curve = []
     for k in range(2, len(points) + 2) if closed else range(len(points) - 1):
         h, t = times[k + 1] - times[k], np.linspace(0, 1, 3000)[:, None]
@@ -334,7 +360,10 @@ def test_few_segments():
 @pytest.mark.parametrize("points", [[(0, 0), (1, 2)], [(0, 0), (0.1, 0.3), (1, 3), (2, 6), (700, 2100)]])
 def test_collinear_waypoints_give_a_line(points):
     (line,) = fit(points, 1e-3)
-    assert line.curvature == 0 and apart(line.end, (*points[-1], math.atan2(*np.subtract(points[-1], points[0])[::-1]))) <= 1e-9
+    assert (
+        line.curvature == 0
+        and apart(line.end, (*points[-1], math.atan2(*np.subtract(points[-1], points[0])[::-1]))) <= 1e-9
+    )
 
 
 def test_straight_runs_between_waypoints_are_lines():
@@ -353,7 +382,11 @@ def test_headings_are_kept():
     points, headings = [(0, 0), (4, 0), (8, 1), (12, 0)], [0.3, None, -0.5, 1.0]
     path = fit(points, 1e-4, headings)
     assert path[0].heading == pytest.approx(0.3) and path[-1].end[2] == pytest.approx(1.0)
-    at = min((abs(complex(*s.pose(r)[:2]) - (8 + 1j)), s.pose(r)[2]) for s in path for r in np.linspace(0, s.length, 500))
+    at = min(
+        (abs(complex(*s.pose(r)[:2]) - (8 + 1j)), s.pose(r)[2])
+        for s in path
+        for r in np.linspace(0, s.length, 500)
+    )
     assert at[1] == pytest.approx(-0.5, abs=1e-2)
     fit([(0, 0), (4, 0), (0, 0.0)], 0.01, [0.0, PI / 2, PI])  # turning back is fine where a heading says how
 
@@ -367,7 +400,9 @@ def test_smallest_radius():
     points = [(0, 0), (4, 0), (4, 4)]
     tightest = 1 / max(abs(segment.curvature) for segment in fit(points, 0.01))
     assert fit(points, 0.01, min_radius=0.9 * tightest)
-    with pytest.raises(BadInput, match=r"radius .* m near \(.*\), between waypoints \d and \d, less than min_radius"):
+    with pytest.raises(
+        BadInput, match=r"radius .* m near \(.*\), between waypoints \d and \d, less than min_radius"
+    ):
         fit(points, 0.01, min_radius=2 * tightest)
 
 
@@ -380,10 +415,22 @@ NAN = math.nan
         ([], {}, "0 given"),
         ([(0, 0)], {}, "1 given"),
         ([(0, 0), (1, 1), (0, 0)], {"closed": True}, "2 given"),
-        ([(0, 0), (1, 0), (1, 0), (2, 1)], {"headings": [None, 0, 1, None]}, "waypoints 2 and 3 are 0 m apart"),
+        (
+            [(0, 0), (1, 0), (1, 0), (2, 1)],
+            {"headings": [None, 0, 1, None]},
+            "waypoints 2 and 3 are 0 m apart",
+        ),
         ([(0, 0), (1e-4, 0), (2e-4, 1e-4)], {}, "0.000224 m from the first, less than the tolerance"),
-        ([(0, 0), (1, 0), (0.9, 0.02), (2, 1)], {}, "radius .* between waypoints 1 and 2, less than the tolerance, 0.1 m"),
-        ([(k, 0) for k in range(9)], {"headings": [1.0] * 9}, "headings differ by 57 deg from the directions"),
+        (
+            [(0, 0), (1, 0), (0.9, 0.02), (2, 1)],
+            {},
+            "radius .* between waypoints 1 and 2, less than the tolerance, 0.1 m",
+        ),
+        (
+            [(k, 0) for k in range(9)],
+            {"headings": [1.0] * 9},
+            "headings differ by 57 deg from the directions",
+        ),
         ([(k, 0) for k in range(9)], {"headings": [math.pi] * 9}, "headings differ by 180 deg"),
         ([(0, 0), (1, 0), (NAN, 1)], {}, "waypoint 3 = .* two finite numbers"),
         ([(0, 0), (1, 0, 2)], {}, "waypoint 2"),
@@ -410,7 +457,7 @@ def test_no_fit(points, options, words):
         fit(points, **{"tolerance": 0.1, **options})
 
 
-# -- tables -------------------------------------------------------------------------------------------------------------
+# -- tables --------------------------------------------------------------------------------------------------
 
 
 def test_tables_are_read_back_as_they_were():
@@ -420,7 +467,9 @@ def test_tables_are_read_back_as_they_were():
         assert len(read) == len(path)
         for a, b in zip(path, read, strict=True):
             assert a.backward == b.backward and apart((a.x, a.y, a.heading), (b.x, b.y, b.heading)) <= 2e-9
-            assert math.isclose(a.curvature, b.curvature, rel_tol=1e-14) and math.isclose(a.length, b.length, abs_tol=1e-12)
+            assert math.isclose(a.curvature, b.curvature, rel_tol=1e-14) and math.isclose(
+                a.length, b.length, abs_tol=1e-12
+            )
 
 
 def test_tables_go_on_from_the_one_before():
@@ -435,7 +484,11 @@ def test_tables_go_on_from_the_one_before():
     assert line == Segment(1.0, 1.0, 0.0, 0.0, 2.0)
     assert (left.x, left.y, left.heading, left.curvature, left.length) == (3.0, 1.0, 0.0, 0.5, PI)
     assert apart((on.x, on.y, on.heading), (5, 3, PI / 2)) <= 1e-12 and on.length == 1.0
-    assert apart((back.x, back.y, back.heading), (5, 4, -PI / 2)) <= 1e-12 and back.curvature == -1.0 and back.backward
+    assert (
+        apart((back.x, back.y, back.heading), (5, 4, -PI / 2)) <= 1e-12
+        and back.curvature == -1.0
+        and back.backward
+    )
     assert apart((last.x, last.y, last.heading), (4, 3, 0)) <= 1e-12 and last.length == pytest.approx(2.0)
 
 
@@ -454,13 +507,19 @@ LINE = {"kind": "line", "from": [0, 0], "to": [1, 0]}
         ([{"kind": "line", "to": [1, 0]}], "segments 1, the first, requires from"),
         ([{"kind": "line", "from": [1, 0]}], "segments 1 requires to"),
         ([LINE, {"kind": "line"}], "segments 2 requires to"),
-        ([LINE, {**LINE, "length": 1}], "segments 2 length is only for a line that continues .*; remove length, or from and to"),
+        (
+            [LINE, {**LINE, "length": 1}],
+            "segments 2 length is only for a line that continues .*; remove length, or from and to",
+        ),
         ([{"kind": "line", "length": 1}], "segments 1, the first, requires from"),
         ([LINE, {**LINE, "to": [0, 0]}], "segments 2 has length 0"),
         ([LINE, {**LINE, "to": [0, math.inf]}], r"segments 2 to\[1\] = inf is not finite"),
         ([LINE, {**LINE, "to": [0, 1, 2]}], "segments 2 to has 3 numbers"),
         ([LINE, {**LINE, "backward": 1}], "segments 2 backward = 1 is not true or false"),
-        ([{"kind": "arc", "from": [0, 0], "radius": 1, "angle": 1}], "segments 1, the first, requires heading"),
+        (
+            [{"kind": "arc", "from": [0, 0], "radius": 1, "angle": 1}],
+            "segments 1, the first, requires heading",
+        ),
         ([LINE, {"kind": "arc", "angle": 1}], "segments 2 requires radius"),
         ([LINE, {"kind": "arc", "radius": 1}], "segments 2 requires angle"),
         ([LINE, {"kind": "arc", "radius": -1, "angle": 1}], "segments 2 radius = -1 must be"),
@@ -473,7 +532,7 @@ def test_no_tables(tables, words):
         segments_from_tables(tables, "segments")
 
 
-# -- noslip plan --------------------------------------------------------------------------------------------------------
+# -- noslip plan ---------------------------------------------------------------------------------------------
 
 DUBINS = ["plan", "dubins", "--from", "0", "0", "0", "--to", "-4", "-3e0", "-1e-3", "--radius", "1"]
 PARK = ["plan", "reeds-shepp", "--from", "0", "0", "0", "--to", "0", "1.5", "0", "--radius", "1"]
@@ -501,20 +560,38 @@ def test_prints_a_path_for_a_spec(capsys):
 
 
 def test_degrees(capsys):
-    half = ["plan", "reeds-shepp", "--from", "0", "0", "-90", "--to", "1", "1", "180", "--radius", "1", "--degrees"]
+    half = [
+        "plan",
+        "reeds-shepp",
+        "--from",
+        "0",
+        "0",
+        "-90",
+        "--to",
+        "1",
+        "1",
+        "180",
+        "--radius",
+        "1",
+        "--degrees",
+    ]
     tables = tomllib.loads(planned(capsys, half))["path"]["segments"]
-    assert segments_from_tables(tables, "path") == reeds_shepp((0, 0, -90 * PI / 180), (1, 1, 180 * PI / 180), 1.0)
+    assert segments_from_tables(tables, "path") == reeds_shepp(
+        (0, 0, -90 * PI / 180), (1, 1, 180 * PI / 180), 1.0
+    )
 
 
 def test_plans_through_waypoints(points, capsys, tmp_path):
     out = tmp_path / "path.toml"
-    assert planned(capsys, ["plan", "waypoints", points, "--tolerance", "0.05", "--degrees", "-o", str(out)]).startswith(
-        "waypoints"
-    )
+    assert planned(
+        capsys, ["plan", "waypoints", points, "--tolerance", "0.05", "--degrees", "-o", str(out)]
+    ).startswith("waypoints")
     path = tomllib.loads(out.read_text())["path"]
     read = segments_from_tables(path["segments"], "path")
     expected = fit([(0, 0), (5, 0), (10, 0), (10, 5)], 0.05, [0, None, None, PI / 2])
-    assert all(apart(a.end, b.end) <= 1e-9 for a, b in zip(read, expected, strict=True)) and "closed" not in path
+    assert (
+        all(apart(a.end, b.end) <= 1e-9 for a, b in zip(read, expected, strict=True)) and "closed" not in path
+    )
     closed = ["plan", "waypoints", points, "--tolerance", "0.05", "--degrees", "--closed"]
     assert tomllib.loads(planned(capsys, closed))["path"]["closed"] is True
 
@@ -535,13 +612,26 @@ def test_c_is_read_back_and_compiles(scalar, capsys, tmp_path):
     rows = re.findall(r"\{(\.x = .*)\}", text)
     for row, segment in zip(rows, path, strict=True):
         values = [float(value.rstrip("f")) for value in re.findall(r"= ([^,]+)", row)]
-        expected = [segment.x, segment.y, segment.heading, segment.curvature, segment.length, segment.backward]
+        expected = [
+            segment.x,
+            segment.y,
+            segment.heading,
+            segment.curvature,
+            segment.length,
+            segment.backward,
+        ]
         kind = np.float32 if scalar == "float" else np.float64
         assert [kind(value) for value in values] == [kind(value) for value in expected]
     suffix = "_f" if scalar == "float" else ""
-    first = f"const noslip_segment{suffix} *first(void);\nconst noslip_segment{suffix} *first(void) {{ return path; }}\n"
+    first = (
+        f"const noslip_segment{suffix} *first(void);\nconst noslip_segment{suffix} *first(void) {{ "
+        "return path; }\n"
+    )
     (tmp_path / "path.c").write_text(f'#include "noslip_path.h"\n{text}{first}')
-    flags = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror -fsyntax-only"
+    flags = (
+        "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror "
+        "-fsyntax-only"
+    )
     subprocess.run([HOST_CC, *flags.split(), f"-I{RUNTIME}", tmp_path / "path.c"], check=True)
 
 
@@ -552,7 +642,10 @@ def test_draws(kind, points, capsys, tmp_path):
     assert picture.stat().st_size > 10_000
     if kind == "svg":
         text = picture.read_text()
-        assert all(f"<!-- {word} -->" in text for word in ("x (m)", "y (m)", "start", "goal", "cusp", "turning left, backward"))
+        assert all(
+            f"<!-- {word} -->" in text
+            for word in ("x (m)", "y (m)", "start", "goal", "cusp", "turning left, backward")
+        )
 
 
 @pytest.mark.parametrize(
@@ -588,12 +681,27 @@ def test_bad_command_lines(argv, words, bad_input):
         ("x,y\n", "points.csv has a header but no rows"),
         ("", "points.csv is empty"),
         ("x,y,heading\n0,0,0\n1,0,nan\n", "column 'heading' row 3: nan is not finite"),
-        ("x,y,heading\n0,0,0\n1,0,90\n", "row 3: 90 rad is more than a turn; did you mean degrees? Say --degrees"),
-        ("0,0,0\n1,0,0.5\n", "has 3 columns and no header, in its first row 0, 0, 0: say which are x and y (m)"),
+        (
+            "x,y,heading\n0,0,0\n1,0,90\n",
+            "row 3: 90 rad is more than a turn; did you mean degrees? Say --degrees",
+        ),
+        (
+            "0,0,0\n1,0,0.5\n",
+            "has 3 columns and no header, in its first row 0, 0, 0: say which are x and y (m)",
+        ),
         ("0,0,0\n1,0,0.5\n", "by --columns x,y,heading"),
-        ("east;north\n0;1\n2;3\n", "has the columns east, north, in its first row 0, 1: say which are x and y"),
-        ("lat,lon\n48.1,11.5\n48.2,11.5\n", "lat and lon are angles on the globe; project them to x and y in m"),
-        ("48.13700,11.57500\n48.13701,11.57502\n", "2.24e-05 m from the first, less than the tolerance, 0.1 m"),
+        (
+            "east;north\n0;1\n2;3\n",
+            "has the columns east, north, in its first row 0, 1: say which are x and y",
+        ),
+        (
+            "lat,lon\n48.1,11.5\n48.2,11.5\n",
+            "lat and lon are angles on the globe; project them to x and y in m",
+        ),
+        (
+            "48.13700,11.57500\n48.13701,11.57502\n",
+            "2.24e-05 m from the first, less than the tolerance, 0.1 m",
+        ),
         ("\xff\xfe\x00", "points.csv: not a text file"),
     ],
 )
@@ -603,7 +711,7 @@ def test_bad_waypoints(text, words, bad_input, tmp_path):
     assert words in bad_input(["plan", "waypoints", str(file), "--tolerance", "0.1"])
 
 
-# -- files of other programs, and far from the origin -------------------------------------------------------------------
+# -- files of other programs, and far from the origin --------------------------------------------------------
 
 BEND = [(0.0, 0.0), (5.0, 0.0), (10.0, 0.0), (12.0, 5.0), (12.0, 10.0)]
 
@@ -617,17 +725,25 @@ BEND = [(0.0, 0.0), (5.0, 0.0), (10.0, 0.0), (12.0, 5.0), (12.0, 10.0)]
         ("".join(f"7,{y},{x}\n" for x, y in BEND), ["--columns", "-,y,x"]),
         (json.dumps([{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(BEND)]), []),
         ("x [mm],y [mm]\n" + "".join(f"{1000 * x},{1000 * y}\n" for x, y in BEND), []),
-        ("x,y\n" + "".join(f"{x + 500000},{y + 5400000}\n" for x, y in BEND), ["--origin", "500000", "5400000"]),
+        (
+            "x,y\n" + "".join(f"{x + 500000},{y + 5400000}\n" for x, y in BEND),
+            ["--origin", "500000", "5400000"],
+        ),
         ("x,y\n" + "".join(f"{x},{y}\n{x + 1e-6},{y}\n" for x, y in BEND[:-1]) + "12,10\n", []),
     ],
 )
 def test_points_of_other_programs_give_the_same_path(content, options, tmp_path, capsys):
-    """Names with units, other columns, decimal commas, no header with --columns, points a micrometre behind others."""
+    """Names with units, other columns, decimal commas, no header with --columns,
+    points a micrometre behind others."""
     (tmp_path / "points.txt").write_text(content)
-    out = planned(capsys, ["plan", "waypoints", str(tmp_path / "points.txt"), "--tolerance", "0.05", *options])
+    out = planned(
+        capsys, ["plan", "waypoints", str(tmp_path / "points.txt"), "--tolerance", "0.05", *options]
+    )
     read = segments_from_tables(tomllib.loads(out)["path"]["segments"], "path")
     expected = fit(BEND, 0.05)
-    assert len(read) == len(expected) and all(apart(a.end, b.end) < 0.01 for a, b in zip(read, expected, strict=True))
+    assert len(read) == len(expected) and all(
+        apart(a.end, b.end) < 0.01 for a, b in zip(read, expected, strict=True)
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -645,7 +761,8 @@ def test_waypoints_that_count_as_one_are_near_the_path(seed):
 
 
 def test_c_far_from_the_origin_is_accepted_or_refused(tmp_path, capsys, bad_input):
-    """What is written in float is what noslip_path_init accepts; at 500 km it is relative to an origin that it states."""
+    """What is written in float is what noslip_path_init accepts;
+    at 500 km it is relative to an origin that it states."""
     accepted = 0
     for distance in (100.0, 400.0, 900.0, 1500.0, 5000.0, 500000.0):
         path = fit([(x + distance, y - distance) for x, y in BEND], 0.05)

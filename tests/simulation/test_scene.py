@@ -1,4 +1,5 @@
-"""[scene]: robots of files of the user's own in the physics engine, against the robots that noslip makes from the equations."""
+"""[scene]: robots of files of the user's own in the physics engine,
+against the robots that noslip makes from the equations."""
 
 import re
 
@@ -34,8 +35,8 @@ def plant(name: str) -> Plant:
 
 
 def cart() -> str:
-    """The LABMATE by hand: its chassis somewhere else, its heading along the y axis of the chassis, its left axle reversed, and
-    a motor with a gear at the right. The castor is where the LABMATE's own engine has it.
+    """The LABMATE by hand: its chassis somewhere else, its heading along the y axis of the chassis, its left
+    axle reversed, and a motor with a gear at the right. The castor is where the LABMATE's own engine has it.
     """
     size = {p.name: p.default for p in find_robot("labmate").parameters}
     wheels = ""
@@ -44,7 +45,8 @@ def cart() -> str:
       <body name="{side}" pos="{0.1 - left} {-0.2 + 0.0 - size["d"]} -0.25">
         <joint name="{side} axle" axis="{axis}"/>
         <inertial pos="0 0 0" mass="{size["m_w"]}" diaginertia="{size["I_w"]} {size["I_m"]} {size["I_m"]}"/>
-        <geom type="ellipsoid" size="{size["r"]} {size["r"]} {size["r"]}" friction="0.7" priority="1" condim="3" {HARD}/>
+        <geom type="ellipsoid" size="{size["r"]} {size["r"]} {size["r"]}" friction="0.7" priority="1" \
+condim="3" {HARD}/>
       </body>"""
     return f"""<mujoco model="cart">
   <option timestep="0.002" cone="pyramidal" integrator="RK4"/>
@@ -52,8 +54,10 @@ def cart() -> str:
     <geom name="ground" type="plane" size="20 20 1"/>
     <body name="chassis" pos="2 1 0.4" euler="0 0 130">
       <freejoint/>
-      <inertial pos="0.1 -0.2 -0.25" mass="{size["m_c"]}" diaginertia="{size["I_c"]} {size["I_c"]} {size["I_c"]}"/>
-      <geom type="sphere" size="0.075" pos="0.1 0.4375 -0.325" mass="0" condim="1" priority="1" {HARD}/>{wheels}
+      <inertial pos="0.1 -0.2 -0.25" mass="{size["m_c"]}" diaginertia="{size["I_c"]} {size["I_c"]} \
+{size["I_c"]}"/>
+      <geom type="sphere" size="0.075" pos="0.1 0.4375 -0.325" mass="0" condim="1" priority="1" \
+{HARD}/>{wheels}
     </body>
   </worldbody>
   <actuator><motor name="right motor" joint="right axle" gear="-25"/></actuator>
@@ -65,7 +69,11 @@ def cart_in(file, **section) -> SceneEngine:
     """The LABMATE as the cart of a file, at rest."""
     names = {"theta_r": ("right axle",), "theta_l": ("left axle",)}
     return SceneEngine(
-        plant("labmate"), SceneSection(file=str(file), joints=names, **section), ContactSection(), Floor(), np.zeros(7)
+        plant("labmate"),
+        SceneSection(file=str(file), joints=names, **section),
+        ContactSection(),
+        Floor(),
+        np.zeros(7),
     )
 
 
@@ -77,10 +85,14 @@ def test_a_cart_by_hand_moves_as_the_labmate(tmp_path):
     (tmp_path / "cart.xml").write_text(cart())
     own = simulate(read_varied(LINE, GENTLE | BRIEF), engine="mujoco")
     scene = simulate(
-        read_varied(LINE, GENTLE | BRIEF | {"scene": {"file": str(tmp_path / "cart.xml"), **NAMED}}), engine="mujoco"
+        read_varied(LINE, GENTLE | BRIEF | {"scene": {"file": str(tmp_path / "cart.xml"), **NAMED}}),
+        engine="mujoco",
     )
     assert not scene.warnings and len(scene.t) == len(own.t)
-    assert np.abs(scene.q[:, :2] - own.q[:, :2]).max() < SAME and np.abs(scene.q[:, 2] - own.q[:, 2]).max() < SAME
+    assert (
+        np.abs(scene.q[:, :2] - own.q[:, :2]).max() < SAME
+        and np.abs(scene.q[:, 2] - own.q[:, 2]).max() < SAME
+    )
     assert np.abs(scene.tau - own.tau).max() < 0.02 * np.abs(own.tau).max()
     assert np.abs(scene.floor.load - own.floor.load).max() < 0.01 * own.floor.load.max()
     assert np.abs(scene.floor.force - own.floor.force)[5:].max() < 0.05 * np.abs(own.floor.force).max()
@@ -90,7 +102,8 @@ def test_a_cart_by_hand_moves_as_the_labmate(tmp_path):
 
 @pytest.mark.parametrize("name", ["labmate", "mobile_manipulator", "tractor_trailer:2"])
 def test_a_scene_that_was_written_is_the_robot(name, tmp_path):
-    """It begins where it should, for random starts, rolls there, and its mass matrix is that of the Mechanism."""
+    """It begins where it should, for random starts, rolls there,
+    and its mass matrix is that of the Mechanism."""
     there, random = plant(name), np.random.default_rng(1992)
     file = tmp_path / "robot.xml"
     file.write_text(scene_of(there, ContactSection(share=0.7), Floor(mu=0.6)))
@@ -107,7 +120,9 @@ def test_a_written_scene_moves_as_it_did(tmp_path, capsys):
     """From the command line: written, brought back, with the same path, until its end."""
     spec, scene = tmp_path / "line.toml", tmp_path / "labmate.xml"
     spec.write_text(LINE.read_text())
-    changes = [f"--set={key}={value}" for key, value in (("simulation.period", 0.01), ("simulation.duration", 1.0))]
+    changes = [
+        f"--set={key}={value}" for key, value in (("simulation.period", 0.01), ("simulation.duration", 1.0))
+    ]
     argv = ["simulate", str(spec), "--engine", "mujoco", *changes, "--set=contact={ share = 0.7, mu = 0.7 }"]
     runs = []
     for more in (["--write-scene", str(scene)], ['--set=scene.file="labmate.xml"']):
@@ -120,7 +135,8 @@ def test_a_written_scene_moves_as_it_did(tmp_path, capsys):
 
 
 def car() -> str:
-    """The car of F1TENTH by hand, with four wheels: its steered wheels turn by themselves, its rear wheels roll apart."""
+    """The car of F1TENTH by hand, with four wheels: its steered wheels turn by themselves,
+    its rear wheels roll apart."""
     size = {p.name: p.default for p in find_robot("f1tenth").parameters}
     r, ahead, half = size["r"], size["l"], 0.1
     tyre = f'<geom type="sphere" size="{r}" mass="0" friction="0.7" priority="1" condim="3" {HARD}/>'
@@ -129,7 +145,8 @@ def car() -> str:
     for side, left in (("right", -half), ("left", half)):
         wheels += f"""
       <body name="rear {side}" pos="0 {left} {r}">
-        <joint name="rear_{side}" axis="0 1 0"/><inertial pos="0 0 0" mass="1e-6" diaginertia="{about}"/>{tyre}
+        <joint name="rear_{side}" axis="0 1 0"/><inertial pos="0 0 0" mass="1e-6" \
+diaginertia="{about}"/>{tyre}
       </body>
       <body name="knuckle {side}" pos="{ahead} {left} {r}">
         <joint name="steer_{side}" axis="0 0 -1"/>
@@ -151,30 +168,43 @@ PAIRS = {
 
 @pytest.mark.nightly
 def test_a_car_with_four_wheels_moves_as_the_bicycle(tmp_path):
-    """Steering torque and drive are shared by two joints each; the wheels in front are parallel and scrub a little."""
+    """Steering torque and drive are shared by two joints each;
+    the wheels in front are parallel and scrub a little."""
     (tmp_path / "car.xml").write_text(car())
-    spec, brief = LINE.parent / "robots" / "f1tenth.toml", {"simulation.period": 0.01, "simulation.duration": 1.5}
+    spec, brief = (
+        LINE.parent / "robots" / "f1tenth.toml",
+        {"simulation.period": 0.01, "simulation.duration": 1.5},
+    )
     own = simulate(read_varied(spec, brief), engine="mujoco")
-    scene = simulate(read_varied(spec, brief | {"scene": {"file": str(tmp_path / "car.xml"), **PAIRS}}), engine="mujoco")
+    scene = simulate(
+        read_varied(spec, brief | {"scene": {"file": str(tmp_path / "car.xml"), **PAIRS}}), engine="mujoco"
+    )
     assert not scene.warnings and scene.stopped == own.stopped
     way = np.hypot(*np.diff(own.q[:, :2], axis=0).T).sum()
     assert way > 1.0 and np.abs(scene.q[:, :2] - own.q[:, :2]).max() < 0.02 * way
-    assert scene.floor.load.sum(axis=1)[:5] == pytest.approx(3.74 * 9.81, rel=1e-3)  # at rest; later sliding makes loads jump
+    # At rest; later sliding makes loads jump
+    assert scene.floor.load.sum(axis=1)[:5] == pytest.approx(3.74 * 9.81, rel=1e-3)
 
 
 def test_steered_wheels_are_tied(tmp_path):
-    """Their axles meet on that of the rear wheels, though the load on one is as from a curb; the file's axes are downward, one of
-    them here upward. Without rear wheels they are parallel.
+    """Their axles meet on that of the rear wheels, though the load on one is as from a curb; the file's axes
+    are downward, one of them here upward. Without rear wheels they are parallel.
     """
-    text = car().replace('<joint name="steer_left" axis="0 0 -1"/>', '<joint name="steer_left" axis="0 0 1" damping="0.2"/>')
+    text = car().replace(
+        '<joint name="steer_left" axis="0 0 -1"/>', '<joint name="steer_left" axis="0 0 1" damping="0.2"/>'
+    )
     (tmp_path / "car.xml").write_text(text)
-    named = {entry: {key: (of,) if isinstance(of, str) else tuple(of) for key, of in PAIRS[entry].items()} for entry in PAIRS}
+    named = {
+        entry: {key: (of,) if isinstance(of, str) else tuple(of) for key, of in PAIRS[entry].items()}
+        for entry in PAIRS
+    }
     section = SceneSection(file=str(tmp_path / "car.xml"), **named)
     made = SceneEngine(plant("f1tenth"), section, ContactSection(), Floor(), np.zeros(7))
     made.hold(0.0, made.state(), np.array([0.0, 0.05]), 0.4)
     right, left = (float(made.data.joint(f"steer_{side}").qpos[0]) for side in ("right", "left"))
     ahead = next(p.default for p in find_robot("f1tenth").parameters if p.name == "l")
-    centres = [side * 0.1 + ahead / np.tan(angle) for side, angle in ((-1, -right), (1, left))]  # to the left of the middle
+    # To the left of the middle
+    centres = [side * 0.1 + ahead / np.tan(angle) for side, angle in ((-1, -right), (1, left))]
     assert left > 0.05 and centres[0] == pytest.approx(centres[1], rel=0.01)
     assert made.coordinates()[0][3] == pytest.approx(np.arctan(ahead / np.mean(centres)), abs=1e-3)
     parallel = read_scene(section.file, [("steer_right", "steer_left")]).model
@@ -192,41 +222,65 @@ WHEELS = {"joints": {"theta_r": "wheel_right_joint", "theta_l": "wheel_left_join
 
 @pytest.mark.nightly
 def test_a_urdf_gets_a_floor_and_moves(tmp_path):
-    """It stands on a floor of [floor] mu, begins lifted out of it, and moves as the robot whose sizes it has."""
-    spec, floor = LINE.parent / "robots" / "turtlebot3_burger.toml", {"floor": {"mu": 0.5, "slope": [0.02, 1.0]}}
+    """It stands on a floor of [floor] mu, begins lifted out of it,
+    and moves as the robot whose sizes it has."""
+    spec, floor = (
+        LINE.parent / "robots" / "turtlebot3_burger.toml",
+        {"floor": {"mu": 0.5, "slope": [0.02, 1.0]}},
+    )
     brief = {"simulation.period": 0.01, "simulation.duration": 2.0, **floor}
     own = simulate(read_varied(spec, brief), engine="mujoco")
-    scene = simulate(read_varied(spec, brief | {"scene": {"file": urdf(tmp_path), **WHEELS}}), engine="mujoco")
+    scene = simulate(
+        read_varied(spec, brief | {"scene": {"file": urdf(tmp_path), **WHEELS}}), engine="mujoco"
+    )
     assert not scene.warnings and scene.floor.mu == 0.5
     assert np.abs(scene.q[:, :2] - own.q[:, :2]).max() < SAME
-    (tmp_path / "heavy.urdf").write_text(turtlebot3("burger").text.replace('mass value="0.825', 'mass value="1.825'))
+    (tmp_path / "heavy.urdf").write_text(
+        turtlebot3("burger").text.replace('mass value="0.825', 'mass value="1.825')
+    )
     scene = SceneEngine(
         plant("turtlebot3_burger"),
         SceneSection(
-            file=str(tmp_path / "heavy.urdf"), joints={"theta_r": ("wheel_right_joint",), "theta_l": ("wheel_left_joint",)}
+            file=str(tmp_path / "heavy.urdf"),
+            joints={"theta_r": ("wheel_right_joint",), "theta_l": ("wheel_left_joint",)},
         ),
         ContactSection(),
         Floor(),
         np.zeros(7),
     )
-    for said in ("the mass is 2.002 kg, that of turtlebot3_burger 1.002 kg", "the mass matrix of the rolling robot differs"):
+    for said in (
+        "the mass is 2.002 kg, that of turtlebot3_burger 1.002 kg",
+        "the mass matrix of the rolling robot differs",
+    ):
         assert any(said in warning for warning in scene.warnings), said
     assert len(scene.warnings) == 2
 
 
 def test_warnings_say_where_the_file_differs(tmp_path):
     """Cylinders that touch with both edges, a larger radius, a place, and sides that are interchanged."""
-    text = cart().replace('type="ellipsoid" size="0.15 0.15 0.15"', 'type="cylinder" size="0.16 0.02" euler="0 90 0"')
-    text = text.replace("-0.25", "-0.24").replace('<body name="left" pos="-0.65', '<body name="left" pos="-0.68')
+    text = cart().replace(
+        'type="ellipsoid" size="0.15 0.15 0.15"', 'type="cylinder" size="0.16 0.02" euler="0 90 0"'
+    )
+    text = text.replace("-0.25", "-0.24").replace(
+        '<body name="left" pos="-0.65', '<body name="left" pos="-0.68'
+    )
     (tmp_path / "cart.xml").write_text(text)
     made = cart_in(tmp_path / "cart.xml")
     joints = ("joints are 0.015 m away from where labmate has its wheels",)
-    radii = [f"the wheel on '{side} axle' has a radius of 0.16 m, that of labmate 0.15 m" for side in ("right", "left")]
-    edges = [f"the wheel on '{side} axle' touches at points 0.04 m apart along its axle" for side in ("right", "left")]
+    radii = [
+        f"the wheel on '{side} axle' has a radius of 0.16 m, that of labmate 0.15 m"
+        for side in ("right", "left")
+    ]
+    edges = [
+        f"the wheel on '{side} axle' touches at points 0.04 m apart along its axle"
+        for side in ("right", "left")
+    ]
     for said in (*joints, *radii, *edges):
         assert any(said in warning for warning in made.warnings), (said, made.warnings)
     (tmp_path / "own.xml").write_text(scene_of(plant("labmate"), ContactSection(share=0.7), Floor()))
-    section = SceneSection(file=str(tmp_path / "own.xml"), joints={"theta_r": ("theta_l",), "theta_l": ("theta_r",)})
+    section = SceneSection(
+        file=str(tmp_path / "own.xml"), joints={"theta_r": ("theta_l",), "theta_l": ("theta_r",)}
+    )
     made = SceneEngine(plant("labmate"), section, ContactSection(), Floor(), np.zeros(7))
     assert any("left and right may be interchanged" in warning for warning in made.warnings)
 
@@ -240,12 +294,17 @@ BAD = {
     "no file": (None, NAMED, "No such file or directory; check the path"),
     "broken": (*scene("</body>", "</bdy>"), "not XML"),
     "not a scene": ("<sdf/>", NAMED, "the first element is <sdf>"),
-    "unknown element": (*scene("<freejoint/>", "<freejoin/>"), "MuJoCo cannot read it: XML Error: Schema violation"),
+    "unknown element": (
+        *scene("<freejoint/>", "<freejoin/>"),
+        "MuJoCo cannot read it: XML Error: Schema violation",
+    ),
     "xacro": ('<robot name="${a}"/>', NAMED, "a xacro file; expand it"),
     "no link": ('<robot name="a"><joint name="a" type="fixed"/></robot>', NAMED, "<joint> has no <parent>"),
     "circle": (
         turtlebot3("burger").text.replace(
-            "</robot>", '<joint name="a" type="fixed"><parent link="base_scan"/><child link="base_link"/></joint></robot>'
+            "</robot>",
+            '<joint name="a" type="fixed"><parent link="base_scan"/><child '
+            'link="base_link"/></joint></robot>',
         ),
         WHEELS,
         "every link has a parent",
@@ -261,31 +320,49 @@ BAD = {
         "link 'wheel_left_link' moves, and has no <inertial> with a mass",
     ),
     "mesh": (
-        turtlebot3("burger").text.replace('<cylinder length="0.018" radius="0.033"/>', '<mesh filename="package://a/b.stl"/>'),
+        turtlebot3("burger").text.replace(
+            '<cylinder length="0.018" radius="0.033"/>', '<mesh filename="package://a/b.stl"/>'
+        ),
         WHEELS,
         "its mesh package://a/b.stl is not found",
     ),
     "inertia": (
         turtlebot3("burger").text.replace('izz="2.0712558e-05"', 'izz="3e-05"', 1),
         WHEELS,
-        "link 'wheel_left_link': no body has such an inertia, with a principal moment above the sum of the others",
+        "link 'wheel_left_link': no body has such an inertia, with a principal moment above the sum of the "
+        "others",
     ),
     "unknown joint": (
         *scene(joints={"theta_r": "right"}),
         "joints theta_r: there is no joint 'right'; those that turn are right axle, left axle",
     ),
-    "no joint of its name": (*scene(joints={"theta_r": "right axle"}), "joints theta_l: there is no joint 'theta_l'"),
+    "no joint of its name": (
+        *scene(joints={"theta_r": "right axle"}),
+        "joints theta_l: there is no joint 'theta_l'",
+    ),
     "slide": (*scene('name="left axle"', 'name="left axle" type="slide"'), "joint 'left axle' does not turn"),
     "axis": (
         *scene('name="left axle" axis="1 0 0"', 'name="left axle" axis="1 0 0.5"'),
         "joint 'left axle': its axis is 26.6 deg from that",
     ),
-    "twice": (*scene(joints={"theta_r": "right axle", "theta_l": "right axle"}), "joint 'right axle' is named twice"),
-    "coordinate": (*scene(joints={"theta_x": "right axle"}), "[scene] joints: unknown key 'theta_x'; did you mean"),
+    "twice": (
+        *scene(joints={"theta_r": "right axle", "theta_l": "right axle"}),
+        "joint 'right axle' is named twice",
+    ),
+    "coordinate": (
+        *scene(joints={"theta_x": "right axle"}),
+        "[scene] joints: unknown key 'theta_x'; did you mean",
+    ),
     "contact": (*scene(wheels={"rear": "right axle"}), "[scene] wheels: unknown key 'rear'"),
     "input": (*scene(motors={"tau_x": "right motor"}), "[scene] motors: unknown key 'tau_x'; did you mean"),
-    "motor": (*scene(motors={"tau_r": "motor"}), "motors tau_r: there is no actuator 'motor'; did you mean 'right motor'?"),
-    "other motor": (*scene(motors={"tau_l": "right motor"}), "actuator 'right motor' must be a <motor> of 'left axle'"),
+    "motor": (
+        *scene(motors={"tau_r": "motor"}),
+        "motors tau_r: there is no actuator 'motor'; did you mean 'right motor'?",
+    ),
+    "other motor": (
+        *scene(motors={"tau_l": "right motor"}),
+        "actuator 'right motor' must be a <motor> of 'left axle'",
+    ),
     "velocity": (
         *scene(
             '<motor name="right motor" joint="right axle" gear="-25"/>',
@@ -312,7 +389,8 @@ BAD = {
     "two robots": (
         *scene(
             ' <body name="left"',
-            '</body><body name="other"><freejoint/><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/> <body name="left"',
+            '</body><body name="other"><freejoint/><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/> '
+            '<body name="left"',
         ),
         "on several robots",
     ),
@@ -327,9 +405,19 @@ def test_bad_scenes_are_refused_in_one_line(case, tmp_path, bad_input):
     file, spec = tmp_path / "cart.xml", tmp_path / "line.toml"
     if content:
         file.write_text(content)
-    lines = [f"{key} = {value!r}".replace("{'", '{ "').replace("':", '" =').replace("'", '"') for key, value in section.items()]
+    lines = [
+        f"{key} = {value!r}".replace("{'", '{ "').replace("':", '" =').replace("'", '"')
+        for key, value in section.items()
+    ]
     spec.write_text(LINE.read_text() + '\n[scene]\nfile = "cart.xml"\n' + "\n".join(lines) + "\n")
-    argv = ["simulate", str(spec), "--engine", "mujoco", "--set=simulation.period=0.01", "--set=simulation.duration=0.1"]
+    argv = [
+        "simulate",
+        str(spec),
+        "--engine",
+        "mujoco",
+        "--set=simulation.period=0.01",
+        "--set=simulation.duration=0.1",
+    ]
     robot = ['--set=robot="turtlebot3_burger"'] if section is WHEELS else []
     line = bad_input([*argv, *robot, "-o", str(tmp_path / "run.csv")])
     assert said in line and (file.name in line or "unknown key" in line or "[scene] joints" in line), line
@@ -348,9 +436,17 @@ def test_what_does_not_go_with_a_scene(changes, said, tmp_path, bad_input, monke
     (tmp_path / "cart.xml").write_text(cart())
     spec = tmp_path / "line.toml"
     spec.write_text(
-        LINE.read_text() + '\n[scene]\nfile = "cart.xml"\njoints = { theta_r = "right axle", theta_l = "left axle" }\n'
+        LINE.read_text()
+        + '\n[scene]\nfile = "cart.xml"\njoints = { theta_r = "right axle", theta_l = "left axle" }\n'
     )
-    argv = ["simulate", "line.toml", "--engine", "mujoco", "--set=simulation.period=0.01", "--set=simulation.duration=0.1"]
+    argv = [
+        "simulate",
+        "line.toml",
+        "--engine",
+        "mujoco",
+        "--set=simulation.period=0.01",
+        "--set=simulation.duration=0.1",
+    ]
     assert said in bad_input([*argv, *changes, "-o", "run.csv"])
 
 
@@ -361,7 +457,12 @@ def test_what_does_not_go_with_a_scene(changes, said, tmp_path, bad_input, monke
         ("car", {}, {}, "the robot would fall over; they are on one line"),
         ("rolling_disk", {}, {}, "its input tau_phi does not act on a joint"),
         ("slope_platform", {"share": 0.7}, {}, "slope_platform is on a slope of its own"),
-        ("labmate", {"share": 0.7}, {"patch": ({"x": (0, 1), "y": (0, 1), "mu": 0.1},)}, "a scene has no patches"),
+        (
+            "labmate",
+            {"share": 0.7},
+            {"patch": ({"x": (0, 1), "y": (0, 1), "mu": 0.1},)},
+            "a scene has no patches",
+        ),
     ],
 )
 def test_robots_that_cannot_be_written(name, contact, floor, said):
@@ -370,11 +471,18 @@ def test_robots_that_cannot_be_written(name, contact, floor, said):
 
 
 @pytest.mark.parametrize(
-    "file, more, said", [("r.xml", [], "the robot would fall over"), ("r.urdf", ["--set=contact.share=0.7"], "ends in .xml")]
+    "file, more, said",
+    [("r.xml", [], "the robot would fall over"), ("r.urdf", ["--set=contact.share=0.7"], "ends in .xml")],
 )
-def test_a_scene_that_cannot_be_written_is_refused_before_the_run(file, more, said, tmp_path, bad_input, monkeypatch):
-    monkeypatch.setattr("noslip.simulation.closed_loop.simulate", lambda *_, **__: pytest.fail("the run has begun"))
-    assert said in bad_input(["simulate", "line", *more, "--write-scene", str(tmp_path / file), "-o", str(tmp_path / "run.csv")])
+def test_a_scene_that_cannot_be_written_is_refused_before_the_run(
+    file, more, said, tmp_path, bad_input, monkeypatch
+):
+    monkeypatch.setattr(
+        "noslip.simulation.closed_loop.simulate", lambda *_, **__: pytest.fail("the run has begun")
+    )
+    assert said in bad_input(
+        ["simulate", "line", *more, "--write-scene", str(tmp_path / file), "-o", str(tmp_path / "run.csv")]
+    )
 
 
 def test_a_robot_that_falls_over_in_a_scene_is_noticed(tmp_path):
@@ -403,7 +511,9 @@ def test_motors_of_the_inputs_names_are_used_and_their_limits_said(limit, tmp_pa
 
 
 def test_a_motor_of_the_inputs_name_on_another_joint_is_not_used(tmp_path):
-    (tmp_path / "cart.xml").write_text(cart().replace('name="right motor" joint="right axle"', 'name="tau_r" joint="left axle"'))
+    (tmp_path / "cart.xml").write_text(
+        cart().replace('name="right motor" joint="right axle"', 'name="tau_r" joint="left axle"')
+    )
     made = cart_in(tmp_path / "cart.xml")
     made.hold(0.0, made.state(), np.array([0.5, 0.5]), 0.001)
     assert not made.data.ctrl.any() and made.data.joint("right axle").qfrc_applied[0]

@@ -28,9 +28,11 @@ def wrong_by(robot: str, period: float, more: str = "") -> np.ndarray:
 
 @pytest.mark.parametrize("robot", ["car", "tricycle"])
 def test_the_error_of_a_step_is_of_third_order(robot):
-    """The arc of each period is that at the mean steering angle, so that half the period has a quarter of the error."""
+    """The arc of each period is that at the mean steering angle,
+    so that half the period has a quarter of the error."""
     coarse, fine = wrong_by(robot, 0.04), wrong_by(robot, 0.02)
-    assert (coarse < 5e-4).all() and coarse / fine == pytest.approx(4.0, rel=0.3)  # of one order less it is 2, of one more 8
+    # Of one order less it is 2, of one more 8
+    assert (coarse < 5e-4).all() and coarse / fine == pytest.approx(4.0, rel=0.3)
 
 
 def test_a_wrong_wheelbase_is_seen():

@@ -1,4 +1,5 @@
-"""Closed loops against closed forms: paper, sections on path following; all compared in absolute values, SI units."""
+"""Closed loops against closed forms: paper, sections on path following; all compared in absolute values,
+SI units."""
 
 import csv
 import dataclasses
@@ -12,21 +13,33 @@ from noslip.cli.main import main
 from noslip.readers.errors import BadInput
 from noslip.simulation import closed_loop as module
 from noslip.simulation.closed_loop import continuous, make_loop, simulate
-from noslip.simulation.specification.spec import Initial, OutputSection, PathSection, Reference, Spec, read_spec
+from noslip.simulation.specification.spec import (
+    Initial,
+    OutputSection,
+    PathSection,
+    Reference,
+    Spec,
+    read_spec,
+)
 from noslip.simulation.specification.vary import read_varied
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 SPECS = Path(__file__).parents[2] / "examples/specs"
-BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}  # which asks much of the ground
+# Which asks much of the ground
+BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}
 LINE, CIRCLE = read_varied(SPECS / "line.toml", BESIDE_THE_LINE), read_spec(SPECS / "circle.toml")
-B_HALF, D, R_WHEEL = 0.75, 0.30, 0.15  # m: half the wheels' distance, centre of mass ahead of the axle, wheel radius
+# m: half the wheels' distance, centre of mass ahead of the axle, wheel radius
+B_HALF, D, R_WHEEL = 0.75, 0.30, 0.15
 NORMAL = np.array([1.0, -1.0]) / math.sqrt(2)  # of y = x, towards growing distance
 
 
 def changed(spec: Spec, **sections) -> Spec:
     """`spec` with entries of its sections, or whole ones, replaced."""
-    made = {name: dataclasses.replace(getattr(spec, name), **v) if isinstance(v, dict) else v for name, v in sections.items()}
+    made = {
+        name: dataclasses.replace(getattr(spec, name), **v) if isinstance(v, dict) else v
+        for name, v in sections.items()
+    }
     return dataclasses.replace(spec, **made)
 
 
@@ -56,17 +69,27 @@ def along_normal(run, normal=NORMAL) -> np.ndarray:
 
 
 def s_on_line(t, l: float, s_0: float, rate, speed):  # noqa: E741
-    """The heading's equation on a line, l ds/dt + v s = dh1/dt, integrated alone; where it reaches |s| = 1 it ends."""
+    """The heading's equation on a line, l ds/dt + v s = dh1/dt, integrated alone;
+    where it reaches |s| = 1 it ends."""
     singular = lambda t, s: 1 - abs(s[0])  # noqa: E731
     singular.terminal = True
     return solve_ivp(
-        lambda t, s: (rate(t) - speed(t) * s) / l, (0, t[-1]), [s_0], "DOP853", t, events=singular, rtol=1e-12, atol=1e-13
+        lambda t, s: (rate(t) - speed(t) * s) / l,
+        (0, t[-1]),
+        [s_0],
+        "DOP853",
+        t,
+        events=singular,
+        rtol=1e-12,
+        atol=1e-13,
     )
 
 
 def beside_line(offset: float, speed: float) -> Spec:
     """`offset` m beside y = x and heading along it, at a speed."""
-    return changed(LINE, initial=Initial(point=(0.0, offset * math.sqrt(2)), heading=math.pi / 4, speed=speed))
+    return changed(
+        LINE, initial=Initial(point=(0.0, offset * math.sqrt(2)), heading=math.pi / 4, speed=speed)
+    )
 
 
 def test_line_is_the_closed_form():
@@ -88,12 +111,19 @@ def test_constraints_and_their_integral_hold(spec):
 @pytest.mark.parametrize("seed", range(4))
 def test_heading_on_a_line(seed):
     random = np.random.default_rng(seed)
-    slow, fast, kv, L = random.uniform(0.4, 1), random.uniform(1.5, 4), random.uniform(0.5, 3), random.uniform(-0.1, 0.5)
+    slow, fast, kv, L = (
+        random.uniform(0.4, 1),
+        random.uniform(1.5, 4),
+        random.uniform(0.5, 3),
+        random.uniform(-0.1, 0.5),
+    )
     s_0, h_0, v_0, v_d = random.uniform(-0.4, 0.4), random.uniform(-0.5, 0.5), random.uniform(1.0, 2.0), 1.5
     place = h_0 * NORMAL + random.uniform(-5, 5) * np.array([1.0, 1.0])
     kp, kd = slow * fast, slow + fast
     start = Initial(point=tuple(place), heading=math.pi / 4 - math.asin(s_0), speed=v_0)
-    spec = changed(LINE, output={"L": L}, initial=start, reference={"speed": v_d}, simulation={"output_step": 0.05})
+    spec = changed(
+        LINE, output={"L": L}, initial=start, reference={"speed": v_d}, simulation={"output_step": 0.05}
+    )
     run = simulate(with_gains(spec, kp, kd, kv))
     assert run.stopped is None
     speed = lambda t: v_d + (v_0 - v_d) * math.exp(-kv * t)  # noqa: E731
@@ -121,7 +151,9 @@ def test_heading_decays_on_the_line():
 
 def test_heading_diverges_when_the_point_is_behind_the_axle():
     v, s_0, l = 1.414, 0.01, -0.3  # noqa: E741
-    run = simulate(changed(LINE, initial=on_line_turning(s_0, v, l), output={"L": l - D}, simulation={"duration": 3.0}))
+    run = simulate(
+        changed(LINE, initial=on_line_turning(s_0, v, l), output={"L": l - D}, simulation={"duration": 3.0})
+    )
     assert run.stopped == "singular"
     assert abs(run.t[-1] - l / v * math.log(s_0)) < 1e-6
 
@@ -197,14 +229,16 @@ def test_steady_circle():
     assert abs(np.hypot(*(axle - 20.0)) - inner) < 1e-9
     assert abs(R_WHEEL / (2 * B_HALF) * (last[5] - last[6]) - 5.0 / inner) < 1e-9
     assert abs(along_normal(run, circle_of(run)[1])[-1] - D / 10.0) < 1e-9
-    # The ground pulls the whole mass, 30 + 2 kg, inwards; lambda has the paper's sign, + A' lambda on the left-hand side.
+    # The ground pulls the whole mass, 30 + 2 kg, inwards; lambda has the paper's sign, + A' lambda on the
+    # left-hand side.
     assert abs(run.plant.constraint_forces(last, run.tau[-1])[0, 0] + 32.0 * 5.0 * 5.0 / inner) < 1e-6
 
 
 @pytest.mark.parametrize("kind", ["I", "II", "III"])
 def test_position_and_heading_follow_their_ramps(kind):
     random = np.random.default_rng(1992)
-    heading = {"I": 0.3, "II": 0.3, "III": math.pi / 2 + 0.3}[kind]  # Type II is singular at 90 degrees, III at 0
+    # Type II is singular at 90 degrees, III at 0
+    heading = {"I": 0.3, "II": 0.3, "III": math.pi / 2 + 0.3}[kind]
     position = {"I": (0.3, 0.2), "II": (0.3, heading + 0.2), "III": (0.3, heading + 0.2)}[kind]
     velocity = (random.uniform(0.5, 1.0), 0.7 if kind == "I" else 0.0)
     spec = changed(
@@ -238,7 +272,8 @@ def test_rows_between_calls_hold_the_torque():
 
 
 def test_wrong_masses():
-    """The paper's figure 9, plant's masses double: no error stays on the line, 8.7 cm on the circle at 5 m/s."""
+    """The paper's figure 9, plant's masses double: no error stays on the line,
+    8.7 cm on the circle at 5 m/s."""
     double = {"m_c": 60.0, "m_w": 2.0}
     coarse = {"output_step": 0.1, "duration": 30.0}
     line = simulate(dataclasses.replace(changed(LINE, simulation=coarse), plant=double))
@@ -246,7 +281,11 @@ def test_wrong_masses():
     assert abs(line.y[-1, 0]) < 1e-5
     assert abs(circle.y[-1, 0] - 0.087) < 0.0005
     assert np.ptp(circle.y[-20:, 0]) < 1e-6
-    believed = simulate(dataclasses.replace(changed(LINE, simulation=coarse), parameters=double, plant={"m_c": 30.0, "m_w": 1.0}))
+    believed = simulate(
+        dataclasses.replace(
+            changed(LINE, simulation=coarse), parameters=double, plant={"m_c": 30.0, "m_w": 1.0}
+        )
+    )
     assert abs(believed.y[-1, 0]) < 1e-5
 
 
@@ -284,10 +323,23 @@ def test_generated_c_drives_as_the_model_does(spec):
 @pytest.mark.parametrize("seed", range(3))
 def test_start_is_where_it_was_asked_for(seed):
     random = np.random.default_rng(seed)
-    (x, y), heading, speed, L = random.uniform(-5, 5, 2), random.uniform(-3, 3), random.uniform(-2, 2), random.uniform(0.1, 1)
+    (x, y), heading, speed, L = (
+        random.uniform(-5, 5, 2),
+        random.uniform(-3, 3),
+        random.uniform(-2, 2),
+        random.uniform(0.1, 1),
+    )
     spec = changed(LINE, output={"L": L}, initial=Initial(point=(x, y), heading=heading, speed=speed))
     start = make_loop(spec).start
-    wanted = [x - L * math.cos(heading), y - L * math.sin(heading), heading, 0, 0, speed / R_WHEEL, speed / R_WHEEL]
+    wanted = [
+        x - L * math.cos(heading),
+        y - L * math.sin(heading),
+        heading,
+        0,
+        0,
+        speed / R_WHEEL,
+        speed / R_WHEEL,
+    ]
     assert np.abs(start - wanted).max() < 1e-12
     assert start[3] == start[4] == 0.0
 
@@ -310,7 +362,10 @@ BAD = {
     "misspelt path key": (toml(path='path = { kind = "line", A = 1.0, B = -1.0, C = 0.0, D = 0.0 }'), "'D'"),
     "missing path key": (toml(path='path = { kind = "line", A = 1.0, B = -1.0 }'), "C is missing"),
     "misspelt path": (toml(path='path = { kind = "lime", A = 1.0, B = -1.0, C = 0.0 }'), "line"),
-    "composite path": (toml(path='path = { kind = "composite", segments = [] }'), "not a list of lines and arcs"),
+    "composite path": (
+        toml(path='path = { kind = "composite", segments = [] }'),
+        "not a list of lines and arcs",
+    ),
     "no path": (toml(path=""), "path"),
     "no kind": (toml(path="path = { A = 1.0 }"), "kind"),
     "not a line": (toml(path='path = { kind = "line", A = 0.0, B = 0.0, C = 0.0 }'), "not a line"),
@@ -332,7 +387,10 @@ BAD = {
     "negative gain": (toml(gains="gains = { kp = -1.0 }"), "kp"),
     "point of three": (toml(point="point = [0.0, 1.0, 2.0]"), "[initial] point"),
     "point and state": (toml(heading="q = [0, 0, 0, 0, 0]"), "[initial]"),
-    "short state": (toml(point="q = [0.0]", heading="").replace("speed = 0.5", ""), "[initial] q has 1 numbers"),
+    "short state": (
+        toml(point="q = [0.0]", heading="").replace("speed = 0.5", ""),
+        "[initial] q has 1 numbers",
+    ),
     "position for Type IV": (toml().replace("speed = 1.414", "position = [0, 0]"), "[reference]"),
     "on the axle": (toml(L="L = -0.3"), "axle"),
     "normal to the path": (toml(heading="heading = 2.356194490192345"), "normal to the path"),
@@ -378,7 +436,8 @@ def test_writes_rows_summary_and_picture(tmp_path, capsys):
     assert list(rows[0]) == [*names, "status", *forces]
     assert np.array_equal([[float(row[name]) for name in forces] for row in rows], run.forces)
     assert np.array_equal(
-        [[float(row[name]) for name in names] for row in rows], np.column_stack([run.t, run.q, run.nu, run.tau, run.y])
+        [[float(row[name]) for name in names] for row in rows],
+        np.column_stack([run.t, run.q, run.nu, run.tau, run.y]),
     )
     assert picture.read_bytes().startswith(b"\x89PNG")
 
@@ -387,9 +446,28 @@ def test_writes_rows_summary_and_picture(tmp_path, capsys):
 def test_a_stopped_run_keeps_its_rows_and_says_when(tmp_path, capsys):
     far = toml(point="point = [0.0, 7.0710678118654755]").replace("speed = 0.5", "speed = 0.0")
     (tmp_path / "far.toml").write_text(far)
-    assert main(["simulate", str(tmp_path / "far.toml"), "-o", str(tmp_path / "x.csv"), "--plot", str(tmp_path / "x.png")]) == 1
+    assert (
+        main(
+            [
+                "simulate",
+                str(tmp_path / "far.toml"),
+                "-o",
+                str(tmp_path / "x.csv"),
+                "--plot",
+                str(tmp_path / "x.png"),
+            ]
+        )
+        == 1
+    )
     assert re.search(r"stopped at t = 0\.54\d* s: singular", capsys.readouterr().err)
-    few = ["--set", "simulation.output_step=10.0", "-o", str(tmp_path / "two.csv"), "--plot", str(tmp_path / "two.png")]
+    few = [
+        "--set",
+        "simulation.output_step=10.0",
+        "-o",
+        str(tmp_path / "two.csv"),
+        "--plot",
+        str(tmp_path / "two.png"),
+    ]
     assert main(["simulate", str(tmp_path / "far.toml"), *few]) == 1 and (tmp_path / "two.png").exists()
     with open(tmp_path / "x.csv", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
@@ -433,20 +511,33 @@ def test_a_tolerance_that_cannot_be_met_is_said():
 
 
 def test_a_picture_has_the_vehicle_at_the_end():
-    """After more than a turn its last outline stands where the run ends; the torques of a turn are explained, and no others."""
+    """After more than a turn its last outline stands where the run ends;
+    the torques of a turn are explained, and no others."""
     from noslip.simulation.plot import draw  # slow to import
 
     for name, duration, why in (("circle", 14.0, "turning"), ("line", 15.0, "")):
         run = simulate(read_varied(name, {"simulation.duration": duration, "simulation.output_step": 0.1}))
         plane, _, _, inputs = draw(run).axes
-        ends = [np.hypot(*(patch.get_xy().mean(axis=0) - run.q[-1, :2])) for patch in plane.patches if hasattr(patch, "get_xy")]
-        assert min(ends) < 0.5 and inputs.get_title("left").startswith(why) and bool(inputs.get_title("left")) == bool(why)
+        ends = [
+            np.hypot(*(patch.get_xy().mean(axis=0) - run.q[-1, :2]))
+            for patch in plane.patches
+            if hasattr(patch, "get_xy")
+        ]
+        assert (
+            min(ends) < 0.5
+            and inputs.get_title("left").startswith(why)
+            and bool(inputs.get_title("left")) == bool(why)
+        )
 
 
 def test_a_picture_calls_assumed_what_the_user_did_not_set():
-    """The radius of the LABMATE is illegible in the scan: its default is assumed, that of a SPEC is the user's."""
+    """The radius of the LABMATE is illegible in the scan: its default is assumed,
+    that of a SPEC is the user's."""
     from noslip.simulation.plot import draw  # slow to import
 
-    for changes, said in (({"parameters": {}}, "r = 0.15 m (assumed)"), ({"parameters": {"r": 0.2}}, "r = 0.2 m,")):
+    for changes, said in (
+        ({"parameters": {}}, "r = 0.15 m (assumed)"),
+        ({"parameters": {"r": 0.2}}, "r = 0.2 m,"),
+    ):
         title = draw(simulate(read_varied("line", {"simulation.duration": 0.1} | changes))).get_suptitle()
         assert said in title + "," and title.count("(assumed)") == said.count("(assumed)")

@@ -1,4 +1,5 @@
-"""Courses fitted to points and splines: within the tolerance, and followed by Type IV through `follow` and by an extended law."""
+"""Courses fitted to points and splines: within the tolerance,
+and followed by Type IV through `follow` and by an extended law."""
 
 import json
 import math
@@ -41,7 +42,10 @@ def test_the_course_is_within_the_stated_distance_and_smooth(stated, rounding):
     course = fit_course(SPLINE, stated, rounding=rounding)
     dense = SPLINE(np.linspace(0.0, 1.0, 5001)) @ [1, 1j]
     assert far(course, dense) < stated
-    assert abs(course.position(0.0) - dense[0]) < stated and abs(course.position(sum(course.lengths)) - dense[-1]) < stated
+    assert (
+        abs(course.position(0.0) - dense[0]) < stated
+        and abs(course.position(sum(course.lengths)) - dense[-1]) < stated
+    )
     bends = [
         (one.curvature(one.length), other.curvature(0.0))
         for one, other in zip(course.stretches, course.stretches[1:], strict=False)
@@ -52,7 +56,9 @@ def test_the_course_is_within_the_stated_distance_and_smooth(stated, rounding):
 def test_a_circle_is_one_arc():
     course = fit_course(lambda t: (3.0 * math.cos(t), 3.0 * math.sin(t)), 1e-3, domain=(0.0, 2.0))
     assert len(course.lengths) == 1
-    assert course.curvatures == pytest.approx((1 / 3, 1 / 3), abs=1e-4) and sum(course.lengths) == pytest.approx(6.0, abs=1e-3)
+    assert course.curvatures == pytest.approx((1 / 3, 1 / 3), abs=1e-4) and sum(
+        course.lengths
+    ) == pytest.approx(6.0, abs=1e-3)
 
 
 def test_what_cannot_be_fitted_is_refused():
@@ -60,7 +66,10 @@ def test_what_cannot_be_fitted_is_refused():
         fit_course(lambda t: (t, abs(t)), 0.01, domain=(-1.0, 1.3))
     with pytest.raises(BadInput, match="or rounding smaller"):
         fit_course(SPLINE, 1e-4, rounding=2.0)
-    for name, values in {"rounding": (math.nan, math.inf, -1.0), "speed": (math.nan, math.inf, 0.0, -0.5)}.items():
+    for name, values in {
+        "rounding": (math.nan, math.inf, -1.0),
+        "speed": (math.nan, math.inf, 0.0, -0.5),
+    }.items():
         for value in values:
             with pytest.raises(BadInput, match=f"^{name} = {value:g} "):
                 fit_course(POINTS, 0.01, **{name: value})
@@ -83,7 +92,8 @@ def test_a_course_is_printed_as_json_as_in_a_spec_and_drawn(tmp_path, capsys):
 
 @pytest.mark.parametrize(("L", "speed"), [(0.0, 1.0), (-0.6, -1.0)])
 def test_type_iv_follows_a_spline_forward_and_in_reverse(L, speed):
-    """`follow` with the foot on the course: the distance obeys its outer loop, here to 1e-6 m, as on a line."""
+    """`follow` with the foot on the course: the distance obeys its outer loop, here to 1e-6 m,
+    as on a line."""
     course = fit_course(SPLINE, 0.01)
     law = law_of(find_robot("labmate"), "type_iv_segment")
     plant = Plant(law.system, [q.default for q in law.parameters])
@@ -93,7 +103,16 @@ def test_type_iv_follows_a_spline_forward_and_in_reverse(L, speed):
     heading = course.direction(0.3) + (math.pi if speed < 0 else 0.0)
     beside = 0.1
     P_l = course.position(0.3) + 1j * np.exp(1j * course.direction(0.3)) * beside
-    start = np.array([*(v := P_l - L * np.exp(1j * heading)).real.reshape(1), v.imag, heading, 0.0, 0.0, *[speed / 0.15] * 2])
+    start = np.array(
+        [
+            *(v := P_l - L * np.exp(1j * heading)).real.reshape(1),
+            v.imag,
+            heading,
+            0.0,
+            0.0,
+            *[speed / 0.15] * 2,
+        ]
+    )
     near = [0.3]
 
     def foot(x: np.ndarray) -> tuple[float, ...]:
@@ -121,14 +140,16 @@ def test_type_iv_follows_a_spline_forward_and_in_reverse(L, speed):
 
 @pytest.mark.nightly
 def test_an_extended_law_follows_a_fitted_course(tmp_path, capsys):
-    """From the file of points to a run: the middle of the axle on the course that `noslip plan course` prints."""
+    """From the file of points to a run: the middle of the axle on the course that `noslip plan course`
+    prints."""
     points, out = tmp_path / "points.csv", tmp_path / "reference.toml"
     points.write_text("x,y\n" + "".join(f"{x},{y}\n" for x, y in POINTS))
     assert main(["plan", "course", str(points), "--tolerance", "0.02", "--speed", "0.5", "-o", str(out)]) == 0
     assert "largest curvature" in capsys.readouterr().out
     text = 'robot = "labmate"\noutput = { type = "I", L = -0.3, extension = true }\n'
     text += (
-        "initial = { point = [0.05, -0.05], heading = 0.1, speed = 0.5 }\nsimulation = { duration = 14.0 }\n" + out.read_text()
+        "initial = { point = [0.05, -0.05], heading = 0.1, speed = 0.5 }\nsimulation = { duration = 14.0 }\n"
+        + out.read_text()
     )
     run = simulate(spec_of(text, Path(tmp_path / "spec.toml")))
     assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-3

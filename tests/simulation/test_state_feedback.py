@@ -1,4 +1,5 @@
-"""State feedback: steady motions against closed forms, SPECs with [feedback] against runs of their own, commands, pushes."""
+"""State feedback: steady motions against closed forms, SPECs with [feedback] against runs of their own,
+commands, pushes."""
 
 from itertools import product
 
@@ -34,7 +35,8 @@ def values(name: str) -> dict[str, float]:
 
 
 def test_a_sleigh_that_goes_ahead_is_chaplygins():
-    """v' = a w^2 and (I + m a^2) w' = torque - m a v w: the turn decays ahead and grows in reverse; no input moves the speed."""
+    """v' = a w^2 and (I + m a^2) w' = torque - m a v w: the turn decays ahead and grows in reverse;
+    no input moves the speed."""
     p = values("sleigh")
     for speed in (1.0, -2.0):
         steady = analyse_steady(find_robot("sleigh"), {"speed": speed})
@@ -45,13 +47,16 @@ def test_a_sleigh_that_goes_ahead_is_chaplygins():
 
 
 def test_a_balancer_in_a_circle():
-    """Upright: the wheels' forces give no moment forward. Along axes that turn with it, x' = v + w y and y' = v phi - w x; the
-    yaw rate makes it fall faster: (m g h + (I_x - I_z + m h^2) w^2) sin(pitch), less m h w^2 sin(pitch) forward.
+    """Upright: the wheels' forces give no moment forward. Along axes that turn with it, x' = v + w y and y' =
+    v phi - w x; the yaw rate makes it fall faster: (m g h + (I_x - I_z + m h^2) w^2) sin(pitch), less m h w^2
+    sin(pitch) forward.
     """
     p, (speed, rate) = values("balancer"), (0.5, 0.8)
     steady = analyse_steady(find_robot("balancer"), {"speed": speed, "yaw_rate": rate})
     np.testing.assert_allclose([*steady.q, *steady.tau], 0.0, atol=1e-9)
-    np.testing.assert_allclose(steady.rates, [speed, 0.0, rate, 0.0, *((speed + s * p["b"] * rate) / p["r"] for s in (1, -1))])
+    np.testing.assert_allclose(
+        steady.rates, [speed, 0.0, rate, 0.0, *((speed + s * p["b"] * rate) / p["r"] for s in (1, -1))]
+    )
     np.testing.assert_allclose(steady.A[0], [0, rate, 0, 0, 0, 0, 1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(steady.A[1], [-rate, 0, speed, 0, 0, 0, 0, 0, 0], atol=1e-12)
     m, h, whole = p["m"], p["h"], p["m"] + 2 * (p["m_w"] + p["I_w"] / p["r"] ** 2)
@@ -73,7 +78,9 @@ def test_the_snakeboard_goes_round_with_its_wheels_turned():
 def test_what_is_no_steady_motion_is_refused():
     with pytest.raises(ModelError, match="sleigh: no steady motion with yaw_rate = 1 was found: a rate of"):
         analyse_steady(find_robot("sleigh"), {"yaw_rate": 1.0})
-    with pytest.raises(BadInput, match="motion: 'x' does not tell a steady motion; pitch, speed, yaw_rate, pitch_rate do"):
+    with pytest.raises(
+        BadInput, match="motion: 'x' does not tell a steady motion; pitch, speed, yaw_rate, pitch_rate do"
+    ):
         analyse_steady(find_robot("balancer"), {"x": 1.0})
 
 
@@ -81,7 +88,8 @@ CASES = {
     "balancer": ({"speed": 0.5, "yaw_rate": 0.8}, WEIGHTS | {"y": 40.0}, WHEELS),
     "sleigh": ({"speed": -1.0}, {"y": 1.0, "phi": 1.0, "yaw_rate": 1.0}, ()),
     "roller_racer": ({"speed": -1.0}, {"y": 1.0, "phi": 1.0, "swing": 1.0}, ()),
-    "snakeboard": ({"speed": 1.0, "phi": 0.3}, {"x": 1.0, "y": 1.0, "theta": 1.0, "speed": 1.0}, ("psi",)),  # none sees the rotor
+    # None sees the rotor
+    "snakeboard": ({"speed": 1.0, "phi": 0.3}, {"x": 1.0, "y": 1.0, "theta": 1.0, "speed": 1.0}, ("psi",)),
 }
 
 
@@ -91,9 +99,12 @@ def steady_feedback(name: str) -> tuple[Steady, Balanced]:
     return steady, design(steady, weights, 0.2, without)
 
 
-@pytest.mark.parametrize("name", [*list(CASES)[:2], *(pytest.param(each, marks=pytest.mark.nightly) for each in list(CASES)[2:])])
+@pytest.mark.parametrize(
+    "name", [*list(CASES)[:2], *(pytest.param(each, marks=pytest.mark.nightly) for each in list(CASES)[2:])]
+)
 def test_steady_motions_are_held_by_the_c(name):
-    """The C is the feedback; it brings the nonlinear robot from beside its desired motion, at a heading of 2 rad, back to it."""
+    """The C is the feedback; it brings the nonlinear robot from beside its desired motion,
+    at a heading of 2 rad, back to it."""
     steady, feedback = steady_feedback(name)
     assert differences(feedback)["double"] < 1e-12 and differences(feedback)["float"] < 1e-5
     loop = Balanced(steady, feedback.K, feedback.limit, BalanceInC(feedback))
@@ -118,16 +129,24 @@ def test_steady_motions_are_held_by_the_c(name):
 
 
 def test_commands_are_what_they_say():
-    """Places, headings and rates are derivatives of each other; lines, arcs and turns end where geometry says."""
+    """Places, headings and rates are derivatives of each other; lines,
+    arcs and turns end where geometry says."""
     commands = [
         Command(time=2.0, distance=1.5),
         Command(time=1.0, turn=np.pi / 2),
         Command(time=3.0, distance=np.pi, turn=-np.pi),
     ]
     motion = commanded(commands, 1.0, 2.0, 0.0)
-    for t, place, heading in ((-1.0, 1 + 2j, 0.0), (2.0, 2.5 + 2j, 0.0), (3.0, 2.5 + 2j, np.pi / 2), (9.0, 4.5 + 2j, -np.pi / 2)):
+    for t, place, heading in (
+        (-1.0, 1 + 2j, 0.0),
+        (2.0, 2.5 + 2j, 0.0),
+        (3.0, 2.5 + 2j, np.pi / 2),
+        (9.0, 4.5 + 2j, -np.pi / 2),
+    ):
         found = motion(t)
-        assert found.place == pytest.approx(place, abs=1e-12) and found.heading == pytest.approx(heading, abs=1e-12)
+        assert found.place == pytest.approx(place, abs=1e-12) and found.heading == pytest.approx(
+            heading, abs=1e-12
+        )
         assert found.speed == pytest.approx(0.0, abs=1e-12)
     curve = on_course(SmoothCurve(0.0, 0.0, 0.3, 0.7, (2.0, 1.0), (0.0, 0.5, 0.2)))
     h = 1e-5
@@ -137,7 +156,9 @@ def test_commands_are_what_they_say():
             forward = now.speed * np.exp(1j * now.heading)
             assert (after.place - before.place) / (2 * h) == pytest.approx(forward, abs=1e-8)
             for value, rate in (("heading", "yaw_rate"), ("turn", "yaw_rate"), ("distance", "speed")):
-                assert (getattr(after, value) - getattr(before, value)) / (2 * h) == pytest.approx(getattr(now, rate), abs=1e-8)
+                assert (getattr(after, value) - getattr(before, value)) / (2 * h) == pytest.approx(
+                    getattr(now, rate), abs=1e-8
+                )
             if moves is motion:
                 for value, rate in (("speed", "acceleration"), ("yaw_rate", "yaw_acceleration")):
                     slope = (getattr(after, value) - getattr(before, value)) / (2 * h)
@@ -153,7 +174,8 @@ SHORT = {
 
 
 def test_a_spec_of_a_balancer_runs_by_the_c():
-    """As the same calls made by hand until it is pushed; CasADi's run is the same; it stands 0.3 m ahead, then steps aside."""
+    """As the same calls made by hand until it is pushed; CasADi's run is the same;
+    it stands 0.3 m ahead, then steps aside."""
     made = simulate(read_varied("balancer", SHORT))
     assert made.stopped is None and made.columns[1:4] == ["x", "y", "phi"]
     steady = analyse_at_rest(find_robot("balancer"))
@@ -168,8 +190,11 @@ def test_a_spec_of_a_balancer_runs_by_the_c():
     m, h, whole = p["m"], p["h"], p["m"] + 2 * (p["m_w"] + p["I_w"] / p["r"] ** 2)
     expected = np.linalg.solve([[whole, m * h], [m * h, p["I_y"] + m * h**2]], [1.0, 0.0])
     np.testing.assert_allclose(jump[[0, 2]], expected, rtol=0.1)  # within 10 ms it also falls a little
-    exact = simulate(read_varied("balancer", SHORT | {"push": [{"time": 2.5, "on": "speed", "impulse": 1.0}]}))
-    np.testing.assert_allclose((exact.nu[250] - made.nu[250])[[0, 2]], 0.0, atol=1e-6)  # a row shows what was before
+    exact = simulate(
+        read_varied("balancer", SHORT | {"push": [{"time": 2.5, "on": "speed", "impulse": 1.0}]})
+    )
+    # a row shows what was before
+    np.testing.assert_allclose((exact.nu[250] - made.nu[250])[[0, 2]], 0.0, atol=1e-6)
 
 
 def _desired(made, t: float, steady: Steady) -> np.ndarray:
@@ -180,7 +205,8 @@ def _desired(made, t: float, steady: Steady) -> np.ndarray:
 
 
 def test_a_spec_in_steady_motion_and_on_a_course():
-    """In a circle from 0.05 m beside it; along a course that bends, at constant speed, seen with noise and a delay."""
+    """In a circle from 0.05 m beside it; along a course that bends, at constant speed,
+    seen with noise and a delay."""
     circle = {
         "feedback.motion": {"speed": 0.5, "yaw_rate": 0.8},
         "feedback.weights": WEIGHTS | {"y": 40.0},
@@ -207,10 +233,13 @@ def test_a_spec_in_steady_motion_and_on_a_course():
 
 @pytest.mark.parametrize("backend", ON_TARGET)
 def test_a_target_gives_the_bits_of_this_host(backend):
-    """The whole table of a run, standing up to the push; errors and limits at random states; no room for a 17th at a time."""
+    """The whole table of a run, standing up to the push; errors and limits at random states;
+    no room for a 17th at a time."""
     skip_without(TARGETS[ON_TARGET[backend]].missing())
     here = simulate(read_varied("balancer", SHORT), backend="cf")
-    assert here.stopped is None and simulate(read_varied("balancer", SHORT), backend=backend).csv() == here.csv()
+    assert (
+        here.stopped is None and simulate(read_varied("balancer", SHORT), backend=backend).csv() == here.csv()
+    )
     steady = analyse_at_rest(find_robot("balancer"))
     feedback, random, seen = design(steady, WEIGHTS, 0.2, WHEELS, 4.0), np.random.default_rng(3), set()
     loops = BalanceInC(feedback, "float"), BalanceOnTarget(feedback, backend)
@@ -227,7 +256,8 @@ def test_a_target_gives_the_bits_of_this_host(backend):
 
 @pytest.mark.parametrize("scalar", SCALARS)
 def test_every_compiler_gives_the_same_bits_without_a_warning(scalar, monkeypatch):
-    """Of the generated header, at 200 random states near and far from desired ones; the processors are above."""
+    """Of the generated header, at 200 random states near and far from desired ones;
+    the processors are above."""
     steady = analyse_at_rest(find_robot("balancer"))
     feedback, answers = design(steady, WEIGHTS, 0.2, WHEELS, 4.0), {}
     for compiler, level in product(COMPILERS, ("-O0", "-O2", "-O3")):
@@ -236,7 +266,9 @@ def test_every_compiler_gives_the_same_bits_without_a_warning(scalar, monkeypatc
         c, random, found = BalanceInC(feedback, scalar), np.random.default_rng(8), []
         for _ in range(200):
             desired = random.normal(size=len(steady.names))
-            status, tau = c.step(desired + random.uniform(0.0, 1.0) * random.normal(size=len(desired)), desired)
+            status, tau = c.step(
+                desired + random.uniform(0.0, 1.0) * random.normal(size=len(desired)), desired
+            )
             found.append((status, tau.tobytes()))
         answers[compiler, level] = found
     first, *others = answers.values()
@@ -265,26 +297,42 @@ BAD = {
 
 @pytest.mark.parametrize("changed", BAD)
 def test_bad_specs_are_refused_in_a_line(changed, bad_input, tmp_path):
-    assert BAD[changed] in bad_input(["simulate", "balancer", "-o", str(tmp_path / "run.csv"), "--set", changed])
+    assert BAD[changed] in bad_input(
+        ["simulate", "balancer", "-o", str(tmp_path / "run.csv"), "--set", changed]
+    )
 
 
 def test_other_commands_refuse_it(bad_input, tmp_path):
     out = ["-o", str(tmp_path / "run.csv")]
     target = ["--set", "simulation.backend='m4f'", "--record", str(tmp_path / "record")]
     assert "a record is of a law" in bad_input(["simulate", "balancer", *out, *target])
-    assert "[feedback] does not go with noslip outer-loop" in bad_input(["outer-loop", "balancer", "--spec", "balancer"])
-    assert "[feedback] does not go with analyse --start" in bad_input(["analyse", "balancer", "--start", "balancer"])
-    assert "commands requires [feedback]" in bad_input(["simulate", "line", *out, "--set", "reference.commands=[{time=1}]"])
-    assert "a run requires [output] or [feedback]" in bad_input(["simulate", "line", *out, "--set", "output={type='lqr'}"])
+    assert "[feedback] does not go with noslip outer-loop" in bad_input(
+        ["outer-loop", "balancer", "--spec", "balancer"]
+    )
+    assert "[feedback] does not go with analyse --start" in bad_input(
+        ["analyse", "balancer", "--start", "balancer"]
+    )
+    assert "commands requires [feedback]" in bad_input(
+        ["simulate", "line", *out, "--set", "reference.commands=[{time=1}]"]
+    )
+    assert "a run requires [output] or [feedback]" in bad_input(
+        ["simulate", "line", *out, "--set", "output={type='lqr'}"]
+    )
     generate = ["generate", "balancer", "--lqr", "pitch=1", "-o", str(tmp_path)]
     assert "give NAME=NUMBER, such as speed=0.5" in bad_input([*generate, "--motion", "speed"])
     assert "--motion applies to --lqr" in bad_input(["generate", "balancer", "--motion", "speed=1"])
-    assert "no steady motion with yaw_rate = 1" in bad_input(["generate", "sleigh", "--lqr", "phi=1", "--motion", "yaw_rate=1"])
+    assert "no steady motion with yaw_rate = 1" in bad_input(
+        ["generate", "sleigh", "--lqr", "phi=1", "--motion", "yaw_rate=1"]
+    )
 
 
 def test_the_command_draws_and_films(tmp_path):
     """A run of a second with all that a user may ask for."""
     files = [str(tmp_path / name) for name in ("run.csv", "run.png", "run.html")]
     short = ["--set", "simulation.duration=4.0", "--set", "reference.commands=[]"]
-    assert main(["simulate", "balancer", "-o", files[0], "--plot", files[1], "--animate", files[2], *short]) == 0
-    assert (tmp_path / "run.csv").read_text().startswith("t,x,y,phi,pitch,") and (tmp_path / "run.png").stat().st_size > 10_000
+    assert (
+        main(["simulate", "balancer", "-o", files[0], "--plot", files[1], "--animate", files[2], *short]) == 0
+    )
+    assert (tmp_path / "run.csv").read_text().startswith("t,x,y,phi,pitch,") and (
+        tmp_path / "run.png"
+    ).stat().st_size > 10_000

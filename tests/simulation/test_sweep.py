@@ -1,4 +1,5 @@
-"""`noslip sweep`: distributions, designs, files that depend on nothing but SPEC and number of samples, statistics, figures."""
+"""`noslip sweep`: distributions, designs, files that depend on nothing but SPEC and number of samples,
+statistics, figures."""
 
 import dataclasses
 import errno
@@ -28,8 +29,14 @@ from noslip.simulation.sweeping.study import STOPPED, sample_spec, study_of
 from scipy import stats
 
 ROOT = Path(__file__).parents[2]
-AT_REST = ("speed = 0.5 ", "speed = 0.0 ")  # in motion, the worst start is the singular one: straight away from the line
-LINE = (ROOT / "examples/specs/line.toml").read_text().replace("duration = 15.0", "duration = 1.0").replace(*AT_REST)
+# In motion, the worst start is the singular one: straight away from the line
+AT_REST = ("speed = 0.5 ", "speed = 0.0 ")
+LINE = (
+    (ROOT / "examples/specs/line.toml")
+    .read_text()
+    .replace("duration = 15.0", "duration = 1.0")
+    .replace(*AT_REST)
+)
 SWEPT = """
 [sweep]
 seed = 7
@@ -72,7 +79,7 @@ def sweep(spec: str, samples: int, output: Path, *more: str) -> bytes:
     return output.read_bytes()
 
 
-# -- distributions and designs ---------------------------------------------------------------------------------------------
+# -- distributions and designs -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -119,11 +126,19 @@ def test_sobols_points_are_spread_evenly():
 
 @pytest.mark.parametrize("design", ["random", "sobol", "latin"])
 def test_correlated_numbers_keep_their_distributions(design):
-    swept = SWEPT.replace("seed = 7", f'seed = 7\ndesign = "{design}"\ncorrelation = [["initial.heading", "plant.m_c", -0.8]]')
+    swept = SWEPT.replace(
+        "seed = 7", f'seed = 7\ndesign = "{design}"\ncorrelation = [["initial.heading", "plant.m_c", -0.8]]'
+    )
     plan = study_of(text_of(swept), "s", 4096).plan
     columns = plan.columns(plan.table(0, 4096))
     assert list(columns) == ["plant.m_c", "initial.point[1]", "initial.heading"]
-    assert abs(stats.spearmanr(columns["plant.m_c"], columns["initial.heading"]).statistic - 6 / np.pi * np.arcsin(-0.4)) < 0.02
+    assert (
+        abs(
+            stats.spearmanr(columns["plant.m_c"], columns["initial.heading"]).statistic
+            - 6 / np.pi * np.arcsin(-0.4)
+        )
+        < 0.02
+    )
     assert abs(stats.spearmanr(columns["plant.m_c"], columns["initial.point[1]"]).statistic) < 0.07
     for name, known in (
         ("plant.m_c", stats.truncnorm(-20 / 6, 5, 30, 6)),
@@ -154,8 +169,11 @@ def test_the_documents_example_is_a_sweep():
 
 
 def test_the_headline_has_the_range_of_varied_periods_and_durations(spec, tmp_path, capsys):
-    """And of fewer than 20 runs there are no rank correlations, whose errors would be as large as themselves."""
-    varied = "\n[sweep.simulation]\nperiod = { uniform = [0.005, 0.02] }\nduration = { uniform = [0.5, 1.0] }\n"
+    """And of fewer than 20 runs there are no rank correlations,
+    whose errors would be as large as themselves."""
+    varied = (
+        "\n[sweep.simulation]\nperiod = { uniform = [0.005, 0.02] }\nduration = { uniform = [0.5, 1.0] }\n"
+    )
     sweep(spec(SWEPT + varied, period="0.01"), 19, tmp_path / "a.parquet", "--json")
     found, said = pq.read_table(tmp_path / "a.parquet"), json.loads(capsys.readouterr().out)
     periods, durations = (found[f"simulation.{name}"].to_numpy() for name in ("period", "duration"))
@@ -166,7 +184,7 @@ def test_the_headline_has_the_range_of_varied_periods_and_durations(spec, tmp_pa
     assert head.endswith(f", {durations.min():.3g} to {durations.max():.3g} s")
 
 
-# -- the file --------------------------------------------------------------------------------------------------------------
+# -- the file ------------------------------------------------------------------------------------------------
 
 
 def test_the_file_holds_the_samples_whatever_the_jobs(spec, tmp_path, capsys):
@@ -215,7 +233,9 @@ def test_another_sweep_of_the_same_name_is_refused(spec, tmp_path, bad_input):
     assert "format 1, not 2; remove it or change -o" in bad_input(["sweep", file, *command])
     assert sample_of(output, 3) == (text, row, outcome), "results of another format can be read"
     output.write_text("mine")
-    assert "is not a finished noslip sweep, or is damaged; remove it or change -o" in bad_input(["sweep", file, *command])
+    assert "is not a finished noslip sweep, or is damaged; remove it or change -o" in bad_input(
+        ["sweep", file, *command]
+    )
     assert output.read_text() == "mine"
     output.unlink()
     with Parts(output, study_of(Path(other).read_text(encoding="utf-8"), other, 40)).held():
@@ -226,7 +246,9 @@ def test_another_sweep_of_the_same_name_is_refused(spec, tmp_path, bad_input):
 def test_two_processes_do_not_write_one_sweep(spec, tmp_path, bad_input):
     file, output = spec(), tmp_path / "a.parquet"
     with Parts(output, study_of(Path(file).read_text(encoding="utf-8"), file, 40)).held():
-        assert "is in use by another noslip sweep" in bad_input(["sweep", file, "--samples", "40", "-o", str(output)])
+        assert "is in use by another noslip sweep" in bad_input(
+            ["sweep", file, "--samples", "40", "-o", str(output)]
+        )
 
 
 def test_a_sweep_that_was_stopped_or_killed_goes_on_and_gives_the_same_bytes(spec, tmp_path):
@@ -253,7 +275,9 @@ def test_a_sweep_that_was_stopped_or_killed_goes_on_and_gives_the_same_bytes(spe
     torn = folder / sorted(before)[0]
     torn.write_bytes(torn.read_bytes()[:-8])  # as after a power cut
     parts = Parts(output, study_of(Path(file).read_text(encoding="utf-8"), file, 700))
-    assert set(range(parts.count)) - set(parts.missing()) == {int(name) for name in before if name != torn.name}
+    assert set(range(parts.count)) - set(parts.missing()) == {
+        int(name) for name in before if name != torn.name
+    }
     assert times
     whole = sweep(file, 700, tmp_path / "whole.parquet")
     assert sweep(file, 700, output) == whole
@@ -287,7 +311,10 @@ def test_a_full_disk_is_one_line_and_loses_nothing(spec, tmp_path, monkeypatch, 
         ("\n[sweep]\nseeds = 1\n", "unknown key 'seeds'; did you mean 'seed'"),
         ("\n[sweep]\nseed = -1\n", "must be 0 or more"),
         ("\n[sweep.plants]\nm_c = { normal = [30.0, 6.0] }\n", "unknown key 'plants'"),
-        ("\n[sweep.plant]\nm_d = { normal = [30.0, 6.0] }\n", "plant.m_d is not a number of this SPEC that can vary"),
+        (
+            "\n[sweep.plant]\nm_d = { normal = [30.0, 6.0] }\n",
+            "plant.m_d is not a number of this SPEC that can vary",
+        ),
         ("\n[sweep.plant]\nm_c = { gauss = [30.0, 6.0] }\n", "unknown key 'gauss'"),
         ("\n[sweep.plant]\nm_c = { normal = [30.0, 0.0] }\n", "[1] = 0 must be positive"),
         ("\n[sweep.plant]\nm_c = { normal = [30.0] }\n", "has 1 numbers; it must be [mean, sd]"),
@@ -299,15 +326,27 @@ def test_a_full_disk_is_one_line_and_loses_nothing(spec, tmp_path, monkeypatch, 
         ("\n[sweep.plant]\nm_c = { normal = [30.0, 1.0], uniform = [1.0, 2.0] }\n", "must be one of"),
         ("\n[sweep.plant]\nm_c = 30.0\n", "is no distribution"),
         ("\n[sweep.initial]\npoint = { normal = [30.0, 6.0] }\n", "give a list of 2"),
-        ("\n[sweep]\nfails = { final = -1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "must be positive"),
-        ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "unknown outcome 'fnal'"),
-        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "plant.b", 0.5]]'), "no number that varies: 'plant.b'"),
-        (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'), "[0][2] = 1 must be below 1"),
+        (
+            "\n[sweep]\nfails = { final = -1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n",
+            "must be positive",
+        ),
+        (
+            "\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n",
+            "unknown outcome 'fnal'",
+        ),
+        (
+            SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "plant.b", 0.5]]'),
+            "no number that varies: 'plant.b'",
+        ),
+        (
+            SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'),
+            "[0][2] = 1 must be below 1",
+        ),
         (
             SWEPT.replace(
                 "seed = 7",
-                'correlation = [["plant.m_c", "initial.heading", 0.9], ["plant.m_c", "initial.point[1]", 0.9], '
-                '["initial.heading", "initial.point[1]", -0.9]]',
+                'correlation = [["plant.m_c", "initial.heading", 0.9], ["plant.m_c", "initial.point[1]", '
+                '0.9], ["initial.heading", "initial.point[1]", -0.9]]',
             ),
             "not positive definite",
         ),
@@ -324,13 +363,17 @@ def test_a_bad_command_is_refused_in_one_line(spec, tmp_path, bad_input):
     assert "power of 2" in bad_input([*command, "9", "--indices", "100"])
     assert "at most" in bad_input([*command, str(2**33)])
     assert "ends in .parquet" in bad_input(["sweep", spec(), "-o", str(tmp_path / "a.csv"), "--samples", "9"])
-    assert "does not exist" in bad_input(["sweep", spec(), "-o", str(tmp_path / "no/a.parquet"), "--samples", "9"])
+    assert "does not exist" in bad_input(
+        ["sweep", spec(), "-o", str(tmp_path / "no/a.parquet"), "--samples", "9"]
+    )
     sampled = spec(SWEPT.replace("seed = 7", "period = 0.02"), "p.toml", period="0.01")
     assert "period applies to a continuous SPEC" in bad_input(["sweep", sampled, *command[2:], "9"])
-    assert "not a finished noslip sweep" in bad_input(["simulate", sampled, "--sample", "1", "-o", str(tmp_path / "r.csv")])
+    assert "not a finished noslip sweep" in bad_input(
+        ["simulate", sampled, "--sample", "1", "-o", str(tmp_path / "r.csv")]
+    )
 
 
-# -- single samples --------------------------------------------------------------------------------------------------------
+# -- single samples ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sensed", ["", SENSED])
@@ -362,7 +405,7 @@ def test_a_spec_with_a_sweep_is_still_one_run(spec, tmp_path):
     assert main(["simulate", spec("\n[sweep]\nseeds = 7\n"), "-o", str(tmp_path / "c.csv")]) == 2
 
 
-# -- what comes out --------------------------------------------------------------------------------------------------------
+# -- what comes out ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("failed, samples", [(0, 10), (3, 10), (10, 10), (1, 100000)])
@@ -387,13 +430,21 @@ def test_the_summary_is_that_of_the_rows(spec, tmp_path, capsys):
 
 
 class Formula:
-    """Stands in for a batch: the final error of an additive and a product model, singular where heading > 2."""
+    """Stands in for a batch: the final error of an additive and a product model,
+    singular where heading > 2."""
 
     def __init__(self, batch):
-        self.inputs, self.outcomes, self.law, self.status = batch.inputs, batch.outcomes, batch.law, batch.status
+        self.inputs, self.outcomes, self.law, self.status = (
+            batch.inputs,
+            batch.outcomes,
+            batch.law,
+            batch.status,
+        )
 
     def run(self, table):
-        m, y, heading = (table[:, self.inputs.index(name)] for name in ("plant.m_c", "initial.point[1]", "initial.heading"))
+        m, y, heading = (
+            table[:, self.inputs.index(name)] for name in ("plant.m_c", "initial.point[1]", "initial.heading")
+        )
         found = np.zeros((len(table), len(self.outcomes)))
         found[:, self.outcomes.index("t_end")] = 1.0
         found[:, self.outcomes.index("final.distance")] = 10 + (m - 30) / 6 + 2 * np.sqrt(12) * (y - 2)
@@ -410,7 +461,11 @@ def test_sobols_indices_are_those_of_models_that_are_known():
     found = statistics.indices(study, 2048, jobs=1)
     assert found.runs == 5 * 2048
     wanted = {
-        "final.distance": {"plant.m_c": (0.2, 0.2), "initial.point[1]": (0.8, 0.8), "initial.heading": (0, 0)},
+        "final.distance": {
+            "plant.m_c": (0.2, 0.2),
+            "initial.point[1]": (0.8, 0.8),
+            "initial.heading": (0, 0),
+        },
         "peak.distance": {"plant.m_c": (0, 0), "initial.point[1]": (0, 1), "initial.heading": (0, 1)},
     }
     for outcome, values in wanted.items():
@@ -440,11 +495,17 @@ def test_a_run_that_stops_is_worse_than_any_that_ends():
 @pytest.mark.parametrize(("law", "rows"), [("I", ("x_l", "y_l")), ("II", ("x_l", "heading"))])
 def test_an_error_in_any_place_is_a_failure_by_default(law, rows):
     """Types I and II have two outputs of relative degree 2, Type IV one."""
-    text = (ROOT / "examples/specs/figures/figure_7_type_i.toml").read_text().replace('type = "I"', f'type = "{law}"')
+    text = (
+        (ROOT / "examples/specs/figures/figure_7_type_i.toml")
+        .read_text()
+        .replace('type = "I"', f'type = "{law}"')
+    )
     text = re.sub(r"^heading = .*", "heading = 0.5", text, flags=re.MULTILINE)
     study = study_of(text + "\n[sweep.plant]\nm_c = { uniform = [25.0, 35.0] }\n", "s", 4)
     assert study.criterion.limits == {f"final.{row}": 0.05 for row in rows}
-    assert study_of(text_of(SWEPT.replace("fails = { final = 1.2 }", "")), "s", 4).criterion.limits == {"final.distance": 0.05}
+    assert study_of(text_of(SWEPT.replace("fails = { final = 1.2 }", "")), "s", 4).criterion.limits == {
+        "final.distance": 0.05
+    }
 
 
 @pytest.mark.nightly
@@ -457,14 +518,21 @@ def test_worst_indices_and_figures_of_a_sweep(spec, tmp_path, capsys):
     run = simulate(varied(text_of(), file, dict(map(change, told["worst"]["set"]))))
     assert run.error[-1, 0] == pytest.approx(told["worst"]["outcomes"]["final.distance"], abs=1e-9)
     assert abs(run.error[-1, 0]) > 0.98 * np.abs(pq.read_table(output)["final.distance"].to_numpy()).max()
-    assert set(told["sobol_indices"]["final.distance"]) == {"plant.m_c", "initial.point[1]", "initial.heading"}
+    assert set(told["sobol_indices"]["final.distance"]) == {
+        "plant.m_c",
+        "initial.point[1]",
+        "initial.heading",
+    }
     names = sorted(path.name for path in (tmp_path / "f").iterdir())
-    assert names == sorted(f"{name}.{kind}" for name in ("envelope", "cloud", "starts") for kind in ("csv", "png", "svg"))
+    assert names == sorted(
+        f"{name}.{kind}" for name in ("envelope", "cloud", "starts") for kind in ("csv", "png", "svg")
+    )
     assert all(path.stat().st_size > 10_000 for path in (tmp_path / "f").glob("*.png"))
 
 
 def test_the_map_of_starts_that_keep_rolling(spec, tmp_path, monkeypatch):
-    """On the path, along it, at its speed, the robot rolls; 1.5 rad off it would not. The limiter keeps more of the starts."""
+    """On the path, along it, at its speed, the robot rolls;
+    1.5 rad off it would not. The limiter keeps more of the starts."""
     monkeypatch.setattr(figures, "GRID", (9, 3))
     kept = []
     for limits in ("", '[limits]\nmode = "grip"\n'):
@@ -477,7 +545,7 @@ def test_the_map_of_starts_that_keep_rolling(spec, tmp_path, monkeypatch):
     assert 0 < kept[0] < kept[1], kept
 
 
-# -- a cluster -------------------------------------------------------------------------------------------------------------
+# -- a cluster -----------------------------------------------------------------------------------------------
 
 
 def test_a_scheduler_that_is_not_there_is_refused(spec, tmp_path, bad_input, monkeypatch):
@@ -503,9 +571,18 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(spec, tmp_path
         left.append(len(list(folder.glob("0*"))))
 
     with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs="CRITICAL") as cluster:
-        command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--no-nanny", "--no-dashboard"]
+        command = [
+            sys.executable,
+            "-m",
+            "distributed.cli.dask_worker",
+            cluster.scheduler_address,
+            "--no-nanny",
+            "--no-dashboard",
+        ]
         command += ["--nthreads", "1", "--local-directory", str(tmp_path)]
-        workers = [subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for _ in range(2)]
+        workers = [
+            subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for _ in range(2)
+        ]
         try:
             with distributed.Client(cluster) as client:
                 client.wait_for_workers(2, timeout=60)

@@ -1,4 +1,5 @@
-"""Telemetry: frames and ring in C, a config as bytes, dumps with damage, gaps and restarts, logs, and replay bit by bit."""
+"""Telemetry: frames and ring in C, a config as bytes, dumps with damage, gaps and restarts, logs,
+and replay bit by bit."""
 
 import csv
 import json
@@ -60,12 +61,27 @@ class Ring:
         return bytes(self.c.ffi.buffer(self.bytes, self.count[0]))
 
 
-# -- frames ----------------------------------------------------------------------------------------------------------------
+# -- frames --------------------------------------------------------------------------------------------------
 
 
 def contents(chance: random.Random, count: int) -> list[bytes]:
     """Of all lengths around a block, with few and with many zeros."""
-    sizes = [0, 1, 2, 248, 249, 250, 253, 254, 255, 256, 503, 508, 509, *(chance.randrange(700) for _ in range(count))]
+    sizes = [
+        0,
+        1,
+        2,
+        248,
+        249,
+        250,
+        253,
+        254,
+        255,
+        256,
+        503,
+        508,
+        509,
+        *(chance.randrange(700) for _ in range(count)),
+    ]
 
     def byte(rare: float) -> int:
         return chance.choice((0, 0, 255, 1)) if chance.random() < rare else 1 + chance.randrange(255)
@@ -87,7 +103,8 @@ def test_frames_are_cobs_with_a_crc():
 
 
 def test_a_ring_keeps_whole_frames():
-    """Read in any portions, it gives the frames that it took in their order; the others are counted, and leave nothing behind."""
+    """Read in any portions, it gives the frames that it took in their order; the others are counted,
+    and leave nothing behind."""
     chance, ring, taken, read, refused = random.Random(2), Ring(256), [], b"", 0
     for content in contents(chance, 1000):
         status = ring.send(9, content)
@@ -107,8 +124,13 @@ def test_misuse_of_a_ring():
     for size in (0, 128, 255, 1000, (1 << 31)):
         assert c.status(c.lib.noslip_telemetry_init(ring.self, ring.memory, size)) == "bad_parameter"
         assert ring.send(9, b"1") == "not_ready"
-    assert c.status(c.lib.noslip_telemetry_read(ring.self, ring.bytes, 9, ring.count)) == "not_ready" and ring.count[0] == 0
-    assert c.status(c.lib.noslip_telemetry_init(null, null, RING)) == c.status(c.lib.noslip_telemetry_init(ring.self, null, RING))
+    assert (
+        c.status(c.lib.noslip_telemetry_read(ring.self, ring.bytes, 9, ring.count)) == "not_ready"
+        and ring.count[0] == 0
+    )
+    assert c.status(c.lib.noslip_telemetry_init(null, null, RING)) == c.status(
+        c.lib.noslip_telemetry_init(ring.self, null, RING)
+    )
     ring, record = Ring(), c.ffi.new("noslip_record *")
     assert [ring.send(kind, b"") for kind in (0, 256, -1)] == ["bad_parameter"] * 3
     for call in (
@@ -127,7 +149,8 @@ def test_misuse_of_a_ring():
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_a_record_is_in_its_frame(scalar):
-    """Each field in the order of the struct as the C compiler has it, with the tick that the ring has counted."""
+    """Each field in the order of the struct as the C compiler has it,
+    with the tick that the ring has counted."""
     ring, chance = Ring(), np.random.default_rng(3)
     suffix = SCALARS[scalar]
     record = ring.c.ffi.new(f"noslip_record{suffix} *")
@@ -144,10 +167,15 @@ def test_a_record_is_in_its_frame(scalar):
 
 
 def packed(ffi, struct_, leave: tuple[str, ...] = ()) -> bytes:
-    """The bytes of each number of a struct in memory, but for its gaps, its pointers and the members to leave out."""
+    """The bytes of each number of a struct in memory, but for its gaps,
+    its pointers and the members to leave out."""
     kind = ffi.typeof(struct_)
     kind = kind.item if kind.kind == "pointer" else kind
-    memory = bytes(ffi.buffer(ffi.addressof(struct_[0]) if ffi.typeof(struct_).kind == "pointer" else ffi.addressof(struct_)))
+    memory = bytes(
+        ffi.buffer(
+            ffi.addressof(struct_[0]) if ffi.typeof(struct_).kind == "pointer" else ffi.addressof(struct_)
+        )
+    )
     return b"".join(memory[at : at + size] for at, size in _places(ffi, kind, 0, leave))
 
 
@@ -163,7 +191,7 @@ def _places(ffi, kind, at: int, leave: tuple[str, ...] = ()):
         yield at, ffi.sizeof(kind)
 
 
-# -- a config as bytes -----------------------------------------------------------------------------------------------------
+# -- a config as bytes ---------------------------------------------------------------------------------------
 
 
 class Flash:
@@ -199,7 +227,9 @@ def test_an_image_has_every_number_of_the_config(scalar):
     """In the order of the structs as the C compiler has them, and back again bit by bit."""
     flash = Flash(scalar)
     ffi = flash.c.ffi
-    numbers = packed(ffi, flash.config, ("count",)) + b"".join(packed(ffi, segment) for segment in flash.segments)
+    numbers = packed(ffi, flash.config, ("count",)) + b"".join(
+        packed(ffi, segment) for segment in flash.segments
+    )
     assert flash.bytes[24:-4] == numbers
     assert struct.unpack("<I", flash.bytes[-4:])[0] == zlib.crc32(flash.bytes[:-4])
     assert len(flash.bytes) == struct.unpack_from("<I", flash.bytes, 8)[0]
@@ -252,7 +282,7 @@ def test_any_bytes_are_no_image():
         assert flash.load(bytes(body) + struct.pack("<I", zlib.crc32(bytes(body)))) != "ok"
 
 
-# -- a vehicle that tells ----------------------------------------------------------------------------------------------------
+# -- a vehicle that tells ------------------------------------------------------------------------------------
 
 
 class Telling:
@@ -271,7 +301,9 @@ class Telling:
         self.sent.append(bytes(self.c.ffi.buffer(self.bytes, self.count[0])))
 
     def describe(self) -> None:
-        assert self.c.lib.labmate_follower_describe_f(self.loop.vehicle, self.telemetry, self.bytes, 4096) == 0
+        assert (
+            self.c.lib.labmate_follower_describe_f(self.loop.vehicle, self.telemetry, self.bytes, 4096) == 0
+        )
         self.drain()
 
     def tick(self, missed: int = 0, **more) -> int:
@@ -318,7 +350,9 @@ def test_a_dump_is_repeated_bit_by_bit(parts, dumped, capsys):
     assert (code, said["ticks"], said["difference"], said["remarks"]) == (0, 400, None, [])
 
 
-@pytest.mark.parametrize("name", ["torque", "pose.heading", "status", "watchdog", "distance", "command", "rate"])
+@pytest.mark.parametrize(
+    "name", ["torque", "pose.heading", "status", "watchdog", "distance", "command", "rate"]
+)
 def test_another_bit_is_found(name, parts, dumped, capsys):
     """A record of the wrong number, sealed with the right CRC."""
     ((kind, content),) = frames(parts[200])
@@ -329,7 +363,8 @@ def test_another_bit_is_found(name, parts, dumped, capsys):
 
 
 def test_what_is_done_between_ticks_is_repeated(c, dumped, capsys):
-    """Missed ticks and misread counters, a correction, other gains, a stop and its reset; without one of them it differs."""
+    """Missed ticks and misread counters, a correction, other gains, a stop and its reset;
+    without one of them it differs."""
     telling = Telling(c)
     loop, lib, vehicle = telling.loop, c.lib, telling.loop.vehicle
 
@@ -343,7 +378,10 @@ def test_what_is_done_between_ticks_is_repeated(c, dumped, capsys):
             assert lib.labmate_follower_correct_f(vehicle, truth, lib.NOSLIP_RESET) == 0
             assert lib.tell_correction(telling.telemetry, truth, lib.NOSLIP_RESET) == 0
         if k == 200:
-            params, gains = c.new("labmate_params_f", vehicle.params), c.new("labmate_type_iv_segment_gains_f", vehicle.gains)
+            params, gains = (
+                c.new("labmate_params_f", vehicle.params),
+                c.new("labmate_type_iv_segment_gains_f", vehicle.gains),
+            )
             params.m_c, gains.kv_speed = 40.0, 1.0
             assert lib.labmate_follower_update_f(vehicle, params, gains, c.ffi.NULL) == 0
             telling.describe()
@@ -370,9 +408,22 @@ def test_ticks_by_angles_are_repeated(scalar, dumped, capsys):
     vehicle, suffix, ring = follower_in_c("labmate", scalar), SCALARS[scalar], Ring()
     config, sent = vehicle.new("config"), []
     segments = vehicle.ffi.new(f"noslip_segment{suffix}[1]", [{"length": 9.0}])
-    assert getattr(vehicle.lib, f"labmate_default_params{suffix}")(vehicle.ffi.addressof(config, "params")) == 0
-    config.period, config.counts_per_turn, config.counter_bits, config.fastest = PERIOD, [4096, 4096], 16, 20.0
-    config.segments, config.count, config.path.speed, config.astray, config.gains = segments, 1, 1.0, 0.5, (1.0, 2.5, 2.0)
+    assert (
+        getattr(vehicle.lib, f"labmate_default_params{suffix}")(vehicle.ffi.addressof(config, "params")) == 0
+    )
+    config.period, config.counts_per_turn, config.counter_bits, config.fastest = (
+        PERIOD,
+        [4096, 4096],
+        16,
+        20.0,
+    )
+    config.segments, config.count, config.path.speed, config.astray, config.gains = (
+        segments,
+        1,
+        1.0,
+        0.5,
+        (1.0, 2.5, 2.0),
+    )
     config.drive = vehicle.lib.NOSLIP_DRIVE_VELOCITY
     config.velocity = [{"speed": 20.0, "acceleration": 15.0, "band": 5.0}] * 2
     config.start.y = 0.05
@@ -404,7 +455,7 @@ def test_ticks_by_angles_are_repeated(scalar, dumped, capsys):
     capsys.readouterr()
 
 
-# -- what is missing ---------------------------------------------------------------------------------------------------------
+# -- what is missing -----------------------------------------------------------------------------------------
 
 
 def logged(capsys, file: str, *more: str) -> dict:
@@ -441,13 +492,16 @@ def test_restarts_are_told_and_chosen(parts, dumped, bad_input, capsys):
     assert "has 2 starts" in bad_input(["view", file, "-o", f"{file}.png", "--start", "3"])
     assert [logged(capsys, file, "--start", k)["ticks"] for k in ("1", "2")] == [100, 300]
     assert replayed(capsys, file, "--start", "2")[1]["ticks"] == 300
-    said = logged(capsys, dumped([*parts[90:201], *parts[:51]]))  # the log began too late, then the vehicle was started
+    # The log began too late, then the vehicle was started
+    said = logged(capsys, dumped([*parts[90:201], *parts[:51]]))
     assert said["ticks"] == 50 and "111 ticks of starts without a config are left out" in said["remarks"]
     said = logged(capsys, dumped([*parts[90:100], parts[0], *parts[100:200]]))  # told again while it drove
     assert said["ticks"] == 110 and said["lost"] == 89
 
 
-@pytest.mark.parametrize("content", [b"", b"\0" * 500, b"not a dump\n", b"\x05abc\0" * 99, b"\xff" * 999 + b"\0"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\0" * 500, b"not a dump\n", b"\x05abc\0" * 99, b"\xff" * 999 + b"\0"]
+)
 def test_what_is_no_dump_is_refused(content, dumped, bad_input):
     said = bad_input(["log", dumped([content]), "-o", "run.csv"])
     assert "no config and ticks" in said
@@ -479,27 +533,40 @@ def test_any_bytes_are_read_or_refused(parts, dumped):
 
 @pytest.mark.nightly
 def test_bad_input(parts, dumped, bad_input, tmp_path):
-    file, nameless = dumped(parts), dumped([framed(2, list(frames(parts[0]))[1][1]), *parts[1:]], "nameless.dump")
+    file, nameless = (
+        dumped(parts),
+        dumped([framed(2, list(frames(parts[0]))[1][1]), *parts[1:]], "nameless.dump"),
+    )
     assert ".csv or .parquet or .mcap" in bad_input(["log", file, "-o", str(tmp_path / "run.xls")])
-    assert "is a table, not a dump" in bad_input(["log", dumped(parts, "run.csv"), "-o", str(tmp_path / "out.csv")])
-    assert "give --spec SPEC" in bad_input(["view", dumped(parts, "run.csv"), "-o", str(tmp_path / "run.png")])
-    assert "leave it out" in bad_input(["view", dumped(parts), "--spec", "line", "-o", str(tmp_path / "run.png")])
+    assert "is a table, not a dump" in bad_input(
+        ["log", dumped(parts, "run.csv"), "-o", str(tmp_path / "out.csv")]
+    )
+    assert "give --spec SPEC" in bad_input(
+        ["view", dumped(parts, "run.csv"), "-o", str(tmp_path / "run.png")]
+    )
+    assert "leave it out" in bad_input(
+        ["view", dumped(parts), "--spec", "line", "-o", str(tmp_path / "run.png")]
+    )
     assert "give --robot" in bad_input(["replay", nameless])
     assert main(["replay", nameless, "--robot", "labmate"]) == 0
     assert "two driven wheels" in bad_input(["replay", file, "--robot", "four_wheel"])
     assert "other" in bad_input(["replay", file, "--robot", "turtlebot3_burger"])
     assert "on this host" in bad_input(["replay", file, "--backend", "m4f"])
     robot, image = framed(1, b"nobody"), parts[0].split(b"\0", 1)[1]
-    assert "'nobody'" in bad_input(["log", dumped([robot, image, *parts[1:]], "other.dump"), "-o", str(tmp_path / "x.csv")])
+    assert "'nobody'" in bad_input(
+        ["log", dumped([robot, image, *parts[1:]], "other.dump"), "-o", str(tmp_path / "x.csv")]
+    )
     words = list(frames(parts[0]))
     other = framed(2, resealed(words[1][1], 16, 1))
-    assert "the noslip and the robot" in bad_input(["replay", dumped([framed(*words[0]), other, *parts[1:]], "model.dump")])
+    assert "the noslip and the robot" in bad_input(
+        ["replay", dumped([framed(*words[0]), other, *parts[1:]], "model.dump")]
+    )
     text = tmp_path / "record.txt"
     text.write_text("noslip record 1\n")
     assert "--start is for a dump of telemetry" in bad_input(["replay", str(text), "--start", "1"])
 
 
-# -- logs --------------------------------------------------------------------------------------------------------------------
+# -- logs ----------------------------------------------------------------------------------------------------
 
 
 def test_formats_have_the_same_numbers(parts, dumped, tmp_path, capsys):
@@ -514,7 +581,9 @@ def test_formats_have_the_same_numbers(parts, dumped, tmp_path, capsys):
             assert len({tuple(map(str, table[name].entries)) for table in tables}) == 1
         else:
             numbers = [table[name].numbers() for table in tables]
-            assert np.array_equal(np.float32(numbers[0]), np.float32(numbers[1])) and np.array_equal(numbers[1], numbers[2]), name
+            assert np.array_equal(np.float32(numbers[0]), np.float32(numbers[1])) and np.array_equal(
+                numbers[1], numbers[2]
+            ), name
     schema = pq.read_schema(tmp_path / "run.parquet")
     assert schema.field("phi").metadata[b"unit"] == b"rad" and schema.metadata[b"robot"] == b"labmate"
     reader = pytest.importorskip("mcap.reader")
@@ -539,18 +608,22 @@ def test_columns_are_what_the_vehicle_did(c, dumped, tmp_path):
     phi, right, left, rate_right, rate_left, status = np.array(rows).T
     assert [float(row["t"]) for row in table] == pytest.approx(PERIOD * np.arange(300), abs=1e-9)
     assert np.array_equal(np.float32([row["phi"] for row in table]), np.float32(phi))
-    assert np.array_equal(np.float32([[row["tau_r"], row["tau_l"]] for row in table]), np.float32([right, left]).T)
+    assert np.array_equal(
+        np.float32([[row["tau_r"], row["tau_l"]] for row in table]), np.float32([right, left]).T
+    )
     assert {row["status"] for row in table} == {"ok"} == {c.status(int(each)) for each in status}
     for name, rate in (("r", rate_right), ("l", rate_left)):
         angle = np.array([float(row[f"theta_{name}"]) for row in table])
         assert np.abs(angle - np.cumsum(rate) * PERIOD).max() < 0.1
-        assert np.array([float(row[f"thetadot_{name}"]) for row in table])[5:-5] == pytest.approx(rate[5:-5], abs=0.15)
+        assert np.array([float(row[f"thetadot_{name}"]) for row in table])[5:-5] == pytest.approx(
+            rate[5:-5], abs=0.15
+        )
 
 
 @pytest.mark.nightly
 def test_a_log_identifies_the_vehicle(c, dumped, capsys):
-    """The wheel radius of its own odometry; the mass from torques, with what the back EMF over a held voltage adds, and from the
-    voltages of the motors, without: see noslip_motor.h.
+    """The wheel radius of its own odometry; the mass from torques, with what the back EMF over a held voltage
+    adds, and from the voltages of the motors, without: see noslip_motor.h.
     """
     telling = drive(c, 2000)
     file = dumped(telling.sent)
@@ -565,15 +638,44 @@ def test_a_log_identifies_the_vehicle(c, dumped, capsys):
     emf = motor.torque_constant * motor.gear
     added = 2 * motor.efficiency * emf**2 * PERIOD / (motor.resistance * params.r**2)
     assert mass == pytest.approx(params.m_c + added, rel=0.01) and added > 2
-    names = ("gear", "efficiency", "back_efficiency", "torque_constant", "resistance", "friction", "dry_friction", "moving")
+    names = (
+        "gear",
+        "efficiency",
+        "back_efficiency",
+        "torque_constant",
+        "resistance",
+        "friction",
+        "dry_friction",
+        "moving",
+    )
     given = [each for name in names for each in ("--set", f"{name}={getattr(motor, name)}")]
-    voltages = ["--drive", "voltage", "--map", "voltage_tau_r=command_tau_r", "--map", "voltage_tau_l=command_tau_l"]
-    arguments = ["identify", f"{file}.mcap", "--robot", "labmate", "--fit", "m_c", "I_c", "--inputs", "held", "--json"]
+    voltages = [
+        "--drive",
+        "voltage",
+        "--map",
+        "voltage_tau_r=command_tau_r",
+        "--map",
+        "voltage_tau_l=command_tau_l",
+    ]
+    arguments = [
+        "identify",
+        f"{file}.mcap",
+        "--robot",
+        "labmate",
+        "--fit",
+        "m_c",
+        "I_c",
+        "--inputs",
+        "held",
+        "--json",
+    ]
     assert main([*arguments, *voltages, *given]) == 0
     fitted = json.loads(capsys.readouterr().out)["parameters"]["m_c"]
-    faster = motor.efficiency * emf**2 * PERIOD / 4 / (motor.resistance * params.r**2)  # four steps of simulated.c in a tick
+    # Four steps of simulated.c in a tick
+    faster = motor.efficiency * emf**2 * PERIOD / 4 / (motor.resistance * params.r**2)
     assert fitted["value"] == pytest.approx(params.m_c - faster, abs=0.01 * params.m_c)
-    # The steps of simulated.c are a systematic error, which is found in the log: the interval holds the mass without them too.
+    # The steps of simulated.c are a systematic error, which is found in the log: the interval holds the mass
+    # without them too.
     assert abs(fitted["value"] - params.m_c) < fitted["within"] < 0.04 * params.m_c
 
 
@@ -592,7 +694,10 @@ def test_units_in_headers(tmp_path, bad_input):
     for wrong, said in (("t [m]", "not a unit of a quantity in s"), ("t [furlongs/x]", "column 't'")):
         np.savetxt(file, rows, delimiter=",", header=head.replace("t [ms]", wrong, 1), comments="")
         assert said in bad_input(["calibrate", str(file), "--robot", "labmate", "--map", "phi=yaw"])
-    for name, content, said in (("a.mcap", b"no", "not an MCAP file"), ("a.parquet", b"no", "not a Parquet file")):
+    for name, content, said in (
+        ("a.mcap", b"no", "not an MCAP file"),
+        ("a.parquet", b"no", "not a Parquet file"),
+    ):
         (tmp_path / name).write_bytes(content)
         assert said in bad_input(["calibrate", str(tmp_path / name), "--robot", "labmate"])
 
@@ -604,7 +709,9 @@ def test_commands_of_the_page(parts, dumped, tmp_path):
     block = page.split("<!-- run by tests/simulation/test_telemetry.py -->\n```sh\n")[1].split("```")[0]
     lines = [line.split("#")[0].split() for line in block.splitlines()]
     assert lines[0][:4] == ["make", "-C", "firmware", "run"]
-    places = {"/tmp/run.dump": dumped(parts)} | {f"run.{suffix}": str(tmp_path / f"run.{suffix}") for suffix in ("mcap", "png")}
+    places = {"/tmp/run.dump": dumped(parts)} | {
+        f"run.{suffix}": str(tmp_path / f"run.{suffix}") for suffix in ("mcap", "png")
+    }
     places["run.toml"] = "line"
     for _, *words in lines[1:]:
         assert main([places.get(word, word) for word in words]) == 0
@@ -616,7 +723,7 @@ def test_a_dump_is_drawn(parts, dumped, tmp_path, capsys):
     assert len(text) > 20_000 and "labmate" in capsys.readouterr().out
 
 
-# -- tables as runs --------------------------------------------------------------------------------------------------------
+# -- tables as runs ------------------------------------------------------------------------------------------
 
 
 def test_a_logged_table_is_the_run_of_its_dump(parts, dumped, tmp_path):
@@ -629,7 +736,9 @@ def test_a_logged_table_is_the_run_of_its_dump(parts, dumped, tmp_path):
         again = run_of_table(read_table(tmp_path / f"run.{suffix}"), run.spec, "run")
         for name in ("t", "q", "nu", "tau", "y_d"):
             assert getattr(again, name) == pytest.approx(getattr(run, name), rel=1e-6, abs=1e-6), name
-        assert list(again.status) == list(run.status) and again.y[:, 0] == pytest.approx(run.y[:, 0], abs=1e-4)
+        assert list(again.status) == list(run.status) and again.y[:, 0] == pytest.approx(
+            run.y[:, 0], abs=1e-4
+        )
 
 
 @pytest.mark.parametrize("name", ["line", "circle", "payload"])
@@ -646,8 +755,15 @@ def test_a_simulated_table_is_its_run(name, tmp_path, capsys):
 
 def test_torques_of_the_law_are_those_of_velocity_drives(tmp_path):
     """A table with both: with torque drives the inputs are tau, whatever the law asked for."""
-    drive = {"drive.kind": "velocity", "drive.bandwidth": 10.0, "simulation.period": 0.01, "simulation.backend": "c"}
-    (tmp_path / "run.csv").write_text("t,x_c,y_c,phi,thetadot_r,thetadot_l,tau_r,law_tau_r\n0,0,0,0,0,0,1,2\n1,0,0,0,0,0,1,2\n")
+    drive = {
+        "drive.kind": "velocity",
+        "drive.bandwidth": 10.0,
+        "simulation.period": 0.01,
+        "simulation.backend": "c",
+    }
+    (tmp_path / "run.csv").write_text(
+        "t,x_c,y_c,phi,thetadot_r,thetadot_l,tau_r,law_tau_r\n0,0,0,0,0,0,1,2\n1,0,0,0,0,0,1,2\n"
+    )
     for change, expected in (({}, 1.0), (drive, 2.0)):
         run = run_of_table(read_table(tmp_path / "run.csv"), read_varied("line", change), "run.csv")
         assert list(run.tau[:, 0]) == [expected] * 2 and np.isnan(run.tau[:, 1]).all()
@@ -667,7 +783,10 @@ def test_tables_that_do_not_fit_are_refused(tmp_path, bad_input, capsys):
         return ["view", str(file), "--spec", "line", "-o", out]
 
     needed = ["t", "x_c", "y_c", "phi", "thetadot_r", "thetadot_l"]
-    assert main(view(needed, count=1)) == 0 and "labmate: 1 row, 0 s, at the end unknown" in capsys.readouterr().out
+    assert (
+        main(view(needed, count=1)) == 0
+        and "labmate: 1 row, 0 s, at the end unknown" in capsys.readouterr().out
+    )
     assert main(view(needed)) == 0
     rows[-1][head.index("status")] = "singular"
     assert main(view([*needed, "status"])) == 0 and "at the end singular" in capsys.readouterr().out

@@ -1,4 +1,5 @@
-"""UMBmark (Borenstein and Feng 1996) on the engine: a square both ways by dead reckoning, wheels of different size."""
+"""UMBmark (Borenstein and Feng 1996) on the engine: a square both ways by dead reckoning,
+wheels of different size."""
 
 import math
 from pathlib import Path
@@ -18,7 +19,8 @@ SIDE, CORNER = 3.0, 0.5  # m
 
 
 def square(turn: int, believed: dict[str, float], noise: float) -> Run:
-    """A square of 4 m with round corners, to the left (1) or right (-1), where the controller sees a reckoned pose."""
+    """A square of 4 m with round corners, to the left (1) or right (-1),
+    where the controller sees a reckoned pose."""
     line = {"kind": "line", "length": SIDE}
     segments = [line, {"kind": "arc", "radius": CORNER, "angle": turn * math.pi / 2}] * 4
     segments[0] = {"kind": "line", "from": [0.0, 0.0], "to": [SIDE, 0.0]}

@@ -19,7 +19,10 @@ def driven(kind):
     """The line with drives that follow commands of velocity."""
     made = spec("line")
     return replace(
-        made, drive=DriveSection(kind=kind, bandwidth=30.0, delay=0.015, most_speed=(30.0,), most_acceleration=(20.0,))
+        made,
+        drive=DriveSection(
+            kind=kind, bandwidth=30.0, delay=0.015, most_speed=(30.0,), most_acceleration=(20.0,)
+        ),
     )
 
 
@@ -53,10 +56,13 @@ CHOSEN = ("plain", "few steps", "sensed")
 
 
 def varied(batch: Batch) -> np.ndarray:
-    """Samples with other masses, starts and gains, some of them wild: singular at once or soon, refused, or not finite."""
+    """Samples with other masses, starts and gains, some of them wild: singular at once or soon, refused,
+    or not finite."""
     random = np.random.default_rng(3)
     names = [name for name in batch.nominal if name.startswith(("plant.m", "plant.I", "gains.k", "initial."))]
-    table = batch.table({name: batch.nominal[name] * random.uniform(0.8, 1.2, COUNT) for name in names}, COUNT)
+    table = batch.table(
+        {name: batch.nominal[name] * random.uniform(0.8, 1.2, COUNT) for name in names}, COUNT
+    )
     heading = [k for k, name in enumerate(batch.inputs) if name in ("initial.heading", "initial.phi")]
     table[::4, heading] += random.uniform(-3, 3, (len(table[::4]), 1))
     table[5, batch.inputs.index("plant.m_c" if "plant.m_c" in batch.inputs else names[0])] = -1.0
@@ -82,27 +88,40 @@ def test_bits_are_those_of_single_runs(kind):
         assert batch.run(table).tobytes() == expected.tobytes(), (kind, size)
         assert batch.run(table[::-1])[::-1].tobytes() == expected.tobytes(), (kind, size)
     if kind == "few steps":
-        assert len(set(expected[:, alone.outcomes.index("steps")])) > 2, "some runs are repeated with shorter steps"
+        assert len(set(expected[:, alone.outcomes.index("steps")])) > 2, (
+            "some runs are repeated with shorter steps"
+        )
     if kind == "damped":
         assert "singular" not in {alone.status(number) for number in expected[:, 0]}
     if kind == "plain":
-        assert {"ok", "singular", "range", "bad_parameter"} <= {alone.status(number) for number in expected[:, 0]}
+        assert {"ok", "singular", "range", "bad_parameter"} <= {
+            alone.status(number) for number in expected[:, 0]
+        }
 
 
 @pytest.mark.parametrize(
     ("name", "drives", "expected"),
     [
-        *[(law, ("torque",), "robot and law") for law in ("type_i", "type_iv_line", "type_iv_circle", "type_iv_line_damped")],
+        *[
+            (law, ("torque",), "robot and law")
+            for law in ("type_i", "type_iv_line", "type_iv_circle", "type_iv_line_damped")
+        ],
         ("type_iv_line", ("velocity", "velocity+torque"), "robot"),
         ("type_iv_line_kinematic", ("kinematic",), "robot"),
-        *[(f"{law}_extended", ("torque", "velocity"), None) for law in ("type_i", "type_iv_line", "type_iv_circle")],
+        *[
+            (f"{law}_extended", ("torque", "velocity"), None)
+            for law in ("type_i", "type_iv_line", "type_iv_circle")
+        ],
     ],
 )
 def test_what_vectors_have(name, drives, expected):
-    """As the table of docs/sweep.md says: the robot with all drives, the law with torques; nothing with a dynamic extension."""
+    """As the table of docs/sweep.md says: the robot with all drives, the law with torques;
+    nothing with a dynamic extension."""
     law = law_of(find_robot("labmate"), name)
     for drive in drives:
-        found = program.vectors_of(law, compile_dynamics(law.system), "double", program.LoopParts(drive=drive))
+        found = program.vectors_of(
+            law, compile_dynamics(law.system), "double", program.LoopParts(drive=drive)
+        )
         assert (found and ("robot and law" if found.steps else "robot")) == expected
 
 
@@ -127,10 +146,13 @@ def test_samples_with_other_times_wait_for_each_other():
     ids=["dynamics", "limit", "output", "load"],
 )
 def test_another_operation_is_found(kind, right, wrong, monkeypatch):
-    """A sign in the dynamics, a limit that is not tested, a sign in the outputs, twice the load of a wheel."""
+    """A sign in the dynamics, a limit that is not tested, a sign in the outputs,
+    twice the load of a wheel."""
     files = program.Vectors.files
     monkeypatch.setattr(
-        program.Vectors, "files", lambda self: {name: text.replace(right, wrong) for name, text in files(self).items()}
+        program.Vectors,
+        "files",
+        lambda self: {name: text.replace(right, wrong) for name, text in files(self).items()},
     )
     program.program.cache_clear()
     try:

@@ -1,11 +1,30 @@
-"""Derives every constant of runtime_c/noslip_trig.h and runtime_c/noslip_functions.h and prints it; mpmath is all it needs.
+"""Derives every constant of runtime_c/noslip_trig.h and runtime_c/noslip_functions.h and prints it; mpmath is
+all it needs.
 
-The polynomials are minimax fits on the reduced interval (Remez exchange), with the coefficients rounded to the scalar
-one after the other: after the lowest is rounded, the others are fitted again to what is left, so that each takes up the
-rounding of those before it. The parts of pi/2 are cut so that the products named in the header are exact.
+The polynomials are minimax fits on the reduced interval (Remez exchange), with the coefficients rounded to
+the scalar one after the other: after the lowest is rounded, the others are fitted again to what is left, so
+that each takes up the rounding of those before it. The parts of pi/2 are cut so that the products named in
+the header are exact.
 """
 
-from mpmath import bernoulli, cos, factorial, floor, frexp, ldexp, linspace, ln, lu_solve, matrix, mp, mpf, nint, pi, sqrt, tan
+from mpmath import (
+    bernoulli,
+    cos,
+    factorial,
+    floor,
+    frexp,
+    ldexp,
+    linspace,
+    ln,
+    lu_solve,
+    matrix,
+    mp,
+    mpf,
+    nint,
+    pi,
+    sqrt,
+    tan,
+)
 
 mp.dps = 60
 
@@ -54,7 +73,8 @@ def fit(f, power, terms, upper, bits):
 
 
 def series(shift):
-    """sum over k >= 0 of (-z)^k / (2k + shift)!: sine and cosine without their first terms, free of cancellation."""
+    """sum over k >= 0 of (-z)^k / (2k + shift)!: sine and cosine without their first terms,
+    free of cancellation."""
     return lambda z: sum((-z) ** k / factorial(2 * k + shift) for k in range(25))
 
 
@@ -65,7 +85,10 @@ def arctangent(z):
 
 def half_tangent(z):
     """(tan(r/2)/r - 1/2)/z at z = r^2, free of cancellation."""
-    return sum((-1) ** (k + 1) * 2 * (4 ** (k + 2) - 1) * bernoulli(2 * k + 4) / factorial(2 * k + 4) * z**k for k in range(40))
+    return sum(
+        (-1) ** (k + 1) * 2 * (4 ** (k + 2) - 1) * bernoulli(2 * k + 4) / factorial(2 * k + 4) * z**k
+        for k in range(40)
+    )
 
 
 def exponential(z):
@@ -98,9 +121,23 @@ def parts(bits, grids, cut):
 
 
 def main():
-    # float: cut to nearest, which leaves so little that two parts do; double: cut downwards, so that no part is negative
-    # and sin(-0) stays -0. The error of sine and arctangent is wanted absolute in float, relative in double.
-    for name, bits, largest, grids, cut, power, terms, atan_terms, tan_terms, exp_terms, log_terms, ln2_bits in (
+    # float: cut to nearest, which leaves so little that two parts do; double: cut downwards, so that no part
+    # is negative and sin(-0) stays -0. The error of sine and arctangent is wanted absolute in float, relative
+    # in double.
+    for (
+        name,
+        bits,
+        largest,
+        grids,
+        cut,
+        power,
+        terms,
+        atan_terms,
+        tan_terms,
+        exp_terms,
+        log_terms,
+        ln2_bits,
+    ) in (
         ("float", 24, 8192, [11], nint, mpf(3) / 2, 3, 4, 2, 2, 3, 16),
         ("double", 53, 2**20, [33, 53, 86], floor, mpf(1), 6, 10, 5, 5, 7, 42),
     ):

@@ -1,4 +1,5 @@
-"""Figures 8 (a) and (b): a circle followed at 5 m/s from beside it, from different headings and at different initial speeds."""
+"""Figures 8 (a) and (b): a circle followed at 5 m/s from beside it,
+from different headings and at different initial speeds."""
 
 import math
 
@@ -16,8 +17,8 @@ HEADINGS = (-90.0, -45.0, 0.0, 45.0, 90.0, 135.0, 180.0)  # degrees
 SPEEDS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)  # m/s
 FIRST = 4.0  # s, shown near the start
 ASSUMED = (
-    "the circle's place on x + 2y = 60, centre (20, 20) m, and its radius 10 m; gains kp 4, kd 5 (poles −1, −4), kv 2; "
-    "wheel radius 0.15 m"
+    "the circle's place on x + 2y = 60, centre (20, 20) m, and its radius 10 m; gains kp 4, kd 5 (poles −1, "
+    "−4), kv 2; wheel radius 0.15 m"
 )
 
 
@@ -38,9 +39,13 @@ def _degrees(heading: float) -> str:
 
 
 def draw_8a(runs: Runs) -> matplotlib.figure.Figure:
-    """Paths of P_l, whole and near the start, and the distance from the circle; the refused headings as arrows."""
+    """Paths of P_l, whole and near the start, and the distance from the circle;
+    the refused headings as arrows."""
     figure, axes = panels(
-        "paths of $P_l$, 5 m/s", "near the start, arrows: initial heading", "distance from the circle", height=5.4
+        "paths of $P_l$, 5 m/s",
+        "near the start, arrows: initial heading",
+        "distance from the circle",
+        height=5.4,
     )
     done = {label: run for label, run in runs.items() if not run.refused}
     for panel in axes[:2]:
@@ -77,7 +82,9 @@ def draw_8a(runs: Runs) -> matplotlib.figure.Figure:
     return figure
 
 
-def _arrow(axes: Axes, place: np.ndarray, heading: float, colour: str, style: str, length: float = 1.2) -> tuple[float, float]:
+def _arrow(
+    axes: Axes, place: np.ndarray, heading: float, colour: str, style: str, length: float = 1.2
+) -> tuple[float, float]:
     """An arrow of some m; answers its end."""
     x, y = place
     end = x + length * math.cos(heading), y + length * math.sin(heading)
@@ -87,21 +94,26 @@ def _arrow(axes: Axes, place: np.ndarray, heading: float, colour: str, style: st
 
 
 def claims_8a(runs: Runs) -> list[Claim]:
-    """Return the claims: all runs converge to the circle; the two headings normal to it are rejected as singular."""
+    """Return the claims: all runs converge to the circle; the two headings normal to it are rejected as
+    singular."""
     done = {label: run for label, run in runs.items() if not run.refused}
     refused = [label for label, run in runs.items() if run.refused]
     end = max(abs(distance(run)[-1]) for run in done.values())
     settled = max(time_to_stay_within(run.t, distance(run), 0.01) for run in done.values())
     speed = max(np.abs(run.speed - 5.0).max() for run in done.values())
     turns = [np.sign(run.yaw_rate[-1]) for run in done.values()]
-    inner = max(abs(np.hypot(*(run.P_o[-1] - CENTRE)) - math.sqrt(RADIUS**2 - run.ahead**2)) for run in done.values())
+    inner = max(
+        abs(np.hypot(*(run.P_o[-1] - CENTRE)) - math.sqrt(RADIUS**2 - run.ahead**2)) for run in done.values()
+    )
     singular = [label for label in refused if "singular" in runs[label].refused]
     return [
         Claim(
             "the response is satisfactory from every other heading: all settle on the circle",
-            f"within 1 cm from {settled:.2f} s on, {end * 1e3:.3f} mm off at {run_end(done):g} s (worst of {len(done)})",
+            f"within 1 cm from {settled:.2f} s on, {end * 1e3:.3f} mm off at {run_end(done):g} s (worst of "
+            f"{len(done)})",
             end < 1e-3 and settled < 10 and all(run.stopped is None for run in done.values()),
-            note=f"{turns.count(1.0)} of them counterclockwise, {turns.count(-1.0)} clockwise: nothing says which way round",
+            note=f"{turns.count(1.0)} of them counterclockwise, {turns.count(-1.0)} clockwise: nothing says "
+            "which way round",
             paper=True,
         ),
         Claim(
@@ -112,7 +124,11 @@ def claims_8a(runs: Runs) -> list[Claim]:
             paper=True,
         ),
         Claim("the forward speed stays 5 m/s throughout, to 1e-9 m/s", f"{speed:.1e} m/s", speed <= 1e-9),
-        Claim("in the end P_o runs on a circle of √(R² − d²), to 1 mm", f"{inner * 1e3:.4f} mm off", inner <= 1e-3),
+        Claim(
+            "in the end P_o runs on a circle of √(R² − d²), to 1 mm",
+            f"{inner * 1e3:.4f} mm off",
+            inner <= 1e-3,
+        ),
     ]
 
 
@@ -123,7 +139,9 @@ def run_end(runs: Runs) -> float:
 
 def draw_8b(runs: Runs) -> matplotlib.figure.Figure:
     """Paths near the start and the distance from the circle, for every initial speed."""
-    figure, axes = panels("paths of $P_l$, heading 0°", "near the start", "distance from the circle", widths=(1, 1.1, 1))
+    figure, axes = panels(
+        "paths of $P_l$, heading 0°", "near the start", "distance from the circle", widths=(1, 1.1, 1)
+    )
     for panel in axes[:2]:
         draw_circle(panel)
     for (label, run), colour in zip(runs.items(), COLOURS, strict=False):
@@ -151,12 +169,18 @@ def claims_8b(runs: Runs) -> list[Claim]:
     end = max(abs(distance(run)[-1]) for run in runs.values())
     return [
         Claim(
-            "heading away from the path, the system does better when the initial speed is less: it strays less",
-            "furthest from the circle: " + ", ".join(f"{label} {value:.2f} m" for label, value in furthest.items()),
+            "heading away from the path, the system does better when the initial speed is less: it strays "
+            "less",
+            "furthest from the circle: "
+            + ", ".join(f"{label} {value:.2f} m" for label, value in furthest.items()),
             bool(np.all(np.diff(strays) > 1e-3)),
             paper=True,
         ),
-        Claim("from every initial speed it settles on the circle", f"{end * 1e3:.3f} mm off at {run_end(runs):g} s", end < 1e-3),
+        Claim(
+            "from every initial speed it settles on the circle",
+            f"{end * 1e3:.3f} mm off at {run_end(runs):g} s",
+            end < 1e-3,
+        ),
     ]
 
 
@@ -164,8 +188,8 @@ FIGURES = (
     Figure(
         "8a",
         "Figure 8 (a): a circle followed from different initial headings",
-        "From one point beside the circle, at the desired 5 m/s, every initial heading works except the two normal to the "
-        "circle.",
+        "From one point beside the circle, at the desired 5 m/s, every initial heading works except the two "
+        "normal to the circle.",
         ASSUMED,
         {
             _degrees(heading): Case(

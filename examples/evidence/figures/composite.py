@@ -7,7 +7,18 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ....model.segments import Segment
-from ....simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow, zoom
+from ....simulation.drawing import (
+    COLOURS,
+    FAINT,
+    STOP,
+    legend_below,
+    over_time,
+    panels,
+    plane,
+    start,
+    to_follow,
+    zoom,
+)
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..vehicle import draw_vehicle
 
@@ -16,10 +27,11 @@ SPEED, PERIOD = 1.414, 0.01  # m/s; s between controller calls
 RADIUS = 5.0  # m, of A, as in the spec
 PHASES = 5
 CONTINUOUS = "continuous"
-AFTER, NEAR = 3.0, 2.2  # s after a join within which its effect is looked for; s before and after it that are magnified
+# s after a join within which its effect is looked for; s before and after it that are magnified
+AFTER, NEAR = 3.0, 2.2
 ASSUMED = (
-    "radii 5 and 3 m, angles and lengths, which way C turns; start at rest on A; gains kp 1, kd 2.5 (poles −0.5, −2), kv 2; "
-    "wheel radius 0.15 m (torques depend on it)"
+    "radii 5 and 3 m, angles and lengths, which way C turns; start at rest on A; gains kp 1, kd 2.5 (poles "
+    "−0.5, −2), kv 2; wheel radius 0.15 m (torques depend on it)"
 )
 
 
@@ -27,7 +39,10 @@ def _case(phase: int) -> Case:
     """Controller called every 10 ms, the start moved along A by a part of what is driven in one period."""
     angle = phase / PHASES * SPEED * PERIOD / RADIUS
     place = [RADIUS * math.sin(angle), RADIUS * (1 - math.cos(angle))]
-    return Case("figure_11.toml", {"simulation.period": PERIOD, "initial": {"point": place, "heading": angle, "speed": 0.0}})
+    return Case(
+        "figure_11.toml",
+        {"simulation.period": PERIOD, "initial": {"point": place, "heading": angle, "speed": 0.0}},
+    )
 
 
 SAMPLED = [f"10 ms, start {phase / PHASES * SPEED * PERIOD * 1e3:.1f} mm on" for phase in range(PHASES)]
@@ -46,30 +61,44 @@ def _joins(run: FigureRun) -> list[int]:
 def _time(run: FigureRun, k: int) -> float:
     """When P_l passes the join between rows k and k + 1, s."""
     before, after = (run.spec.output.segments[run.piece[row]] for row in (k, k + 1))
-    left, beyond = before.length - before.progress(*run.P_l[k], before.length), after.progress(*run.P_l[k + 1])
+    left, beyond = (
+        before.length - before.progress(*run.P_l[k], before.length),
+        after.progress(*run.P_l[k + 1]),
+    )
     return float(run.t[k] + (run.t[k + 1] - run.t[k]) * left / (left + beyond))
 
 
 def torque_jump(run: FigureRun, k: int) -> float:
-    """Jump of tau_r at the join between rows k and k + 1, N m: parabolas through three rows on either side, continued to it."""
+    """Jump of tau_r at the join between rows k and k + 1, N m:
+    parabolas through three rows on either side, continued to it."""
     t = _time(run, k)
-    before, after = (np.polyfit(run.t[rows] - t, run.tau[rows, 0], 2)[-1] for rows in (slice(k - 2, k + 1), slice(k + 1, k + 4)))
+    before, after = (
+        np.polyfit(run.t[rows] - t, run.tau[rows, 0], 2)[-1]
+        for rows in (slice(k - 2, k + 1), slice(k + 1, k + 4))
+    )
     return float(after - before)
 
 
 def expected_jump(parameters, speed: float, step: float, s: float) -> float:
-    """Jump of tau_r (N m) where the curvature jumps by `step` (1/m), the speed (m/s) and s = l / R being steady before.
+    """Jump of tau_r (N m) where the curvature jumps by `step` (1/m), the speed (m/s) and s = l / R being
+    steady before.
 
-    P_l, at speed / cos(alpha) with s = sin(alpha), needs the acceleration speed^2 / cos^2(alpha) step across the path, and gets
-    it from l cos(alpha) times the angular acceleration, which the two torques give to the inertia about P_o with the wheels'.
+    P_l, at speed / cos(alpha) with s = sin(alpha), needs the acceleration speed^2 / cos^2(alpha) step across
+    the path, and gets it from l cos(alpha) times the angular acceleration, which the two torques give to the
+    inertia about P_o with the wheels'.
     """
     p = parameters
-    inertia = p["I_c"] + p["m_c"] * p["d"] ** 2 + 2 * (p["m_w"] * p["b"] ** 2 + p["I_m"] + p["I_w"] * (p["b"] / p["r"]) ** 2)
+    inertia = (
+        p["I_c"]
+        + p["m_c"] * p["d"] ** 2
+        + 2 * (p["m_w"] * p["b"] ** 2 + p["I_m"] + p["I_w"] * (p["b"] / p["r"]) ** 2)
+    )
     return p["r"] / (2 * p["b"]) * inertia * speed**2 * step / (p["d"] * (1 - s**2) ** 1.5)  # l = d, as L = 0
 
 
 def _after(run: FigureRun, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Seconds since a join, and what the distance from the path (m) has changed since, up to the next join."""
+    """Seconds since a join, and what the distance from the path (m) has changed since,
+    up to the next join."""
     rows = (run.t > run.t[k]) & (run.t <= run.t[k] + AFTER)
     return run.t[rows] - _time(run, k), run.y[rows, 0] - run.y[k, 0]
 
@@ -89,7 +118,9 @@ def _mark_joins(axes: Axes, segments: tuple[Segment, ...]) -> None:
     """A dash across the path at each join."""
     for segment in segments[1:]:
         across = 0.35 * np.array([-math.sin(segment.heading), math.cos(segment.heading)])
-        axes.plot(*(np.array([segment.x, segment.y]) + np.array([[-1], [1]]) * across).T, color=STOP, linewidth=2)
+        axes.plot(
+            *(np.array([segment.x, segment.y]) + np.array([[-1], [1]]) * across).T, color=STOP, linewidth=2
+        )
 
 
 def draw_10(runs: Runs) -> matplotlib.figure.Figure:
@@ -100,12 +131,16 @@ def draw_10(runs: Runs) -> matplotlib.figure.Figure:
         places = np.array(segment.places(200))
         axes[0].plot(*places.T, color=colour, linewidth=3)
         text = (
-            f"{name}: arc, R = {1 / abs(segment.curvature):g} m" if segment.curvature else f"{name}: line, {segment.length:g} m"
+            f"{name}: arc, R = {1 / abs(segment.curvature):g} m"
+            if segment.curvature
+            else f"{name}: line, {segment.length:g} m"
         )
         offset = {"A": (-95, 14), "B": (10, -4), "C": (12, 6)}[name]
         axes[0].annotate(text, places[100], offset, textcoords="offset points", color=colour, fontsize=11)
         axes[1].plot([way, way + segment.length], [segment.curvature] * 2, color=colour, linewidth=3)
-        axes[1].text(way + segment.length / 2, segment.curvature + 0.03, name, color=colour, fontsize=13, ha="center")
+        axes[1].text(
+            way + segment.length / 2, segment.curvature + 0.03, name, color=colour, fontsize=13, ha="center"
+        )
         way += segment.length
         joins.append(way)
     _mark_joins(axes[0], _segments(runs))
@@ -113,12 +148,24 @@ def draw_10(runs: Runs) -> matplotlib.figure.Figure:
     plane(axes[0], np.array([[-0.5, -0.5], [9.5, 13.5]]))
     axes[0].legend(loc="upper left")
     steps = _steps(runs)
-    axes[1].set(xlabel="length along the path (m)", ylabel="curvature (1/m), left positive", ylim=(-0.45, 0.35))
+    axes[1].set(
+        xlabel="length along the path (m)", ylabel="curvature (1/m), left positive", ylim=(-0.45, 0.35)
+    )
     for segment, step, at in zip(_segments(runs), steps, joins, strict=False):
         axes[1].annotate(
-            "", (at, segment.curvature + step), (at, segment.curvature), arrowprops={"arrowstyle": "-|>", "color": STOP}
+            "",
+            (at, segment.curvature + step),
+            (at, segment.curvature),
+            arrowprops={"arrowstyle": "-|>", "color": STOP},
         )
-        axes[1].text(at + 0.3, segment.curvature + step / 2, f"step {abs(step):.3f} 1/m", color=STOP, fontsize=10, va="center")
+        axes[1].text(
+            at + 0.3,
+            segment.curvature + step / 2,
+            f"step {abs(step):.3f} 1/m",
+            color=STOP,
+            fontsize=10,
+            va="center",
+        )
     return figure
 
 
@@ -132,20 +179,25 @@ def claims_10(runs: Runs) -> list[Claim]:
     """What the path is; the paper's sentence about its second join."""
     a, b, c = _segments(runs)
     steps = _steps(runs)
-    turns = [abs(math.remainder(after.heading - before.end[2], 2 * math.pi)) for before, after in ((a, b), (b, c))]
+    turns = [
+        abs(math.remainder(after.heading - before.end[2], 2 * math.pi)) for before, after in ((a, b), (b, c))
+    ]
     gaps = [math.dist(before.end[:2], (after.x, after.y)) for before, after in ((a, b), (b, c))]
     return [
         Claim(
             "the path is continuous, and so is its direction; only the curvature jumps",
-            f"gaps up to {max(gaps):.0e} m, kinks up to {max(turns):.0e} rad; steps {steps[0]:+.3f} and {steps[1]:+.3f} 1/m",
+            f"gaps up to {max(gaps):.0e} m, kinks up to {max(turns):.0e} rad; steps {steps[0]:+.3f} and "
+            f"{steps[1]:+.3f} 1/m",
             max(*gaps, *turns) < 1e-9 and all(steps),
             paper=True,
         ),
         Claim(
-            "the second transition involves a smaller change of curvature, since arc C has the smaller radius",
+            "the second transition involves a smaller change of curvature, since arc C has the "
+            "smaller radius",
             f"{abs(steps[1]):.3f} 1/m at the second join, {abs(steps[0]):.3f} 1/m at the first",
             abs(steps[1]) < abs(steps[0]),
-            note="from a line to an arc the curvature steps by 1/R: the smaller the radius, the larger the step",
+            note="from a line to an arc the curvature steps by 1/R: the smaller the radius, the larger the "
+            "step",
             paper=True,
             expected=False,
         ),
@@ -154,7 +206,9 @@ def claims_10(runs: Runs) -> list[Claim]:
 
 def draw_11(runs: Runs) -> matplotlib.figure.Figure:
     """The path driven, the distance from it, the torques."""
-    figure, axes = panels("path of $P_l$ at 1.414 m/s", "distance from the path", "torques, controller continuous", height=5.0)
+    figure, axes = panels(
+        "path of $P_l$ at 1.414 m/s", "distance from the path", "torques, controller continuous", height=5.0
+    )
     run = runs[CONTINUOUS]
     _draw_path(axes[0], _segments(runs))
     axes[0].plot(*run.P_l.T, color=COLOURS[0], label="path of $P_l$")
@@ -179,7 +233,9 @@ def draw_11(runs: Runs) -> matplotlib.figure.Figure:
             else None,
         )
     worst = np.abs(run.y[:, 0]).max()
-    axes[1].plot(run.t, run.y[:, 0] * 1e3, color=COLOURS[0], label=f"continuous: at most {worst * 1e3:.0e} mm")
+    axes[1].plot(
+        run.t, run.y[:, 0] * 1e3, color=COLOURS[0], label=f"continuous: at most {worst * 1e3:.0e} mm"
+    )
     over_time(axes[1], "distance (mm), left positive")
     axes[1].set_ylim(-1.2, 1.8)
     legend_below(axes[1])
@@ -208,35 +264,58 @@ def claims_11(runs: Runs) -> list[Claim]:
     off = max(abs(jump / closed - 1) for jump, closed in zip(jumps, expected, strict=True))
     return [
         Claim(
-            "discontinuities of the curvature are passed without difficulty: at 10 ms within 5 mm of the path",
+            "discontinuities of the curvature are passed without difficulty: at 10 ms within 5 mm of "
+            "the path",
             f"at most {sampled * 1e3:.2f} mm (worst of {PHASES})",
             sampled <= 5e-3,
             paper=True,
         ),
-        Claim("with a continuous controller within 1e-6 m of the path", f"{continuous:.1e} m", continuous <= 1e-6),
         Claim(
-            "the torque jumps at each join by v²Δκ/(l cos³α) times the inertia it turns (closed form, to 1 %)",
-            "; ".join(f"{join}: {j:+.3f} N m, closed form {w:+.3f}" for join, j, w in zip(JOINS, jumps, expected, strict=True)),
+            "with a continuous controller within 1e-6 m of the path",
+            f"{continuous:.1e} m",
+            continuous <= 1e-6,
+        ),
+        Claim(
+            "the torque jumps at each join by v²Δκ/(l cos³α) times the inertia it turns (closed "
+            "form, to 1 %)",
+            "; ".join(
+                f"{join}: {j:+.3f} N m, closed form {w:+.3f}"
+                for join, j, w in zip(JOINS, jumps, expected, strict=True)
+            ),
             off < 0.01,
-            note="right wheel; the left one's is the opposite. Where torques are limited that much has to be in reserve",
+            note="right wheel; the left one's is the opposite. Where torques are limited that much has to be "
+            "in reserve",
         ),
     ]
 
 
 def draw_12(runs: Runs) -> matplotlib.figure.Figure:
-    """The distance from the path along the way past either join, and over time what either join adds to it."""
-    figure, axes = panels("first join, A to B", "second join, B to C", "what a join adds to the distance", height=4.8)
+    """The distance from the path along the way past either join,
+    and over time what either join adds to it."""
+    figure, axes = panels(
+        "first join, A to B", "second join, B to C", "what a join adds to the distance", height=4.8
+    )
     for panel, colour, number in zip(axes, COLOURS, (0, 1), strict=False):
         for label in SAMPLED:
             way, distance = _past(runs[label], _joins(runs[label])[number])
             said = f"{PHASES} runs, every 10 ms" if label == SAMPLED[0] else None
             panel.plot(way, distance * 1e3, color=colour, linewidth=1.0, label=said)
             t, change = _after(runs[label], _joins(runs[label])[number])
-            axes[2].plot(t, change * 1e3, color=colour, linewidth=1.2, label=_name(number) if label == SAMPLED[0] else None)
+            axes[2].plot(
+                t,
+                change * 1e3,
+                color=colour,
+                linewidth=1.2,
+                label=_name(number) if label == SAMPLED[0] else None,
+            )
         way, distance = _past(runs[CONTINUOUS], _joins(runs[CONTINUOUS])[number])
         panel.plot(way, distance * 1e3, color="black", linewidth=1.2, label="continuous")
         panel.axvline(0.0, color=STOP, linestyle=":", linewidth=1.2, label="join")
-        panel.set(xlabel="length along the path from the join (m)", ylabel="distance (mm), left positive", ylim=(-0.7, 1.6))
+        panel.set(
+            xlabel="length along the path from the join (m)",
+            ylabel="distance (mm), left positive",
+            ylim=(-0.7, 1.6),
+        )
         legend_below(panel)
     axes[2].axhline(0.0, color="black", linewidth=0.8)
     axes[2].set(xlabel="time since the join (s)", ylabel="change of the distance (mm)", xlim=(0, AFTER))
@@ -253,7 +332,9 @@ def _past(run: FigureRun, k: int) -> tuple[np.ndarray, np.ndarray]:
     rows = np.flatnonzero(np.abs(run.t - run.t[k]) < NEAR)
     before, after = (run.spec.output.segments[run.piece[row]] for row in (k, k + 1))
     way = [
-        before.progress(*run.P_l[row], before.length) - before.length if row <= k else after.progress(*run.P_l[row])
+        before.progress(*run.P_l[row], before.length) - before.length
+        if row <= k
+        else after.progress(*run.P_l[row])
         for row in rows
     ]
     return np.array(way), run.y[rows, 0]
@@ -265,7 +346,10 @@ def claims_12(runs: Runs) -> list[Claim]:
     jumps = [abs(torque_jump(run, k)) for k in _joins(run)]
     found = deviations(runs) * 1e3
     mean, spread = np.abs(found).mean(axis=0), np.ptp(found, axis=0)
-    ranges = [f"{low:+.2f} to {high:+.2f} mm" for low, high in zip(found.min(axis=0), found.max(axis=0), strict=True)]
+    ranges = [
+        f"{low:+.2f} to {high:+.2f} mm"
+        for low, high in zip(found.min(axis=0), found.max(axis=0), strict=True)
+    ]
     milder = int((np.abs(found[:, 1]) < np.abs(found[:, 0])).sum())
     return [
         Claim(
@@ -275,14 +359,16 @@ def claims_12(runs: Runs) -> list[Claim]:
             paper=True,
         ),
         Claim(
-            "at the second transition there is almost no deviation compared with the first, since it is the milder one",
-            f"torque jumps {jumps[0]:.2f} and {jumps[1]:.2f} N m; at 10 ms deviations of {mean[0]:.2f} and {mean[1]:.2f} mm "
-            f"on average over {PHASES} runs, {ranges[0]} and {ranges[1]}",
+            "at the second transition there is almost no deviation compared with the first, since it is the "
+            "milder one",
+            f"torque jumps {jumps[0]:.2f} and {jumps[1]:.2f} N m; at 10 ms deviations of {mean[0]:.2f} and "
+            f"{mean[1]:.2f} mm on average over {PHASES} runs, {ranges[0]} and {ranges[1]}",
             bool(jumps[1] < jumps[0] and mean[1] < mean[0]),
-            note="a join falls somewhere between two calls of the controller, and by where the deviation changes, its sign too: "
-            f"in {milder} of these {PHASES} runs the second is the smaller one. What they spread over goes with the step of the "
-            f"curvature: {spread[1] / spread[0]:.2f} times as much at the second, the step being {_ratio(runs):.2f} times as "
-            "large. With a continuous controller there is none at either",
+            note="a join falls somewhere between two calls of the controller, and by where the deviation "
+            f"changes, its sign too: in {milder} of these {PHASES} runs the second is the smaller one. "
+            f"What they spread over goes with the step of the curvature: {spread[1] / spread[0]:.2f} "
+            f"times as much at the second, the step being {_ratio(runs):.2f} times as large. With a "
+            "continuous controller there is none at either",
             paper=True,
             expected=False,
         ),
@@ -303,8 +389,8 @@ FIGURES = (
     Figure(
         "10",
         "Figure 10: desired composite path",
-        "Shortest paths of wheeled carts are circular arcs and straight lines: continuous, but with jumps of the curvature. The "
-        "paper's example has arcs A and C and a line B.",
+        "Shortest paths of wheeled carts are circular arcs and straight lines: continuous, but with jumps of "
+        "the curvature. The paper's example has arcs A and C and a line B.",
         ASSUMED,
         {CONTINUOUS: CASES[CONTINUOUS]},
         draw_10,
@@ -313,7 +399,8 @@ FIGURES = (
     Figure(
         "11",
         "Figure 11: the composite path followed",
-        "The same path driven. The law of a line or arc is initialized at each join; a tracker in C determines when.",
+        "The same path driven. The law of a line or arc is initialized at each join; a tracker in C "
+        "determines when.",
         ASSUMED,
         CASES,
         draw_11,

@@ -42,11 +42,18 @@ def rms(run: FigureRun) -> float:
 
 def draw(runs: Runs) -> matplotlib.figure.Figure:
     """Paths and distances at 1 Hz, RMS distances of all runs."""
-    figure, axes = panels(f"paths, 1 Hz, {FIRST} rad/s", "distance from the circle, 1 Hz", "rms distance", height=5.2)
+    figure, axes = panels(
+        f"paths, 1 Hz, {FIRST} rad/s", "distance from the circle, 1 Hz", "rms distance", height=5.2
+    )
     for kind, colour in ((RESET, COLOURS[1]), (FILTER, COLOURS[0])):
         run = runs[_label(kind, RATES[0], FIRST)]
         axes[0].plot(*run.P_l.T, color=colour, label=f"$P_l$, {kind}")
-        axes[1].plot(run.t, circle.distance(run), color=colour, label=f"{kind}: rms {rms(run):.2f} m from {SETTLED:g} s on")
+        axes[1].plot(
+            run.t,
+            circle.distance(run),
+            color=colour,
+            label=f"{kind}: rms {rms(run):.2f} m from {SETTLED:g} s on",
+        )
     turn = np.linspace(0, 2 * np.pi, 200)
     circled = np.array(circle.CENTRE) + circle.RADIUS * np.column_stack([np.cos(turn), np.sin(turn)])
     axes[0].plot(*circled.T, "--", color="black", linewidth=1.0, label="circle")
@@ -60,23 +67,29 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
         values = [rms(runs[_label(kind, *name)]) for name in names]
         bars = axes[2].bar(np.arange(len(names)) + 0.4 * k, values, 0.38, color=colour, label=kind)
         axes[2].bar_label(bars, [f"{value:.2f}" for value in values], fontsize=8.5)
-    axes[2].set_xticks(np.arange(len(names)) + 0.2, [f"{rate:g} Hz\n{left}" for rate, left in names], fontsize=8.5)
+    axes[2].set_xticks(
+        np.arange(len(names)) + 0.2, [f"{rate:g} Hz\n{left}" for rate, left in names], fontsize=8.5
+    )
     axes[2].set_ylabel(f"rms distance from {SETTLED:g} s on (m)")
     axes[2].legend(loc="upper right")
     return figure
 
 
 def claims(runs: Runs) -> list[Claim]:
-    """The filter stays nearer to the circle, although its poses have errors and those of the resets have none."""
+    """The filter stays nearer to the circle, although its poses have errors and those of the resets have
+    none."""
     names = [(rate, left) for rate in RATES for left in LEFT_MEANS]
     pairs = {name: [rms(runs[_label(kind, *name)]) for kind in (RESET, FILTER)] for name in names}
     return [
         Claim(
             "with the filter the vehicle stays nearer to the circle than with resets",
-            "; ".join(f"{rate:g} Hz, {left}: {reset:.2f} m, {ours:.2f} m" for (rate, left), (reset, ours) in pairs.items()),
+            "; ".join(
+                f"{rate:g} Hz, {left}: {reset:.2f} m, {ours:.2f} m"
+                for (rate, left), (reset, ours) in pairs.items()
+            ),
             all(ours < reset for reset, ours in pairs.values()),
-            note="its poses have errors (5 cm, 0.02 rad), those of the resets have none; it estimates the scale of each wheel's "
-            "rate, by which the rates that the controller uses are corrected too",
+            note="its poses have errors (5 cm, 0.02 rad), those of the resets have none; it estimates the "
+            "scale of each wheel's rate, by which the rates that the controller uses are corrected too",
         ),
     ]
 
@@ -85,7 +98,8 @@ FIGURES = (
     Figure(
         "estimated",
         "Beyond the paper: figures 15 and 16 with an extended Kalman filter",
-        "The same noise; the pose is estimated from the wheels and from poses with errors, with the scale of each wheel's rate.",
+        "The same noise; the pose is estimated from the wheels and from poses with errors, with the scale of "
+        "each wheel's rate.",
         f"{ASSUMED}; measured poses have errors of 5 cm and 0.02 rad",
         _cases(),
         draw,

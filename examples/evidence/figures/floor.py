@@ -27,9 +27,16 @@ EDGE = "#444444"
 Floor = tuple[float, str]  # friction, one of LIMITS
 ROLLING: Floor = (math.inf, "rolling")
 
-MOTIONS = ("1", "6", "7", "8a", "8b", "9a", "9b", "11", "12", "13", "14", "15", "16")  # 10 is about the path alone
-PAPERS = tuple(each for room in (line, circle, masses, composite, sensing) for each in room.FIGURES if each.name in MOTIONS)
-BY_KIND = ("1", "7")  # figures each of whose claims is on trajectory tracking (I) or path following (IV) alone
+# 10 is about the path alone
+MOTIONS = ("1", "6", "7", "8a", "8b", "9a", "9b", "11", "12", "13", "14", "15", "16")
+PAPERS = tuple(
+    each
+    for room in (line, circle, masses, composite, sensing)
+    for each in room.FIGURES
+    if each.name in MOTIONS
+)
+# Figures each of whose claims is on trajectory tracking (I) or path following (IV) alone
+BY_KIND = ("1", "7")
 BESIDE = (sensing.AGAIN, sensing.OTHER_SEED)  # runs that no claim of the paper is about
 SURVIVE: Mapping[Floor, int] = {  # of the paper's claims
     (0.7, BARE): 4,
@@ -40,11 +47,13 @@ SURVIVE: Mapping[Floor, int] = {  # of the paper's claims
     (0.3, LED): 9,
 }
 SHOWN = "IV C"
-FAR, OF_FRICTION = 0.75, 0.2  # m: from there a path is approached at up to half the desired speed, but by this part of friction
+# m: from there a path is approached at up to half the desired speed, but by this part of friction
+FAR, OF_FRICTION = 0.75, 0.2
 
 FLOORS = (0.7, 0.3, 0.15)
 FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in FLOORS for limits in (BARE, LIMITED))
-OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball", "bus", "castor_platform", "mecanum")  # not in the tables
+# Not in the tables
+OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball", "bus", "castor_platform", "mecanum")
 ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in OTHERS)
 LEAST, MOST = 1e-5, 10.0  # m/s: slips that are drawn
 RECKONED = 1e-2  # m; contacts creep in the engine: on any floor the pose of a car is off by 3 mm in 20 s
@@ -55,9 +64,16 @@ def _on_floor(case: Case, floor: Floor, **contact: float) -> Case:
     mu, limits = floor
     if floor == ROLLING:
         return case
-    changes = {"simulation.period": PERIOD, "contact": {"mu": mu, **contact}, "floor": {"mu": mu}, **LIMITS[limits]}
+    changes = {
+        "simulation.period": PERIOD,
+        "contact": {"mu": mu, **contact},
+        "floor": {"mu": mu},
+        **LIMITS[limits],
+    }
     if limits == LED:
-        changes["reference.approach"] = {"acceleration": min(OF_FRICTION * mu * GRAVITY, _speed(case) ** 2 / (4 * FAR))}
+        changes["reference.approach"] = {
+            "acceleration": min(OF_FRICTION * mu * GRAVITY, _speed(case) ** 2 / (4 * FAR))
+        }
     return Case(case.file, {**case.changes, **changes}, case.singular, "mujoco")
 
 
@@ -71,7 +87,7 @@ def _said(floor: Floor) -> str:
     return floor[1] if floor == ROLLING else f"μ {floor[0]:g}, {floor[1]}"
 
 
-# -- the paper's claims --------------------------------------------------------------------------------------------------
+# -- the paper's claims --------------------------------------------------------------------------------------
 
 
 def _label(figure: Figure, label: str, floor: Floor) -> str:
@@ -89,8 +105,8 @@ Survivors = Mapping[str, Mapping[Floor, tuple[bool, str]]]
 
 
 def survivors(runs: Runs) -> Survivors:
-    """For each of the paper's claims on a motion that holds where the wheels roll, and each floor: whether it holds there, and
-    what was measured.
+    """For each of the paper's claims on a motion that holds where the wheels roll, and each floor: whether it
+    holds there, and what was measured.
 
     It does not where a run that it is about ended early, as with wheels that spin without bound.
     """
@@ -100,11 +116,23 @@ def survivors(runs: Runs) -> Survivors:
             here = {label: runs[_label(figure, label, floor)] for label in figure.cases}
             claims = _claims(figure, here)
             if floor == ROLLING:
-                motions = [text for text, claim in claims.items() if claim.paper and claim.holds and "singular" not in text]
+                motions = [
+                    text
+                    for text, claim in claims.items()
+                    if claim.paper and claim.holds and "singular" not in text
+                ]
             for text in motions:
-                ended = [_end(label, here[label]) for label in _about(figure, text, here) if here[label].stopped]
+                ended = [
+                    _end(label, here[label]) for label in _about(figure, text, here) if here[label].stopped
+                ]
                 same = claims.get(text)
-                result = (False, ended[0]) if ended else (same.holds, same.measured) if same else (False, "cannot be compared")
+                result = (
+                    (False, ended[0])
+                    if ended
+                    else (same.holds, same.measured)
+                    if same
+                    else (False, "cannot be compared")
+                )
                 found.setdefault(f"{figure.name}: {text}", {})[floor] = result
     return found
 
@@ -136,7 +164,10 @@ def survive(table: Survivors, floor: Floor) -> int:
 def draw_papers(runs: Runs) -> matplotlib.figure.Figure:
     """Which claims hold on which floor, and how the line is approached there."""
     figure, axes = panels(
-        "claims of the paper, by figure: ● holds, × lost", "Type IV, case C of figures 1 and 6", height=10.5, widths=(2, 1)
+        "claims of the paper, by figure: ● holds, × lost",
+        "Type IV, case C of figures 1 and 6",
+        height=10.5,
+        widths=(2, 1),
     )
     table = survivors(runs)
     floors = (ROLLING, *SURVIVE)
@@ -144,9 +175,13 @@ def draw_papers(runs: Runs) -> matplotlib.figure.Figure:
         for column, floor in enumerate(floors):
             holds = by_floor[floor][0]
             colour, mark, verdict = (COLOURS[2], "o", "holds") if holds else (STOP, "x", "lost")
-            axes[0].add_patch(Rectangle((column - 0.47, row - 0.46), 0.94, 0.92, facecolor=colour, alpha=0.12, linewidth=0))
+            axes[0].add_patch(
+                Rectangle((column - 0.47, row - 0.46), 0.94, 0.92, facecolor=colour, alpha=0.12, linewidth=0)
+            )
             axes[0].plot(column, row, mark, color=colour, label=f"{text}; {_said(floor)}: {verdict}")
-    counts = [f"{_said(floor).replace(', ', chr(10))}\n{survive(table, floor)} of {len(table)}" for floor in floors]
+    counts = [
+        f"{_said(floor).replace(', ', chr(10))}\n{survive(table, floor)} of {len(table)}" for floor in floors
+    ]
     axes[0].set_xticks(range(len(floors)), counts, fontsize=8, linespacing=1.4)
     axes[0].set_yticks(range(len(table)), [textwrap.fill(text, 62) for text in table], fontsize=8)
     axes[0].set(xlim=(-0.5, len(floors) - 0.5), ylim=(len(table) - 0.5, -0.5))
@@ -157,10 +192,16 @@ def draw_papers(runs: Runs) -> matplotlib.figure.Figure:
     for floor in floors:
         run = runs[_label(PAPERS[0], SHOWN, floor)]
         how = "stopped" if run.stopped else f"slip ≤ {1e3 * run.slipping:.1f} mm/s"
-        drawn = {"color": FAINT, "linewidth": 5, "alpha": 0.5} if floor == ROLLING else {"color": COLOUR[floor[1]]}
+        drawn = (
+            {"color": FAINT, "linewidth": 5, "alpha": 0.5}
+            if floor == ROLLING
+            else {"color": COLOUR[floor[1]]}
+        )
         label = _said(floor) if floor == ROLLING else f"{_said(floor)}: {how}"
         style = "--" if floor[0] == 0.3 else "-"
-        axes[1].plot(run.t, line.distance(run.P_l), style, marker="X" * bool(run.stopped), label=label, **drawn)
+        axes[1].plot(
+            run.t, line.distance(run.P_l), style, marker="X" * bool(run.stopped), label=label, **drawn
+        )
     over_time(axes[1], "distance of $P_l$ from the line (m)")
     axes[1].set_xlim(-0.2, 8.0)
     legend_below(axes[1])
@@ -192,21 +233,25 @@ def claims_papers(runs: Runs) -> list[Claim]:
     return [
         *made,
         Claim(
-            "with the limiter, the right masses and exact sensors no wheel slips faster than 1 cm/s, singular or not",
+            "with the limiter, the right masses and exact sensors no wheel slips faster than 1 cm/s, "
+            "singular or not",
             f"{1e3 * exact[worst].slipping:.1f} mm/s in {len(exact)} runs ({worst})",
             exact[worst].slipping < SLIPS,
-            note=f"with noise in the wheel rates they slip at up to {noisy:.2g} m/s: the limiter knows what is sensed",
+            note=f"with noise in the wheel rates they slip at up to {noisy:.2g} m/s: the limiter knows what "
+            "is sensed",
         ),
     ]
 
 
 def _measured(runs: Runs, *limits: str) -> dict[str, FigureRun]:
     """The runs on a floor with one of these limits."""
-    ends = tuple(f"μ {mu:g}, {each}" for mu in {mu for mu, _ in (*SURVIVE, *FLOORS_OF_ROBOTS)} for each in limits)
+    ends = tuple(
+        f"μ {mu:g}, {each}" for mu in {mu for mu, _ in (*SURVIVE, *FLOORS_OF_ROBOTS)} for each in limits
+    )
     return {label: run for label, run in runs.items() if run.floor and label.endswith(ends)}
 
 
-# -- the shipped robots --------------------------------------------------------------------------------------------------
+# -- the shipped robots --------------------------------------------------------------------------------------
 
 
 def file_of(name: str) -> str:
@@ -214,7 +259,11 @@ def file_of(name: str) -> str:
     return "../line.toml" if name == "labmate" else f"../robots/{name}.toml"
 
 
-ROBOT_CASES = {f"{name}, {_said(floor)}": _on_floor(Case(file_of(name)), floor) for floor in FLOORS_OF_ROBOTS for name in ROBOTS}
+ROBOT_CASES = {
+    f"{name}, {_said(floor)}": _on_floor(Case(file_of(name)), floor)
+    for floor in FLOORS_OF_ROBOTS
+    for name in ROBOTS
+}
 
 
 def reckoning_error(run: FigureRun) -> float | None:
@@ -247,7 +296,10 @@ def draw_robots(runs: Runs) -> matplotlib.figure.Figure:
 def _compare(panel: Axes, runs: Runs, mu: float, value: Any) -> None:
     """A row for each robot, on a logarithmic scale: its values without and with the limiter."""
     for row, name in enumerate(ROBOTS):
-        for limits, style in ((BARE, {"markerfacecolor": "none", "markersize": 9}), (LIMITED, {"markersize": 5})):
+        for limits, style in (
+            (BARE, {"markerfacecolor": "none", "markersize": 9}),
+            (LIMITED, {"markersize": 5}),
+        ):
             run = runs.get(f"{name}, {_said((mu, limits))}")
             found = value(run) if run else None
             if run and found is not None:
@@ -265,14 +317,18 @@ def claims_robots(runs: Runs) -> list[Claim]:
     slope = {p.name: p.default for p in find_robot("slope_platform").parameters}["slope"]
     steep = [f"slope_platform, {_said(floor)}" for floor in FLOORS_OF_ROBOTS if math.tan(slope) > floor[0]]
     slips = {label: run.slipping for label, run in runs.items() if label not in steep}
-    bare, limited = ({k: v for k, v in slips.items() if k.endswith(f", {limits}")} for limits in (BARE, LIMITED))
+    bare, limited = (
+        {k: v for k, v in slips.items() if k.endswith(f", {limits}")} for limits in (BARE, LIMITED)
+    )
     worst = max(limited, key=lambda label: limited[label])
     spun = sorted(label.rpartition(",")[0] for label, slip in bare.items() if slip > SLIPS)
     went = {
         limits: [reckoning_error(run) for run in _measured(runs, limits).values() if not run.stopped]
         for limits in (BARE, LIMITED)
     }
-    off = {limits: max((e for e in errors if e is not None), default=math.inf) for limits, errors in went.items()}
+    off = {
+        limits: max((e for e in errors if e is not None), default=math.inf) for limits, errors in went.items()
+    }
     return [
         Claim(
             "with the limiter no wheel slips faster than 1 cm/s",
@@ -293,7 +349,7 @@ def claims_robots(runs: Runs) -> list[Claim]:
     ]
 
 
-# -- noticing slip -------------------------------------------------------------------------------------------------------
+# -- noticing slip -------------------------------------------------------------------------------------------
 
 CUT, EARNED, NOTICING = "torque cut", "limiter, friction earned", "limiter, slip noticed"
 SEEN = {"counts": 4000, "pose": "true", "gyro": {"noise": 0.003, "bias": 0.002}}
@@ -303,7 +359,9 @@ OVER, WET = "mu 1.3 times too large", "wet patch"
 SLIP_CASES = {
     f"{OVER}, {LIMITED}": Case("fastest.toml", {**BELIEVED, **GIVEN}, engine="mujoco"),
     f"{OVER}, {EARNED}": Case("fastest.toml", BELIEVED, engine="mujoco"),
-    f"{OVER}, {NOTICING}": Case("fastest.toml", {**BELIEVED, **GIVEN, "limits.notice_slip": {}}, engine="mujoco"),
+    f"{OVER}, {NOTICING}": Case(
+        "fastest.toml", {**BELIEVED, **GIVEN, "limits.notice_slip": {}}, engine="mujoco"
+    ),
     f"{WET}, {CUT}": Case("wet.toml", {"limits": {"mode": "cut", "torque": 20.0}}, engine="mujoco"),
     f"{WET}, {LIMITED}": Case("wet.toml", GIVEN, engine="mujoco"),
     f"{WET}, {NOTICING}": Case("wet.toml", {**GIVEN, "limits.notice_slip": {}}, engine="mujoco"),
@@ -312,7 +370,8 @@ COLOUR_OF = {BARE: FAINT, CUT: FAINT, LIMITED: STOP, EARNED: COLOURS[1], NOTICIN
 
 
 def draw_slip(runs: Runs) -> matplotlib.figure.Figure:
-    """Distance from the path and slip, where mu is overestimated and on a wet patch; and what is believed of mu."""
+    """Distance from the path and slip, where mu is overestimated and on a wet patch;
+    and what is believed of mu."""
     titles = (f"{OVER}: off the path", f"{OVER}: friction", f"{WET}: off the path", f"{WET}: friction")
     figure, axes = panels(*titles, height=4.4)
     for label, run in runs.items():
@@ -347,7 +406,8 @@ def claims_slip(runs: Runs) -> list[Claim]:
     patch = [f"{WET}, {how}" for how in (CUT, LIMITED, NOTICING)]
     return [
         Claim(
-            "where the limiter believes 1.3 times the friction, noticing slip keeps the path within 1 cm; else it is lost",
+            "where the limiter believes 1.3 times the friction, noticing slip keeps the path within 1 cm; "
+            "else it is lost",
             f"{1e3 * off[names[1]]:.1f} mm; {1e3 * off[names[0]]:.0f} mm",
             off[names[1]] < 0.01 and off[names[0]] > 0.1,
         ),
@@ -361,14 +421,21 @@ def claims_slip(runs: Runs) -> list[Claim]:
     ]
 
 
-# -- friction that is not what is believed -------------------------------------------------------------------------------
+# -- friction that is not what is believed -------------------------------------------------------------------
 
 BELIEVED_MU = 0.5
 RATIOS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3)  # of the true friction to the believed one
-FROM_REST = {"initial.speed": 0.0, "simulation.period": PERIOD, "simulation.duration": 12.0, "contact": {"mu": BELIEVED_MU}}
+FROM_REST = {
+    "initial.speed": 0.0,
+    "simulation.period": PERIOD,
+    "simulation.duration": 12.0,
+    "contact": {"mu": BELIEVED_MU},
+}
 LIMITERS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: KNOWN, EARNED: {"limits.mode": "grip"}}
 EARNED_CASES = {
-    f"{how}, {ratio:g}": Case(file_of("labmate"), {**FROM_REST, "floor": {"mu": ratio * BELIEVED_MU}, **limits}, engine="mujoco")
+    f"{how}, {ratio:g}": Case(
+        file_of("labmate"), {**FROM_REST, "floor": {"mu": ratio * BELIEVED_MU}, **limits}, engine="mujoco"
+    )
     for how, limits in LIMITERS.items()
     for ratio in RATIOS
 }
@@ -388,13 +455,22 @@ def reached(run: FigureRun) -> float:
 
 
 def draw_earned(runs: Runs) -> matplotlib.figure.Figure:
-    """Largest slip, and for how long, over the true friction; for how long not of runs that end early, their wheels spinning."""
+    """Largest slip, and for how long, over the true friction; for how long not of runs that end early,
+    their wheels spinning."""
     figure, axes = panels("largest slip of a wheel", f"slips faster than {100 * SLIDES:g} cm/s", height=3.6)
     true = [ratio * BELIEVED_MU for ratio in RATIOS]
     for how in LIMITERS:
         own = [runs[f"{how}, {ratio:g}"] for ratio in RATIOS]
-        axes[0].semilogy(true, [100 * max(run.slipping, LEAST) for run in own], "o-", color=COLOUR_OF[how], label=how)
-        axes[1].plot(true, [math.nan if run.stopped else sliding(run) for run in own], "o-", color=COLOUR_OF[how], label=how)
+        axes[0].semilogy(
+            true, [100 * max(run.slipping, LEAST) for run in own], "o-", color=COLOUR_OF[how], label=how
+        )
+        axes[1].plot(
+            true,
+            [math.nan if run.stopped else sliding(run) for run in own],
+            "o-",
+            color=COLOUR_OF[how],
+            label=how,
+        )
     for panel, unit in zip(axes, ("cm/s", "s"), strict=True):
         panel.axvline(BELIEVED_MU, color=EDGE, linestyle=":", label="believed friction")
         panel.set(xlabel="true friction coefficient", ylabel=unit)
@@ -406,28 +482,36 @@ def claims_earned(runs: Runs) -> list[Claim]:
     """How much slips where friction is less than believed, and that nothing is lost where it is not."""
     claims = []
     for least, most, slip, seconds in ((1.0, 1.3, 0.01, 0.0), (0.8, 1.0, 0.1, 0.04), (0.5, 0.8, 0.3, 0.1)):
-        own, given = ([runs[f"{how}, {ratio:g}"] for ratio in RATIOS if least <= ratio <= most] for how in (EARNED, LIMITED))
+        own, given = (
+            [runs[f"{how}, {ratio:g}"] for ratio in RATIOS if least <= ratio <= most]
+            for how in (EARNED, LIMITED)
+        )
         worst, longest = max(run.slipping for run in own), max(map(sliding, own))
         claims.append(
             Claim(
-                f"earned, true friction {least:g} to {most:g} of the believed one: at most {100 * slip:g} cm/s"
-                + (f", above {100 * SLIDES:g} cm/s for at most {seconds:g} s" if seconds else ""),
+                f"earned, true friction {least:g} to {most:g} of the believed one: at most {100 * slip:g} "
+                "cm/s" + (f", above {100 * SLIDES:g} cm/s for at most {seconds:g} s" if seconds else ""),
                 f"{100 * worst:.2g} cm/s, {longest:.2g} s",
                 worst <= slip and longest <= seconds,
-                note=f"given: {100 * max(run.slipping for run in given):.2g} cm/s, {max(map(sliding, given)):.2g} s",
+                note=f"given: {100 * max(run.slipping for run in given):.2g} cm/s, "
+                f"{max(map(sliding, given)):.2g} s",
             )
         )
     times = [reached(runs[f"{how}, 1"]) for how in (EARNED, LIMITED)]
     text = "where friction is as believed, earning it reaches the path at most 1.02 times as late"
-    return [*claims, Claim(text, f"{times[0]:.2f} s, given {times[1]:.2f} s", times[0] <= 1.02 * times[1] < math.inf)]
+    return [
+        *claims,
+        Claim(text, f"{times[0]:.2f} s, given {times[1]:.2f} s", times[0] <= 1.02 * times[1] < math.inf),
+    ]
 
 
 FIGURES = (
     Figure(
         "floor",
         "Beyond the paper: which of its claims survive a floor",
-        "The runs of figures 1 and 6 to 16 at 100 Hz in a physics engine, where wheels slip and a castor carries 30 %: without "
-        "and with the grip limiter, and with it and an approach. A claim is lost, too, where a run that it is about ends early.",
+        "The runs of figures 1 and 6 to 16 at 100 Hz in a physics engine, where wheels slip and a castor "
+        "carries 30 %: without and with the grip limiter, and with it and an approach. A claim is lost, too, "
+        "where a run that it is about ends early.",
         "",
         PAPER_CASES,
         draw_papers,
@@ -436,7 +520,8 @@ FIGURES = (
     Figure(
         "robots_on_floor",
         "Beyond the paper: the shipped robots on slippery floors",
-        "Each robot in the run of its SPEC, at 100 Hz, with and without the grip limiter, which believes the true friction.",
+        "Each robot in the run of its SPEC, at 100 Hz, with and without the grip limiter, which believes the "
+        "true friction.",
         "",
         ROBOT_CASES,
         draw_robots,
@@ -445,7 +530,8 @@ FIGURES = (
     Figure(
         "slip",
         "Beyond the paper: noticing slip",
-        "A gyro tells slip from the wheels; the limiter then believes less friction for a while, and the robot drives slower.",
+        "A gyro tells slip from the wheels; the limiter then believes less friction for a while, and the "
+        "robot drives slower.",
         "",
         SLIP_CASES,
         draw_slip,
@@ -454,7 +540,8 @@ FIGURES = (
     Figure(
         "earned",
         "Beyond the paper: friction that is not what is believed",
-        f"The line of the paper from rest at 100 Hz in a physics engine; the controller believes a friction of {BELIEVED_MU:g}.",
+        "The line of the paper from rest at 100 Hz in a physics engine; the controller believes a friction "
+        f"of {BELIEVED_MU:g}.",
         "",
         EARNED_CASES,
         draw_earned,

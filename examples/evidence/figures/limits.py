@@ -1,9 +1,22 @@
-"""Beyond the paper: motors that cannot give what is asked for, each cut by itself or the robot slowed down."""
+"""Beyond the paper: motors that cannot give what is asked for,
+each cut by itself or the robot slowed down."""
 
 import matplotlib.figure
 import numpy as np
 
-from ....simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, say, start, to_follow, zoom
+from ....simulation.drawing import (
+    COLOURS,
+    FAINT,
+    STOP,
+    legend_below,
+    over_time,
+    panels,
+    plane,
+    say,
+    start,
+    to_follow,
+    zoom,
+)
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 
 RADIUS, SPEED, LIMIT, TOO_LOW = 5.0, 5.0, 6.0, 4.5  # m, m/s, N m, N m
@@ -27,7 +40,9 @@ def draw_limits(runs: Runs) -> matplotlib.figure.Figure:
     worst = int(np.abs(_off(runs[CUT])).argmax())
     inset = zoom(axes[0], (0.32, 0.4, 0.34, 0.3), runs[CUT].P_l[worst], 0.5)
     to_follow(inset, x, y)
-    for (label, name), colour, style in zip(NAMES.items(), (FAINT, COLOURS[1], COLOURS[0]), (":", "-", "--"), strict=True):
+    for (label, name), colour, style in zip(
+        NAMES.items(), (FAINT, COLOURS[1], COLOURS[0]), (":", "-", "--"), strict=True
+    ):
         run = runs[label]
         lap = run.t < 7.0
         if label != UNLIMITED:
@@ -65,7 +80,9 @@ def claims_limits(runs: Runs) -> list[Claim]:
     off = {label: float(np.abs(_off(run)).max()) for label, run in runs.items()}
     asked = float(np.abs(runs[UNLIMITED].tau).max())
     bitten = {
-        label: float(np.diff(runs[label].t, append=runs[label].t[-1])[runs[label].status == "saturated"].sum())
+        label: float(
+            np.diff(runs[label].t, append=runs[label].t[-1])[runs[label].status == "saturated"].sum()
+        )
         for label in (CUT, SLOW)
     }
     over = max(float(np.abs(runs[label].tau).max()) for label in (CUT, SLOW))
@@ -74,10 +91,13 @@ def claims_limits(runs: Runs) -> list[Claim]:
     return [
         Claim(
             f"the limit bites: {LIMIT:g} N m where {asked:.1f} N m are asked for, and is kept",
-            f"saturated for {bitten[CUT]:.2f} s (cut) and {bitten[SLOW]:.2f} s (slow), torques at most {over:.3f} N m",
+            f"saturated for {bitten[CUT]:.2f} s (cut) and {bitten[SLOW]:.2f} s (slow), torques at most "
+            f"{over:.3f} N m",
             asked > 2 * LIMIT and over <= LIMIT * (1 + 1e-12) and min(bitten.values()) > 0.2,
         ),
-        Claim("cutting each motor by itself leaves the path", f"up to {off[CUT] * 100:.1f} cm", off[CUT] > 0.05),
+        Claim(
+            "cutting each motor by itself leaves the path", f"up to {off[CUT] * 100:.1f} cm", off[CUT] > 0.05
+        ),
         Claim(
             "slowing down keeps the path: the same as without limits, to 1e-9 m",
             f"off by {off[SLOW]:.1e} m, without limits by {off[UNLIMITED]:.1e} m",
@@ -85,14 +105,17 @@ def claims_limits(runs: Runs) -> list[Claim]:
         ),
         Claim(
             "and costs no time against cutting",
-            "98 % of the speed after " + ", ".join(f"{first[label]:.2f} s ({label})" for label in (UNLIMITED, CUT, SLOW)),
+            "98 % of the speed after "
+            + ", ".join(f"{first[label]:.2f} s ({label})" for label in (UNLIMITED, CUT, SLOW)),
             first[UNLIMITED] < first[SLOW] <= first[CUT] + 0.05,
         ),
         Claim(
-            f"a limit below what the path needs at the desired speed ({steady:.2f} N m steadily) cannot be made good by slowing",
+            f"a limit below what the path needs at the desired speed ({steady:.2f} N m steadily) cannot be "
+            "made good by slowing",
             f"at {TOO_LOW:g} N m up to {off[LOW]:.2f} m off",
             steady > TOO_LOW and off[LOW] > 0.1,
-            note="it gives up acceleration, not speed already gained: the desired speed has to suit the path's curvature",
+            note="it gives up acceleration, not speed already gained: the desired speed has to suit the "
+            "path's curvature",
         ),
     ]
 
@@ -101,7 +124,8 @@ FIGURES = (
     Figure(
         "limits",
         "Beyond the paper: torque limits, cut or slowed down",
-        "Motors have limits. Cut one by one, the torques no longer steer as asked; with less acceleration asked for they do.",
+        "Motors have limits. Cut one by one, the torques no longer steer as asked; with less acceleration "
+        "asked for they do.",
         "wheel radius 0.15 m (torques depend on it)",
         {
             UNLIMITED: Case("limits.toml", {"limits.torque": HUGE}),

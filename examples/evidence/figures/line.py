@@ -1,4 +1,5 @@
-"""Figures 1, 6 and 7: a point of the robot tracks a moving point on the line y = x (Type I) or follows the line (Type IV)."""
+"""Figures 1, 6 and 7: a point of the robot tracks a moving point on the line y = x (Type I) or follows the
+line (Type IV)."""
 
 import math
 
@@ -58,7 +59,14 @@ def draw_1(runs: Runs) -> matplotlib.figure.Figure:
             run = runs[f"{kind} {name}"]
             for k in cusps(run):
                 inset.plot(*run.P_o[k], "o", color=STOP, markersize=4, zorder=6)
-                inset.annotate(f"cusp of {name}", run.P_o[k], (8, -9), textcoords="offset points", color=colour, fontsize=9)
+                inset.annotate(
+                    f"cusp of {name}",
+                    run.P_o[k],
+                    (8, -9),
+                    textcoords="offset points",
+                    color=colour,
+                    fontsize=9,
+                )
     return figure
 
 
@@ -69,16 +77,21 @@ def claims_1(runs: Runs) -> list[Claim]:
     jumps = {label: _sharpest_turn(run) for label, run in runs.items()}
     smooth = all(turns[f"IV {name}"] == 0 and slowest[f"IV {name}"] >= 0 for name in SPEEDS)
     error = max(
-        np.abs(runs[f"IV {name}"].speed - speed * -np.expm1(-2.0 * runs[f"IV {name}"].t)).max() for name, speed in SPEEDS.items()
+        np.abs(runs[f"IV {name}"].speed - speed * -np.expm1(-2.0 * runs[f"IV {name}"].t)).max()
+        for name, speed in SPEEDS.items()
     )
     return [
         Claim(
-            "trajectory tracking often puts a discontinuity of slope (a cusp) into the path of P_o: at A and B",
+            "trajectory tracking often puts a discontinuity of slope (a cusp) into the path of P_o: at A and "
+            "B",
             "cusps "
-            + "; ".join(f"{name}: {turns[f'I {name}']}, speed down to {slowest[f'I {name}']:+.3f} m/s" for name in SPEEDS),
+            + "; ".join(
+                f"{name}: {turns[f'I {name}']}, speed down to {slowest[f'I {name}']:+.3f} m/s"
+                for name in SPEEDS
+            ),
             all(turns[f"I {name}"] >= 1 and slowest[f"I {name}"] < -1e-3 for name in "AB"),
-            note=f"the direction of motion turns by {jumps['I A']:.1f}° (A) and {jumps['I B']:.1f}° (B) from one moment to the "
-            "next; from this start the fastest, C, just has none",
+            note=f"the direction of motion turns by {jumps['I A']:.1f}° (A) and {jumps['I B']:.1f}° (B) from "
+            "one moment to the next; from this start the fastest, C, just has none",
             paper=True,
         ),
         Claim(
@@ -106,7 +119,9 @@ def _sharpest_turn(run: FigureRun) -> float:
 def draw_6(runs: Runs) -> matplotlib.figure.Figure:
     """Loci of P_l, and its distance from the line over time."""
     figure, axes = panels(
-        *(f"{title}: locus of $P_l$" for title in BOTH.values()), "(c) distance of $P_l$ from the line: six runs", height=4.4
+        *(f"{title}: locus of $P_l$" for title in BOTH.values()),
+        "(c) distance of $P_l$ from the line: six runs",
+        height=4.4,
     )
     for panel, kind in zip(axes, BOTH, strict=False):
         _loci(panel, runs, kind, "P_l")
@@ -114,7 +129,12 @@ def draw_6(runs: Runs) -> matplotlib.figure.Figure:
         plane(panel, np.array([[-0.4, 0.3], [4.0, 4.2]]))
         panel.legend(loc="lower right")
     for k, (label, run) in enumerate(runs.items()):  # all on one curve: a mark of each run in turn
-        marks = {"marker": "os^"[k % 3], "markevery": (20 * k, 120), "markersize": 5, "fillstyle": "none" if k < 3 else "full"}
+        marks = {
+            "marker": "os^"[k % 3],
+            "markevery": (20 * k, 120),
+            "markersize": 5,
+            "fillstyle": "none" if k < 3 else "full",
+        }
         axes[2].plot(run.t, distance(run.P_l), color=COLOURS[k % 3], linewidth=1.0, label=label, **marks)
     over_time(axes[2], "distance (m)")
     axes[2].set_xlim(0, 12)
@@ -125,7 +145,8 @@ def draw_6(runs: Runs) -> matplotlib.figure.Figure:
 
 
 def claims_6(runs: Runs) -> list[Claim]:
-    """Both reach the line and stay; Type IV without overshoot, alike at every speed; Type I is pushed the wrong way."""
+    """Both reach the line and stay; Type IV without overshoot, alike at every speed;
+    Type I is pushed the wrong way."""
     off = {label: distance(run.P_l) for label, run in runs.items()}
     end = max(abs(d[-1]) for d in off.values())
     settled = max(time_to_stay_within(runs[label].t, d, 0.01) for label, d in off.items())
@@ -148,7 +169,11 @@ def claims_6(runs: Runs) -> list[Claim]:
             over <= exact and rise <= exact + 1e-9,
             paper=True,
         ),
-        Claim("path following approaches in the same way at every speed, to 1e-9 m", f"{alike:.1e} m", alike <= 1e-9),
+        Claim(
+            "path following approaches in the same way at every speed, to 1e-9 m",
+            f"{alike:.1e} m",
+            alike <= 1e-9,
+        ),
         Claim(
             "trajectory tracking reacts more quickly",
             "metres made along the line until within 10 cm of it: "
@@ -187,7 +212,14 @@ def draw_7(runs: Runs) -> matplotlib.figure.Figure:
         axes[0].plot(run.t[k], run.speed[k], "o", color=STOP, markersize=5, zorder=5)
         axes[0].annotate(text, (run.t[k], run.speed[k]), offset, textcoords="offset points", color=STOP)
     t = runs["IV"].t[::40]
-    axes[1].plot(t, SPEEDS["C"] * -np.expm1(-2.0 * t), "o", color=COLOURS[1], markersize=4, label="$v_d\\,(1 - e^{-k_v t})$")
+    axes[1].plot(
+        t,
+        SPEEDS["C"] * -np.expm1(-2.0 * t),
+        "o",
+        color=COLOURS[1],
+        markersize=4,
+        label="$v_d\\,(1 - e^{-k_v t})$",
+    )
     axes[1].legend(loc="lower right")
     return figure
 
@@ -208,22 +240,25 @@ def claims_7(runs: Runs) -> list[Claim]:
         ),
         Claim(
             "then its speed rises monotonically to the desired one",
-            f"after {tracking.t[last]:.2f} s least step {rising:+.1e} m/s, {tracking.speed[-1]:.4f} m/s at {tracking.t[-1]:g} s",
+            f"after {tracking.t[last]:.2f} s least step {rising:+.1e} m/s, {tracking.speed[-1]:.4f} m/s at "
+            f"{tracking.t[-1]:g} s",
             rising > -1e-9 - tracking.exact and abs(tracking.speed[-1] - SPEEDS["C"]) < 0.01,
             paper=True,
         ),
         Claim(
-            "path following: a smooth exponential rise as of a first-order system, v_d (1 − exp(−kv t)), to 1e-9 m/s",
+            "path following: a smooth exponential rise as of a first-order system, v_d (1 − exp(−kv t)), to "
+            "1e-9 m/s",
             f"{error:.1e} m/s",
             error <= 1e-9 + following.exact,
             paper=True,
         ),
         Claim(
-            "depending on the gains, trajectory tracking even forces the reference point in the wrong direction",
+            "depending on the gains, trajectory tracking even forces the reference point in the wrong "
+            "direction",
             f"P_l goes {-back:.2f} m back along the line before it goes on",
             back < -0.1,
-            note="path following does not say which way: from a heading of −90° it follows the line towards −x, "
-            f"at {along(following.velocity)[-1]:+.3f} m/s along it",
+            note="path following does not say which way: from a heading of −90° it follows the line towards "
+            f"−x, at {along(following.velocity)[-1]:+.3f} m/s along it",
             paper=True,
         ),
     ]
@@ -233,7 +268,8 @@ FIGURES = (
     Figure(
         "1",
         "Figure 1: locus of the axle's middle at three desired speeds",
-        "Introduces the difference: tracking a moving point makes the vehicle turn back on itself, following the path does not.",
+        "Introduces the difference: tracking a moving point makes the vehicle turn back on itself, following "
+        "the path does not.",
         f"{START}; speeds A and B; {WHEEL}",
         LINE,
         draw_1,
@@ -242,7 +278,8 @@ FIGURES = (
     Figure(
         "6",
         "Figure 6: trajectory and path of the reference point",
-        "The reference point (the centre of mass, L = 0) starts at rest beside the line; both algorithms have equal gains.",
+        "The reference point (the centre of mass, L = 0) starts at rest beside the line; both algorithms "
+        "have equal gains.",
         f"{START}; speeds A and B; {WHEEL}",
         LINE,
         draw_6,
@@ -251,9 +288,10 @@ FIGURES = (
     Figure(
         "7",
         "Figure 7: forward speed of the middle of the axle, case C",
-        "Tracking stops the vehicle twice before it reaches its speed; path following is a first-order response.",
-        "start P_l (5, 4) m, heading −90°, at rest, where the paper's two stops occur; gains kp 4, kd 5 (poles −1, −4), kv 2; "
-        + WHEEL,
+        "Tracking stops the vehicle twice before it reaches its speed; path following is a first-order "
+        "response.",
+        "start P_l (5, 4) m, heading −90°, at rest, where the paper's two stops occur; gains kp 4, kd 5 "
+        "(poles −1, −4), kv 2; " + WHEEL,
         {"I": Case("figure_7_type_i.toml"), "IV": Case("figure_7_type_iv.toml")},
         draw_7,
         claims_7,

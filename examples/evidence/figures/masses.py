@@ -23,7 +23,9 @@ def _cases(file: str) -> dict[str, Case]:
 
 def draw_9a(runs: Runs) -> matplotlib.figure.Figure:
     """Paths, and the distance from the line on a logarithmic scale."""
-    figure, axes = panels("desired and actual path of $P_l$, 1.414 m/s", "size of the distance from the line", height=4.8)
+    figure, axes = panels(
+        "desired and actual path of $P_l$, 1.414 m/s", "size of the distance from the line", height=4.8
+    )
     to_follow(axes[0], np.array([-3.0, 16.0]), np.array([-3.0, 16.0]), "line y = x")
     for (label, run), colour, style in zip(runs.items(), COLOURS, ("-", "--", "-."), strict=False):
         off = line.distance(run.P_l)
@@ -45,11 +47,14 @@ def draw_9a(runs: Runs) -> matplotlib.figure.Figure:
 
 
 def claims_9a(runs: Runs) -> list[Claim]:
-    """The line is reached with either error; slower than nominal only when the controller believes too much."""
+    """The line is reached with either error; slower than nominal only when the controller believes too
+    much."""
     off = {label: line.distance(run.P_l) for label, run in runs.items()}
     times = {label: time_to_stay_within(runs[label].t, d, 0.01) for label, d in off.items()}
     end = max(abs(off[label][-1]) for label in WRONG)
-    measured = {label: f"{times[label]:.2f} s to within 1 cm, {times[RIGHT]:.2f} s without error" for label in WRONG}
+    measured = {
+        label: f"{times[label]:.2f} s to within 1 cm, {times[RIGHT]:.2f} s without error" for label in WRONG
+    }
     rates = {label: _decay(runs[label].t, d) for label, d in off.items()}
     return [
         Claim(
@@ -68,9 +73,10 @@ def claims_9a(runs: Runs) -> list[Claim]:
             "it converges later than without error: robot has double the mass",
             measured[HEAVY],
             times[HEAVY] > times[RIGHT],
-            note="the paper does not say which way round its masses were wrong. The mass ahead of the axle resists turning, "
-            f"m_c d v φ̇; half of that is not compensated here, and the slow pole moves from {rates[RIGHT]:.3f} to "
-            f"{rates[HEAVY]:.3f} 1/s (measured on the last 10 s), the other way round to {rates[LIGHT]:.3f} 1/s",
+            note="the paper does not say which way round its masses were wrong. The mass ahead of the axle "
+            "resists turning, m_c d v φ̇; half of that is not compensated here, and the slow pole "
+            f"moves from {rates[RIGHT]:.3f} to {rates[HEAVY]:.3f} 1/s (measured on the last 10 s), the "
+            f"other way round to {rates[LIGHT]:.3f} 1/s",
             paper=True,
             expected=False,
         ),
@@ -113,8 +119,8 @@ def claims_9b(runs: Runs) -> list[Claim]:
     return [
         Claim(
             "with masses 100 % wrong the circle is followed with a small constant offset",
-            f"robot twice as heavy {offset[HEAVY] * 100:+.1f} cm, half as heavy {offset[LIGHT] * 100:+.1f} cm; "
-            f"over the last 2 s it changes by {ripple * 1e3:.3f} mm",
+            f"robot twice as heavy {offset[HEAVY] * 100:+.1f} cm, half as heavy {offset[LIGHT] * 100:+.1f} "
+            f"cm; over the last 2 s it changes by {ripple * 1e3:.3f} mm",
             all(0.01 < abs(offset[label]) < 0.2 for label in WRONG) and ripple < 1e-3,
             note=f"the speed is off as well: {speeds[HEAVY]:.3f} and {speeds[LIGHT]:.3f} m/s",
             paper=True,

@@ -1,4 +1,5 @@
-"""Beyond the paper: from pose to pose with cusps, and through waypoints, on planned paths of lines and arcs."""
+"""Beyond the paper: from pose to pose with cusps, and through waypoints,
+on planned paths of lines and arcs."""
 
 import itertools
 import math
@@ -8,7 +9,18 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ....model.segments import Segment
-from ....simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, say, start, to_follow
+from ....simulation.drawing import (
+    COLOURS,
+    FAINT,
+    STOP,
+    legend_below,
+    over_time,
+    panels,
+    plane,
+    say,
+    start,
+    to_follow,
+)
 from ....simulation.planning.curves import sampled, through
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..vehicle import draw_vehicle
@@ -17,7 +29,7 @@ from .rolling import friction_circle
 FORWARD, BACKWARD = COLOURS[0], COLOURS[1]
 DRIVEN = "driven"
 
-# -- pose to pose --------------------------------------------------------------------------------------------------------
+# -- pose to pose --------------------------------------------------------------------------------------------
 
 GOAL = np.array([0.0, 4.0, 0.0])  # x, y (m), heading (rad), as in the spec
 CREEP, KV = 0.002, 2.0  # m/s, 1/s: as in the spec
@@ -63,13 +75,27 @@ def _mark_sides(axes: Axes, run: FigureRun) -> None:
             axes.axvspan(run.t[begin], run.t[end], color=BACKWARD, alpha=0.1, linewidth=0)
         text = f"$P_l$\n{'ahead' if ahead > 0 else 'behind'}"
         middle = (run.t[begin] + run.t[end]) / 2
-        axes.text(middle, 0.98, text, ha="center", va="top", fontsize=8, color=FAINT, transform=axes.get_xaxis_transform())
+        axes.text(
+            middle,
+            0.98,
+            text,
+            ha="center",
+            va="top",
+            fontsize=8,
+            color=FAINT,
+            transform=axes.get_xaxis_transform(),
+        )
 
 
 def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
     """The path with its cusps and the robot there; speed, L and distance over time."""
     run = runs[DRIVEN]
-    titles = ("path of the axle's middle", "forward speed", "distance of $P_l$ from the path", "s, sine of the angle to it")
+    titles = (
+        "path of the axle's middle",
+        "forward speed",
+        "distance of $P_l$ from the path",
+        "s, sine of the angle to it",
+    )
     figure, axes = panels(*titles, height=5.4, widths=(1.25, 1, 1, 1))
     _draw_segments(axes[0], _segments(run), "planned: shortest, radius ≥ 2.5 m")
     for reverse, colour, label in ((False, FORWARD, "driven forward"), (True, BACKWARD, "driven in reverse")):
@@ -78,7 +104,14 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
     cusps = hand_overs(run)
     for k, colour in ((0, FAINT), *((k, STOP) for k in cusps), (-1, "black")):
         draw_vehicle(axes[0], run, k, colour, 0.06)
-    axes[0].plot(*run.P_o[cusps].T, "X", color=STOP, markersize=9, label="cusp: direction and $P_l$ change sides", zorder=5)
+    axes[0].plot(
+        *run.P_o[cusps].T,
+        "X",
+        color=STOP,
+        markersize=9,
+        label="cusp: direction and $P_l$ change sides",
+        zorder=5,
+    )
     start(axes[0], run.P_o[0])
     axes[0].annotate("goal", GOAL[:2], (14, 40), textcoords="offset points")
     axes[0].plot(*GOAL[:2], "+", color="black", markersize=12, markeredgewidth=2, zorder=6)
@@ -89,7 +122,11 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
     axes[1].plot(run.t, run.speed, color=FORWARD, label="driven")
     axes[2].plot(run.t, run.y[:, 0] * 1e3, color=FORWARD)
     axes[3].plot(run.t, normal_sine(run), color=FORWARD)
-    shown = (("speed (m/s)", (-0.6, 0.8)), ("distance (mm), left of travel positive", (-6, 8)), ("s", (-0.08, 0.11)))
+    shown = (
+        ("speed (m/s)", (-0.6, 0.8)),
+        ("distance (mm), left of travel positive", (-6, 8)),
+        ("s", (-0.08, 0.11)),
+    )
     for panel, (quantity, limits) in zip(axes[1:], shown, strict=True):
         over_time(panel, quantity)
         panel.set_ylim(limits)
@@ -98,7 +135,12 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
     for k in cusps:
         text = f"{run.speed[k] * 1e3:+.1f} mm/s".replace("-", "−")
         axes[1].annotate(
-            text, (run.t[k], 0.0), (4, 6 if backward(run)[k] else -12), textcoords="offset points", color=STOP, fontsize=8
+            text,
+            (run.t[k], 0.0),
+            (4, 6 if backward(run)[k] else -12),
+            textcoords="offset points",
+            color=STOP,
+            fontsize=8,
         )
     legend_below(axes[1])
     return figure
@@ -108,7 +150,9 @@ def claims_cusp(runs: Runs) -> list[Claim]:
     """What the hand-over is, and where the robot ends."""
     run = runs[DRIVEN]
     cusps, levers = hand_overs(run), run.place[:, 0] + run.ahead
-    planned = [k for k, (a, b) in enumerate(itertools.pairwise(_segments(run)), 1) if a.backward != b.backward]
+    planned = [
+        k for k, (a, b) in enumerate(itertools.pairwise(_segments(run)), 1) if a.backward != b.backward
+    ]
     speeds = [abs(float(run.speed[k])) for k in cusps]
     fitting = bool(np.all(np.sign(levers) == np.where(backward(run), -1, 1)))
     distance = [(float(run.y[k - 1, 0]), float(run.y[k, 0])) for k in cusps]
@@ -124,18 +168,23 @@ def claims_cusp(runs: Runs) -> list[Claim]:
     order = bool(np.all(np.diff(run.piece) >= 0) and set(run.piece) == set(range(len(_segments(run)))))
     return [
         Claim(
-            "the planned path has two cusps, and each is a hand-over; every piece is followed once, in its order",
+            "the planned path has two cusps, and each is a hand-over; every piece is followed once, in its "
+            "order",
             f"{len(planned)} cusps, {len(cusps)} hand-overs, {len(_segments(run))} pieces",
             len(cusps) == len(planned) == 2 and order,
         ),
         Claim(
             f"hand-over: it happens when the robot stands (speed within creep, {CREEP * 1e3:g} mm/s)",
-            ", ".join(f"{speed * 1e3:.1f} mm/s at {run.t[k]:.2f} s" for speed, k in zip(speeds, cusps, strict=True)),
+            ", ".join(
+                f"{speed * 1e3:.1f} mm/s at {run.t[k]:.2f} s" for speed, k in zip(speeds, cusps, strict=True)
+            ),
             max(speeds, default=math.inf) <= CREEP * (1 + 1e-9),
         ),
         Claim(
             "direction and side of P_l change in one step: at no row do they disagree",
-            ", ".join(f"L {run.place[k - 1, 0]:g} to {run.place[k, 0]:g} m at {run.t[k]:.2f} s" for k in cusps),
+            ", ".join(
+                f"L {run.place[k - 1, 0]:g} to {run.place[k, 0]:g} m at {run.t[k]:.2f} s" for k in cusps
+            ),
             fitting,
         ),
         Claim(
@@ -143,29 +192,31 @@ def claims_cusp(runs: Runs) -> list[Claim]:
             ", ".join(f"{a * 1e3:+.2f} to {b * 1e3:+.2f} mm" for a, b in distance),
             float(np.abs(run.y[:, 0]).max()) <= 0.01,
             note="on an arc a P_l as far on the other side of an axle that stands on the path is l²/(2R) = "
-            f"{beside * 1e3:.0f} mm beside it; the rest is due to the angle to the path. It decays with the loop's poles",
+            f"{beside * 1e3:.0f} mm beside it; the rest is due to the angle to the path. It decays with "
+            "the loop's poles",
         ),
         Claim(
             "the heading stays far from normal to the path",
-            f"|s| at most {largest:.3f}, l/R = {abs(levers[0]) * max(abs(s.curvature) for s in _segments(run)):.3f}",
+            f"|s| at most {largest:.3f}, l/R = "
+            f"{abs(levers[0]) * max(abs(s.curvature) for s in _segments(run)):.3f}",
             largest < 0.5 and run.stopped is None,
         ),
         Claim(
             "the axle's middle ends at the goal, 4 m to the left of where it began, to 1 mm and 0.005 rad",
-            f"{off * 1e3:.2f} mm ({along * 1e3:+.2f} mm along) and {turned:+.4f} rad off at {run.t[-1]:g} s; at the cusps "
-            + " and ".join(f"{d * 1e3:.1f}" for d in closest)
-            + " mm off",
+            f"{off * 1e3:.2f} mm ({along * 1e3:+.2f} mm along) and {turned:+.4f} rad off at {run.t[-1]:g} s; "
+            "at the cusps " + " and ".join(f"{d * 1e3:.1f}" for d in closest) + " mm off",
             off <= 1e-3 and abs(turned) <= 0.005 and abs(float(run.speed[-1])) < 1e-4,
-            note="off the path at the cusps because only P_l is kept on it: the axle cuts the arc's end, and what is left "
-            "there of the angle to the path turns into distance. It comes in at creep, and runs on by at most creep/kv = "
-            f"{CREEP / KV * 1e3:g} mm",
+            note="off the path at the cusps because only P_l is kept on it: the axle cuts the arc's end, "
+            "and what is left there of the angle to the path turns into distance. It comes in at "
+            f"creep, and runs on by at most creep/kv = {CREEP / KV * 1e3:g} mm",
         ),
     ]
 
 
-# -- waypoints -----------------------------------------------------------------------------------------------------------
+# -- waypoints -----------------------------------------------------------------------------------------------
 
-POINTS = np.array([[0.0, 0.0], [4.0, 1.0], [7.0, 4.0], [11.0, 4.5], [13.0, 1.5], [17.0, 0.0]])  # m, as in the spec
+# m, as in the spec
+POINTS = np.array([[0.0, 0.0], [4.0, 1.0], [7.0, 4.0], [11.0, 4.5], [13.0, 1.5], [17.0, 0.0]])
 TOLERANCE = 0.05  # m
 CONTINUOUS, HELD = "continuous", "every 10 ms"
 
@@ -196,17 +247,31 @@ def draw_waypoints(runs: Runs) -> matplotlib.figure.Figure:
         height=4.8,
         widths=(1.7, 1, 1),
     )
-    _draw_segments(axes[0], _segments(run), f"{len(_segments(run))} arcs, within {TOLERANCE * 100:g} cm of a smooth curve")
+    _draw_segments(
+        axes[0],
+        _segments(run),
+        f"{len(_segments(run))} arcs, within {TOLERANCE * 100:g} cm of a smooth curve",
+    )
     axes[0].plot(*run.P_l.T, color=FORWARD, label="path of $P_l$")
     joins = np.array([(segment.x, segment.y) for segment in _segments(run)[1:]])
     axes[0].plot(*joins.T, "|", color="black", markersize=9, label="join")
-    axes[0].plot(*POINTS.T, "o", color=STOP, markersize=9, fillstyle="none", markeredgewidth=1.8, label="waypoint (given)")
+    axes[0].plot(
+        *POINTS.T,
+        "o",
+        color=STOP,
+        markersize=9,
+        fillstyle="none",
+        markeredgewidth=1.8,
+        label="waypoint (given)",
+    )
     for k in np.searchsorted(run.t, (0.0, 3.5, 6.5, 10.5, 20.0)):
         draw_vehicle(axes[0], run, min(int(k), len(run.t) - 1), FAINT, 0.06)
     plane(axes[0], POINTS, np.array([[-1.0, -1.5], [18.0, 6.0]]))
     legend_below(axes[0], 2)
     ends = np.cumsum([0.0, *(segment.length for segment in _segments(run))])
-    axes[1].stairs([segment.curvature for segment in _segments(run)], ends, baseline=None, color=FORWARD, linewidth=1.8)
+    axes[1].stairs(
+        [segment.curvature for segment in _segments(run)], ends, baseline=None, color=FORWARD, linewidth=1.8
+    )
     axes[1].axhline(0.0, color="black", linewidth=0.8)
     axes[1].set(xlabel="length along the path (m)", ylabel="curvature (1/m), left positive")
     axes[2].plot(run.t, run.y[:, 0] * 1e3, color=FORWARD)
@@ -232,7 +297,8 @@ def claims_waypoints(runs: Runs) -> list[Claim]:
     end = float(np.hypot(*(runs[HELD].P_l[-1] - POINTS[-1])))
     return [
         Claim(
-            f"the lines and arcs stay within {TOLERANCE * 100:g} cm of the smooth curve, and of the waypoints",
+            f"the lines and arcs stay within {TOLERANCE * 100:g} cm of the smooth curve, and of the "
+            "waypoints",
             f"{curve * 100:.2f} cm and {places * 100:.2f} cm at most, {len(segments)} pieces",
             max(curve, places) <= TOLERANCE,
         ),
@@ -247,14 +313,19 @@ def claims_waypoints(runs: Runs) -> list[Claim]:
             f"{error[HELD] * 1e3:.2f} mm; {error[CONTINUOUS]:.1e} m",
             error[HELD] <= 5e-3 and error[CONTINUOUS] <= 1e-6,
         ),
-        Claim("P_l stops at the last waypoint, to 1 cm", f"{end * 1e3:.1f} mm off at {runs[HELD].t[-1]:g} s", end <= 0.01),
+        Claim(
+            "P_l stops at the last waypoint, to 1 cm",
+            f"{end * 1e3:.1f} mm off at {runs[HELD].t[-1]:g} s",
+            end <= 0.01,
+        ),
     ]
 
 
-# -- the fastest speed ---------------------------------------------------------------------------------------------------
+# -- the fastest speed ---------------------------------------------------------------------------------------
 
 FASTEST, ONE_SPEED = "fastest", "one speed"
-SLOWER = {"reference.speed": 1.4, "reference.deceleration": 1.5}  # m/s: as much as friction allows where arcs begin; m/s^2
+# m/s: as much as friction allows where arcs begin; m/s^2
+SLOWER = {"reference.speed": 1.4, "reference.deceleration": 1.5}
 STANDS = 0.02  # m/s
 
 
@@ -280,7 +351,8 @@ def draw_fastest(runs: Runs) -> matplotlib.figure.Figure:
     for k in np.searchsorted(first.t, (0.0, 1.8, 3.2, 5.0, 12.0)):
         draw_vehicle(axes[0], first, min(int(k), len(first.t) - 1), FAINT, 0.1)
     plane(axes[0], axes[0].dataLim.get_points())
-    below = axes[1].inset_axes((0, 0, 1, 0.22), sharex=axes[1])  # a strip below the speed, with an axis of its own
+    # a strip below the speed, with an axis of its own
+    below = axes[1].inset_axes((0, 0, 1, 0.22), sharex=axes[1])
     ends = np.cumsum([0.0, *(segment.length for segment in _segments(first))])
     curvatures = [segment.curvature for segment in _segments(first)]
     below.stairs(curvatures, ends, fill=True, color=FAINT, alpha=0.25, linewidth=0)
@@ -290,7 +362,9 @@ def draw_fastest(runs: Runs) -> matplotlib.figure.Figure:
     below.tick_params(labelbottom=False, bottom=False)
     say(axes[1], "curvature of the path, left positive", (0.02, 0.23))
     for (label, run), colour in zip(runs.items(), COLOURS, strict=False):
-        axes[1].plot(_way(run), run.speed, color=colour, label=f"{label}: stands after {_standing(run):.1f} s")
+        axes[1].plot(
+            _way(run), run.speed, color=colour, label=f"{label}: stands after {_standing(run):.1f} s"
+        )
         worst = np.max([contact.use for contact in run.grip.contacts], axis=0)
         axes[3].plot(run.grip.t, worst, color=colour, label=f"{label}: at most {worst.max():.2f}")
     axes[1].plot(_way(first), first.y_d[:, 1], color="black", linestyle=":", linewidth=1.2, label="desired")
@@ -298,7 +372,9 @@ def draw_fastest(runs: Runs) -> matplotlib.figure.Figure:
     limited = (first.status == "grip")[: len(first.grip.t)]
     friction_circle(axes[2], 1.25)
     for contact, colour in zip(first.grip.contacts, COLOURS, strict=False):
-        across, along = (force / (contact.mu * contact.load) for force in (contact.lateral, contact.longitudinal))
+        across, along = (
+            force / (contact.mu * contact.load) for force in (contact.lateral, contact.longitudinal)
+        )
         axes[2].plot(across, along, color=colour, linewidth=0.9, label=contact.name)
         axes[2].plot(across[limited], along[limited], ".", color=colour, markersize=6)
     axes[2].plot([], [], ".", color=FAINT, markersize=6, label="limited, so that it rolls")
@@ -313,7 +389,9 @@ def claims_fastest(runs: Runs) -> list[Claim]:
     """Sooner, on the path, rolling."""
     times = {label: _standing(run) for label, run in runs.items()}
     off = {label: float(np.abs(run.y[:, 0]).max()) for label, run in runs.items()}
-    use = {label: max(float(contact.use.max()) for contact in run.grip.contacts) for label, run in runs.items()}
+    use = {
+        label: max(float(contact.use.max()) for contact in run.grip.contacts) for label, run in runs.items()
+    }
     end = max(float(np.hypot(*(run.P_o[-1] - _segments(run)[-1].end[:2]))) for run in runs.values())
     return [
         Claim(
@@ -331,7 +409,11 @@ def claims_fastest(runs: Runs) -> list[Claim]:
             ", ".join(f"{label}: friction use at most {most:.3f}" for label, most in use.items()),
             max(use.values()) <= 1.0,
         ),
-        Claim("the axle's middle ends at the end of the path, to 2 cm", f"{end * 1e3:.1f} mm off at most", end <= 0.02),
+        Claim(
+            "the axle's middle ends at the end of the path, to 2 cm",
+            f"{end * 1e3:.1f} mm off at most",
+            end <= 0.02,
+        ),
     ]
 
 
@@ -339,8 +421,9 @@ FIGURES = (
     Figure(
         "cusp",
         "Beyond the paper: from pose to pose on a shortest path with cusps",
-        "The paper rests on Dubins and Reeds and Shepp: arcs and lines reach any pose. Where a path reverses, v/(L + d) would "
-        "change its sign; so P_l changes to the other side of the axle there, while the robot stands.",
+        "The paper rests on Dubins and Reeds and Shepp: arcs and lines reach any pose. Where a path "
+        "reverses, v/(L + d) would change its sign; so P_l changes to the other side of the axle there, "
+        "while the robot stands.",
         "",
         {DRIVEN: Case("cusp.toml")},
         draw_cusp,
@@ -349,7 +432,8 @@ FIGURES = (
     Figure(
         "waypoints",
         "Beyond the paper: waypoints, as arcs and lines within a tolerance",
-        "The paper argues that any path can be broken down into lines and arcs. Here a smooth curve through waypoints is.",
+        "The paper argues that any path can be broken down into lines and arcs. Here a smooth curve through "
+        "waypoints is.",
         "",
         {
             HELD: Case("waypoints.toml"),
@@ -361,7 +445,8 @@ FIGURES = (
     Figure(
         "fastest",
         "Beyond the paper: the fastest speed along a path that friction allows",
-        "The paper follows a path at one speed. Here the speed is the highest within the accelerations of friction.",
+        "The paper follows a path at one speed. Here the speed is the highest within the accelerations of "
+        "friction.",
         "",
         {FASTEST: Case("fastest.toml"), ONE_SPEED: Case("fastest.toml", SLOWER)},
         draw_fastest,

@@ -15,8 +15,16 @@ TITLES = {
         "Contact point, frames and velocities of the contact's kinematics (5).",
     ),
     "platform": ("3", "Figure 3: the mobile platform", "Two driven wheels on one axle, castors ignored."),
-    "notation": ("4", "Figure 4: notation", "Points, lengths and angles of the platform; L and d as in every spec."),
-    "control-scheme": ("5", "Figure 5: control scheme", "Nonlinear feedbacks (12) and (20) inside, a linear loop around them."),
+    "notation": (
+        "4",
+        "Figure 4: notation",
+        "Points, lengths and angles of the platform; L and d as in every spec.",
+    ),
+    "control-scheme": (
+        "5",
+        "Figure 5: control scheme",
+        "Nonlinear feedbacks (12) and (20) inside, a linear loop around them.",
+    ),
 }
 
 

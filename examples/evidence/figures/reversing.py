@@ -1,4 +1,5 @@
-"""Beyond the paper: driving in reverse with the reference point on the wrong side of the axle, and on the right one."""
+"""Beyond the paper: driving in reverse with the reference point on the wrong side of the axle,
+and on the right one."""
 
 import math
 from collections.abc import Callable
@@ -23,7 +24,8 @@ def sine(run: FigureRun) -> np.ndarray:
 
 
 def predicted(run: FigureRun) -> Callable[[np.ndarray | float], np.ndarray]:
-    """s(t) in closed form from the start alone, for constant v: l ds/dt + v s = h1', h1 a sum of two exponentials."""
+    """s(t) in closed form from the start alone, for constant v: l ds/dt + v s = h1',
+    h1 a sum of two exponentials."""
     v, lookahead, s = float(run.speed[0]), float(run.place[0, 0]) + run.ahead, float(sine(run)[0])
     h, rate = float(run.P_l[0, 1]), float(run.speed[0]) * s  # not turning
     a, b = POLES
@@ -55,7 +57,12 @@ def draw_reversing(runs: Runs) -> matplotlib.figure.Figure:
         panel.plot(*run.P_l.T, ":", color=colour, label="path of $P_l$")
         instants = (0.0, 1.35, run.t[-1]) if label == WRONG else (0.0, 2.5)
         for t in instants:
-            draw_vehicle(panel, run, int(np.searchsorted(run.t, t - 1e-9)), STOP if run.stopped and t == run.t[-1] else colour)
+            draw_vehicle(
+                panel,
+                run,
+                int(np.searchsorted(run.t, t - 1e-9)),
+                STOP if run.stopped and t == run.t[-1] else colour,
+            )
         start(panel, run.P_l[0], "start of $P_l$")
         plane(panel, np.array([[-3.6, -2.9], [1.2, 1.4]]))
         panel.legend(loc="lower left", fontsize=8.5)
@@ -69,7 +76,9 @@ def draw_reversing(runs: Runs) -> matplotlib.figure.Figure:
     axes[2].semilogy([], [], "o", color="black", markersize=4, label="closed form")
     axes[2].axhline(1.0, color=STOP, linewidth=1.2)
     axes[2].plot(stopped.t[-1], 1.0, "X", color=STOP, markersize=9)
-    axes[2].annotate("singular: |s| = 1", (stopped.t[-1], 1.0), (8, 5), textcoords="offset points", color=STOP)
+    axes[2].annotate(
+        "singular: |s| = 1", (stopped.t[-1], 1.0), (8, 5), textcoords="offset points", color=STOP
+    )
     over_time(axes[2], "|s|")
     axes[2].set_ylim(2e-3, 2)
     axes[2].legend(loc="lower left")
@@ -81,16 +90,18 @@ def claims_reversing(runs: Runs) -> list[Claim]:
     wrong, right, continuous = (runs[label] for label in (WRONG, RIGHT, CONTINUOUS))
     expected = singular_at(wrong)
     unlike = {
-        label: float(np.abs(sine(runs[label]) - predicted(runs[label])(runs[label].t)).max()) for label in (CONTINUOUS, RIGHT)
+        label: float(np.abs(sine(runs[label]) - predicted(runs[label])(runs[label].t)).max())
+        for label in (CONTINUOUS, RIGHT)
     }
     levers = [float(run.place[0, 0]) + run.ahead for run in (wrong, right)]
     end, angle = float(np.abs(right.P_l[-1, 1])), math.degrees(abs(right.heading[-1]))
     speed = float(np.abs(continuous.speed + 1.0).max())
     return [
         Claim(
-            "with P_l on the wrong side (v and L + d of opposite signs) the heading runs away and the law becomes singular",
-            f"L + d = {levers[0]:+.1f} m at −1 m/s: from {math.degrees(wrong.heading[0]):.1f}° off to normal to the path, "
-            f"{wrong.stopped} at {wrong.t[-1]:.3f} s",
+            "with P_l on the wrong side (v and L + d of opposite signs) the heading runs away and the law "
+            "becomes singular",
+            f"L + d = {levers[0]:+.1f} m at −1 m/s: from {math.degrees(wrong.heading[0]):.1f}° off to normal "
+            f"to the path, {wrong.stopped} at {wrong.t[-1]:.3f} s",
             wrong.stopped == "singular" and levers[0] > 0,
         ),
         Claim(
@@ -100,16 +111,19 @@ def claims_reversing(runs: Runs) -> list[Claim]:
         ),
         Claim(
             "s(t) is that closed form on either side, to 1e-6 (controller continuous)",
-            f"{unlike[CONTINUOUS]:.1e} ahead of the axle (to {UNTIL:g} s), {unlike[RIGHT]:.1e} behind it (to {right.t[-1]:g} s)",
+            f"{unlike[CONTINUOUS]:.1e} ahead of the axle (to {UNTIL:g} s), {unlike[RIGHT]:.1e} behind it (to "
+            f"{right.t[-1]:g} s)",
             max(unlike.values()) <= 1e-6 and continuous.stopped is None,
         ),
         Claim(
-            'with reversing = "switch" P_l changes to the other side of the axle and the robot follows the path in reverse',
+            'with reversing = "switch" P_l changes to the other side of the axle and the robot follows the '
+            "path in reverse",
             f"L + d = {levers[1]:+.1f} m; {end * 1e3:.1f} mm and {angle:.3f}° off after {right.t[-1]:g} s",
             right.stopped is None and levers[1] < 0 and end < 5e-3 and angle < 0.2,
         ),
         Claim(
-            "the outputs are controlled perfectly all the while, so that nothing warns: the speed to 1e-9 m/s",
+            "the outputs are controlled perfectly all the while, so that nothing warns: the speed to "
+            "1e-9 m/s",
             f"{speed:.1e} m/s",
             speed <= 1e-9,
         ),
@@ -120,7 +134,8 @@ FIGURES = (
     Figure(
         "reversing",
         "Beyond the paper: in reverse, with the reference point on the wrong side and on the right one",
-        "Where v / (L + d) is negative the zero dynamics are unstable: pushed from the wrong end, the robot jackknifes.",
+        "Where v / (L + d) is negative the zero dynamics are unstable: pushed from the wrong end, the robot "
+        "jackknifes.",
         "",
         {
             WRONG: Case("reversing.toml", {"simulation.period": 1e-3}),

@@ -12,10 +12,22 @@ from scipy.interpolate import CubicSpline
 from ....model.outputs import output_map
 from ....readers.robots import system_of
 from ....simulation import drawing
-from ....simulation.drawing import COLOURS, DESIRED, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow
+from ....simulation.drawing import (
+    COLOURS,
+    DESIRED,
+    FAINT,
+    STOP,
+    legend_below,
+    over_time,
+    panels,
+    plane,
+    start,
+    to_follow,
+)
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 
-LEFT_OVER, LEFT_OVER_WRONG = 0.03, 0.2  # of what an output was off at most, at the end; where the plant is believed another
+# Of what an output was off at most, at the end; where the plant is believed another
+LEFT_OVER, LEFT_OVER_WRONG = 0.03, 0.2
 BALANCE = 1e-6  # of the most that the energy differs from its start: what it may differ from the work done
 DRAWN = 5  # times that a robot is drawn on its way
 FINE = 200  # places each way between which the path is drawn
@@ -27,26 +39,47 @@ PARTS = {  # lines of a robot's drawing that its figure names, by their place in
 
 TITLES = {  # name -> title, why it is here
     "knife_edge": ("Knife edge round a circle", "The smallest robot that rolls."),
-    "rolling_disk": ("Rolling disk to a line", "A coordinate more than the knife edge has: its rolling angle."),
+    "rolling_disk": (
+        "Rolling disk to a line",
+        "A coordinate more than the knife edge has: its rolling angle.",
+    ),
     "car": ("Car round a circle", "Steered in front, driven behind: P_l is ahead of the steered wheel."),
     "tricycle": ("Tricycle to a line", "Driven and steered in front, so that it can turn on the spot."),
     "tractor_trailer": ("Tractor with three trailers", "A chain: its reduced equations come body by body."),
-    "ball_plate": ("Ball between two plates", "Rolling in space: the plate above rolls the ball along a line."),
+    "ball_plate": (
+        "Ball between two plates",
+        "Rolling in space: the plate above rolls the ball along a line.",
+    ),
     "turntable_ball": ("Ball across a turntable", "Constraints that move: the turntable drives the ball."),
-    "four_wheel": ("Jointed platform with four motors", "Four torques for two degrees of freedom, shared by weights."),
+    "four_wheel": (
+        "Jointed platform with four motors",
+        "Four torques for two degrees of freedom, shared by weights.",
+    ),
     "mobile_manipulator": (
         "Platform with an arm",
         "Four outputs: the arm's end point follows a line, the platform the arm.",
     ),
     "geared_arm": ("Geared arm", "Holonomic constraints only: gears between motors and joints; and gravity."),
-    "slope_platform": ("Platform on a slope", "Gravity and friction; the slope is steeper than the controller believes."),
-    "turtlebot3_burger": ("TurtleBot3 Burger to a line", "A robot that can be bought, with the numbers of its description."),
+    "slope_platform": (
+        "Platform on a slope",
+        "Gravity and friction; the slope is steeper than the controller believes.",
+    ),
+    "turtlebot3_burger": (
+        "TurtleBot3 Burger to a line",
+        "A robot that can be bought, with the numbers of its description.",
+    ),
     "turtlebot3_waffle_pi": ("TurtleBot3 Waffle Pi round a circle", "A wider one of the same maker."),
     "pioneer_3dx": ("Pioneer 3-DX to a line", "The usual platform of laboratories."),
     "f1tenth": ("Car of F1TENTH round a circle", "A car's geometry, small and fast."),
     "bus": ("Bus round a circle", "Both axles steered: the rear one against the front one."),
-    "castor_platform": ("Platform with castors to a line", "The paper's platform with what it ignores: castors as bodies."),
-    "mecanum": ("Platform on mecanum wheels", "Rollers at 45 degrees: four wheels, three degrees of freedom."),
+    "castor_platform": (
+        "Platform with castors to a line",
+        "The paper's platform with what it ignores: castors as bodies.",
+    ),
+    "mecanum": (
+        "Platform on mecanum wheels",
+        "Rollers at 45 degrees: four wheels, three degrees of freedom.",
+    ),
     "forklift": ("Forklift to a line", "A tricycle with its load on the wheels behind."),
 }
 
@@ -66,7 +99,9 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
     """The way with the robot on it, what the outputs are off, the inputs, and where the energy goes."""
     run = runs[RUN]
     robot = run.robot
-    figure, axes = panels("path", "error: output − desired", "inputs", "energy", height=5.0, widths=(1.5, 1, 1, 1))
+    figure, axes = panels(
+        "path", "error: output − desired", "inputs", "energy", height=5.0, widths=(1.5, 1, 1, 1)
+    )
     _draw_way(axes[0], run)
     output = output_map(system_of(robot), run.spec.output.law)
     for row, error, colour in zip(output.rows, run.error.T, COLOURS, strict=False):
@@ -76,7 +111,9 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
     for given, values, colour in zip(robot.inputs, run.tau.T, COLOURS, strict=False):
         axes[2].plot(run.t, values, color=colour, label=f"{given.name} ({given.unit})")
     over_time(axes[2], f"input ({', '.join(dict.fromkeys(given.unit for given in robot.inputs))})")
-    axes[3].plot(run.t, run.energy - run.energy[0], color=COLOURS[0], linewidth=3.5, alpha=0.5, label="energy E − E(0)")
+    axes[3].plot(
+        run.t, run.energy - run.energy[0], color=COLOURS[0], linewidth=3.5, alpha=0.5, label="energy E − E(0)"
+    )
     axes[3].plot(run.t, work(run), color=STOP, linestyle="--", label="work of inputs and friction")
     over_time(axes[3], "energy (J)")
     for panel in axes[1:]:
@@ -86,7 +123,8 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
 
 
 def _draw_way(axes: Axes, run: FigureRun) -> None:
-    """The desired path, where the vehicle's point or the controlled place went, and the robot at instants spread over its way."""
+    """The desired path, where the vehicle's point or the controlled place went,
+    and the robot at instants spread over its way."""
     robot = run.robot
     output = output_map(system_of(robot), run.spec.output.law)
     if output.path:
@@ -119,18 +157,28 @@ def _draw_way(axes: Axes, run: FigureRun) -> None:
 
 
 def _apart(run: FigureRun, point: np.ndarray) -> np.ndarray:
-    """Instants at which the robot is drawn: as many up to DRAWN as fit along its way without covering one another."""
-    across = float(np.ptp(np.vstack([line[0] for line in drawing.outlines(run.robot, run.q[:1], run.plant)]), axis=0).max())
+    """Instants at which the robot is drawn: as many up to DRAWN as fit along its way without covering one
+    another."""
+    across = float(
+        np.ptp(
+            np.vstack([line[0] for line in drawing.outlines(run.robot, run.q[:1], run.plant)]), axis=0
+        ).max()
+    )
     length = float(np.hypot(*np.diff(point, axis=0).T).sum())
     return np.unique(drawing.evenly_spread(point, int(np.clip(1 + length / across, 2, DRAWN))))
 
 
 def _draw_path(axes: Axes, path: ca.Function, config: np.ndarray, shown: Sequence[np.ndarray]) -> None:
     """The curve that is followed, also some way beyond what is shown."""
-    low, high = np.min([part.min(axis=0) for part in shown], axis=0), np.max([part.max(axis=0) for part in shown], axis=0)
+    low, high = (
+        np.min([part.min(axis=0) for part in shown], axis=0),
+        np.max([part.max(axis=0) for part in shown], axis=0),
+    )
     (x, y), half = (low + high) / 2, 1.5 * (high - low).max()
     places = np.linspace(x - half, x + half, FINE), np.linspace(y - half, y + half, FINE)
-    drawing.draw_implicit(axes, path, config, *places, "path to follow", color=DESIRED, linewidth=5, alpha=0.45)
+    drawing.draw_implicit(
+        axes, path, config, *places, "path to follow", color=DESIRED, linewidth=5, alpha=0.45
+    )
 
 
 def work(run: FigureRun) -> np.ndarray:

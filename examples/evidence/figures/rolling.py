@@ -16,15 +16,21 @@ LINES = {f"line {name}": line.LINE[f"IV {name}"] for name in line.SPEEDS}
 CIRCLES = {label: case for label, case in circle.FIGURES[0].cases.items() if not case.singular}
 GENTLE, PAPERS, ROUND = "line C, gentle gains", "line C", "+90°"
 MU = 0.7
-SHOWN = {PAPERS: "line, case C (figure 1)", ROUND: "circle, heading 90° (figure 8 a)", GENTLE: "line C, gentle gains"}
+SHOWN = {
+    PAPERS: "line, case C (figure 1)",
+    ROUND: "circle, heading 90° (figure 8 a)",
+    GENTLE: "line C, gentle gains",
+}
 STEADY_SPEEDS = (3.0, 5.0, 9.0)  # m/s, beside those just below and above the limit
 
 
 def needed_on_circle(v: float) -> float:
-    """Friction coefficient that the worse wheel needs at a steady speed v on the circle, L = 0, in closed form.
+    """Friction coefficient that the worse wheel needs at a steady speed v on the circle, L = 0, in closed
+    form.
 
-    P_o runs on sqrt(R^2 - d^2) with yaw rate w. Each wheel bears half of the side force m v w; P_c, d ahead, is pulled back
-    by m_c d w^2, and turning its velocity takes the moment m_c d v w, which the wheels' forward forces give.
+    P_o runs on sqrt(R^2 - d^2) with yaw rate w. Each wheel bears half of the side force m v w; P_c, d ahead,
+    is pulled back by m_c d w^2, and turning its velocity takes the moment m_c d v w, which the wheels'
+    forward forces give.
     """
     p = {q.name: q.default for q in find_robot("labmate").parameters}
     w = v / math.sqrt(circle.RADIUS**2 - p["d"] ** 2)
@@ -37,13 +43,16 @@ FASTEST = math.sqrt(MU / needed_on_circle(1.0))  # m/s: what is needed goes with
 
 
 def _steady(v: float) -> Case:
-    """On the circle at speed v, in the steady state from the start: s = d / R, yaw rate v / sqrt(R^2 - d^2)."""
+    """On the circle at speed v, in the steady state from the start: s = d / R,
+    yaw rate v / sqrt(R^2 - d^2)."""
     p = {q.name: q.default for q in find_robot("labmate").parameters}
     turn = p["b"] * v / math.sqrt(circle.RADIUS**2 - p["d"] ** 2)
     x, y = (float(c) for c in circle.CENTRE)
     q = [x + circle.RADIUS, y, math.pi / 2 - math.asin(p["d"] / circle.RADIUS), 0.0, 0.0]
     nu = [(v + turn) / p["r"], (v - turn) / p["r"]]
-    return Case("figure_8.toml", {"initial": {"q": q, "nu": nu}, "reference.speed": v, "simulation.duration": 1.0})
+    return Case(
+        "figure_8.toml", {"initial": {"q": q, "nu": nu}, "reference.speed": v, "simulation.duration": 1.0}
+    )
 
 
 STEADY = {f"{v:.2f} m/s": _steady(v) for v in sorted((*STEADY_SPEEDS, 0.99 * FASTEST, 1.01 * FASTEST))}
@@ -55,7 +64,8 @@ def needs(grip: Grip) -> np.ndarray:
 
 
 def draw_rolling(runs: Runs) -> matplotlib.figure.Figure:
-    """Friction use over time, the forces against it; what the headings of figure 8 (a) need, and how fast it can go round."""
+    """Friction use over time, the forces against it; what the headings of figure 8 (a) need,
+    and how fast it can go round."""
     figure, axes = panels(
         "friction use, worse wheel",
         "forces / (μ load)",
@@ -65,11 +75,19 @@ def draw_rolling(runs: Runs) -> matplotlib.figure.Figure:
     )
     for (label, name), colour in zip(SHOWN.items(), (COLOURS[1], COLOURS[3], COLOURS[0]), strict=True):
         grip = runs[label].grip
-        axes[0].plot(grip.t, needs(grip) / MU, color=colour, label=f"{name}: up to {needs(grip).max() / MU:.2f}")
+        axes[0].plot(
+            grip.t, needs(grip) / MU, color=colour, label=f"{name}: up to {needs(grip).max() / MU:.2f}"
+        )
         for contact, style in zip(grip.contacts, ("-", "--"), strict=True):
             limit = contact.mu * contact.load
             axes[1].plot(contact.lateral / limit, contact.longitudinal / limit, style, color=colour)
-            axes[1].plot(contact.lateral[0] / limit[0], contact.longitudinal[0] / limit[0], "o", color=colour, markersize=5)
+            axes[1].plot(
+                contact.lateral[0] / limit[0],
+                contact.longitudinal[0] / limit[0],
+                "o",
+                color=colour,
+                markersize=5,
+            )
     axes[0].axhspan(1.0, 2.6, color=STOP, alpha=0.08)
     axes[0].axhline(1.0, color=STOP, linewidth=1.2)
     over_time(axes[0], "|F| / (μ load)")
@@ -100,13 +118,22 @@ def friction_circle(axes: Axes, wide: float, high: tuple[float, float] | None = 
     angle = np.linspace(0, 2 * np.pi, 361)
     axes.fill(np.cos(angle), np.sin(angle), color=COLOURS[2], alpha=0.12, linewidth=0)
     axes.plot(np.cos(angle), np.sin(angle), color=STOP, linewidth=1.2)
-    axes.set(xlim=(wide, -wide), ylim=high or (-wide, wide), aspect="equal", xlabel="sideways, left positive", ylabel="forward")
+    axes.set(
+        xlim=(wide, -wide),
+        ylim=high or (-wide, wide),
+        aspect="equal",
+        xlabel="sideways, left positive",
+        ylabel="forward",
+    )
 
 
 def _draw_headings(axes: Axes, runs: Runs) -> None:
-    """What each heading of figure 8 (a) needs, as dots: the scale is logarithmic, where a bar would begin nowhere."""
+    """What each heading of figure 8 (a) needs, as dots: the scale is logarithmic,
+    where a bar would begin nowhere."""
     needed = [float(needs(runs[label].grip).max()) for label in CIRCLES]
-    axes.scatter(needed, list(CIRCLES), color=[STOP if value > MU else COLOURS[0] for value in needed], zorder=3)
+    axes.scatter(
+        needed, list(CIRCLES), color=[STOP if value > MU else COLOURS[0] for value in needed], zorder=3
+    )
     for k, value in enumerate(needed):
         axes.annotate(f"{value:.1f}", (value, k), (8, 0), textcoords="offset points", va="center", fontsize=9)
     axes.axvline(MU, color=STOP, linewidth=1.2)
@@ -117,10 +144,15 @@ def _draw_headings(axes: Axes, runs: Runs) -> None:
 
 
 def claims_rolling(runs: Runs) -> list[Claim]:
-    """Where the assumption of no slip would break, a start for which it holds, and the fastest way round the circle."""
+    """Where the assumption of no slip would break, a start for which it holds,
+    and the fastest way round the circle."""
     grips = {label: run.grip for label, run in runs.items()}
     needed = {label: float(needs(grip).max()) for label, grip in grips.items()}
-    until = {label: float(grip.t[np.flatnonzero(needs(grip) > MU)[-1]]) for label, grip in grips.items() if needed[label] > MU}
+    until = {
+        label: float(grip.t[np.flatnonzero(needs(grip) > MU)[-1]])
+        for label, grip in grips.items()
+        if needed[label] > MU
+    }
     least = min(needed[label] for label in CIRCLES)
     unlike = max(abs(needed[label] - needed_on_circle(float(runs[label].speed[0]))) for label in STEADY)
     steady = {label: grips[label].rolls for label in STEADY}
@@ -128,21 +160,25 @@ def claims_rolling(runs: Runs) -> list[Claim]:
     return [
         Claim(
             f"the paper's start of the line from rest would slip on friction {MU:g}, at each speed",
-            "; ".join(f"{label}: needs {needed[label]:.2f}, until {until.get(label, 0):.2f} s" for label in LINES),
+            "; ".join(
+                f"{label}: needs {needed[label]:.2f}, until {until.get(label, 0):.2f} s" for label in LINES
+            ),
             all(needed[label] > MU for label in LINES),
-            note="gains, start and speeds A and B are assumed; the distance of 1.4 m and all the speed are asked for at "
-            "once. The paper does not look at contact forces",
+            note="gains, start and speeds A and B are assumed; the distance of 1.4 m and all the speed are "
+            "asked for at once. The paper does not look at contact forces",
         ),
         Claim(
-            f"the starts of figure 8 (a) would slip as well, from every heading, the mildest needing {least:.2f}",
+            "the starts of figure 8 (a) would slip as well, from every heading, the mildest needing "
+            f"{least:.2f}",
             ", ".join(f"{label}: {needed[label]:.1f}" for label in CIRCLES),
             all(needed[label] > MU for label in CIRCLES),
-            note="no rubber gives much more than 1: figures 8 show the law, not what such a vehicle would do at first",
+            note="no rubber gives much more than 1: figures 8 show the law, not what such a vehicle would do "
+            "at first",
         ),
         Claim(
             "from the same place on the line gentler gains (poles −0.25, −1; kv 0.5) roll all the way",
-            f"needs {needed[GENTLE]:.2f} at most; distance {abs(float(line.distance(runs[GENTLE].P_l)[-1])) * 1e3:.1f} mm at "
-            f"{runs[GENTLE].t[-1]:g} s",
+            f"needs {needed[GENTLE]:.2f} at most; distance "
+            f"{abs(float(line.distance(runs[GENTLE].P_l)[-1])) * 1e3:.1f} mm at {runs[GENTLE].t[-1]:g} s",
             grips[GENTLE].rolls,
         ),
         Claim(
@@ -154,8 +190,8 @@ def claims_rolling(runs: Runs) -> list[Claim]:
             f"the circle can be driven at up to {FASTEST:.2f} m/s before it slips",
             "; ".join(f"{label} {'rolls' if rolls else 'would slip'}" for label, rolls in steady.items()),
             right and len(set(steady.values())) == 2,
-            note=f"v²/R = μ g alone would give {math.sqrt(MU * GRAVITY * circle.RADIUS):.2f} m/s; P_c ahead of the axle has to "
-            "be turned too, with opposite forces of the two wheels",
+            note=f"v²/R = μ g alone would give {math.sqrt(MU * GRAVITY * circle.RADIUS):.2f} m/s; P_c ahead "
+            "of the axle has to be turned too, with opposite forces of the two wheels",
         ),
     ]
 
@@ -164,9 +200,11 @@ FIGURES = (
     Figure(
         "rolling",
         "Beyond the paper: does it still roll?",
-        "The whole method rests on rolling without slip. The constraint forces of the runs tell what the ground must give.",
-        "friction coefficient 0.7 (the paper names none), the whole weight on the driven wheels, no load transfer; wheels of an "
-        "axle share its side force by load at rest; gains, starts and the circle as in figures 1 and 8; wheel radius 0.15 m",
+        "The whole method rests on rolling without slip. The constraint forces of the runs tell what the "
+        "ground must give.",
+        "friction coefficient 0.7 (the paper names none), the whole weight on the driven wheels, no load "
+        "transfer; wheels of an axle share its side force by load at rest; gains, starts and the circle as "
+        "in figures 1 and 8; wheel radius 0.15 m",
         {**LINES, **CIRCLES, GENTLE: Case("rolling.toml"), **STEADY},
         draw_rolling,
         claims_rolling,

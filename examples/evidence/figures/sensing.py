@@ -17,7 +17,9 @@ RIGHT_MEAN, SD = 5.0, 3.0  # rad/s
 FIRST, SECOND = LEFT_MEANS
 SETTLED = 4.0  # s: without noise the circle is reached by then
 TRUE, SENSED = COLOURS[0], COLOURS[1]
-NOISE = "noise drawn anew every 10 ms; the mean of the left wheel's is 0.5 or 5 rad/s in the scan: both are shown"
+NOISE = (
+    "noise drawn anew every 10 ms; the mean of the left wheel's is 0.5 or 5 rad/s in the scan: both are shown"
+)
 ASSUMED = f"{NOISE}; heading 90° at the start; {circle.ASSUMED} (what the noise does depends on it)"
 
 
@@ -38,14 +40,17 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-# -- 13: the noise itself ------------------------------------------------------------------------------------------------
+# -- 13: the noise itself ------------------------------------------------------------------------------------
 
 
 def draw_13(runs: Runs) -> matplotlib.figure.Figure:
     """Sensed and true rate of either wheel."""
     figure, axes = panels(
         "(a) right wheel",
-        *(f"({'bc'[k]}) left wheel, its mean read as {mean:g} rad/s" for k, mean in enumerate(LEFT_MEANS.values())),
+        *(
+            f"({'bc'[k]}) left wheel, its mean read as {mean:g} rad/s"
+            for k, mean in enumerate(LEFT_MEANS.values())
+        ),
         height=4.0,
     )
     for panel, (label, wheel) in zip(axes, ((FIRST, 0), (FIRST, 1), (SECOND, 1)), strict=True):
@@ -55,7 +60,11 @@ def draw_13(runs: Runs) -> matplotlib.figure.Figure:
         panel.plot(run.t, true, color=TRUE, linewidth=2.2, label="true")
         mean = (sensed - true).mean()
         panel.axhline(
-            true.mean() + mean, color="black", linestyle="--", linewidth=1.2, label=f"mean of the sensed: {mean:+.2f} rad/s off"
+            true.mean() + mean,
+            color="black",
+            linestyle="--",
+            linewidth=1.2,
+            label=f"mean of the sensed: {mean:+.2f} rad/s off",
         )
         over_time(panel, "wheel rate (rad/s)")
         panel.set_ylim(20, 62)
@@ -74,9 +83,11 @@ def claims_13(runs: Runs) -> list[Claim]:
     uniform = max(float(np.abs(run.nu - run.nu[0]).max()) for run in runs.values())
     return [
         Claim(
-            "the sensed rates are the true ones plus Gaussian noise of the means and standard deviation stated",
+            "the sensed rates are the true ones plus Gaussian noise of the means and standard deviation "
+            "stated",
             "; ".join(
-                f"{('right', 'left')[w]} {n.mean():.2f} ± {n.std():.2f} rad/s" for n, (_, w, _) in zip(noise, wheels, strict=True)
+                f"{('right', 'left')[w]} {n.mean():.2f} ± {n.std():.2f} rad/s"
+                for n, (_, w, _) in zip(noise, wheels, strict=True)
             ),
             means < 4 * SD / count**0.5 and sds < 4 * SD / (2 * count) ** 0.5,
             note=f"means and deviations of {count} samples each, to four standard errors",
@@ -91,7 +102,8 @@ def claims_13(runs: Runs) -> list[Claim]:
             "the true motion is a uniform straight one, to 1e-9 rad/s",
             f"{uniform:.1e} rad/s",
             uniform <= 1e-9,
-            note="the motors are limited to nothing; under control the robot would answer the noise and leave the line",
+            note="the motors are limited to nothing; under control the robot would answer the noise and "
+            "leave the line",
         ),
     ]
 
@@ -100,7 +112,7 @@ def _means() -> dict[str, tuple[float, float]]:
     return {label: (RIGHT_MEAN, mean) for label, mean in LEFT_MEANS.items()}
 
 
-# -- 14: a circle followed by dead reckoning -----------------------------------------------------------------------------
+# -- 14: a circle followed by dead reckoning -----------------------------------------------------------------
 
 
 def _draw_paths(axes: Axes, run: FigureRun, sensed: str = "sensed path of $P_l$") -> None:
@@ -119,7 +131,13 @@ def draw_14(runs: Runs) -> matplotlib.figure.Figure:
         legend_below(panel, 2)
     for label, style in zip(LEFT_MEANS, ("-", "--"), strict=True):
         run = runs[label]
-        axes[2].plot(run.t, circle.distance(run), style, color=TRUE, label=f"true, {label}: {_worst(circle.distance(run))}")
+        axes[2].plot(
+            run.t,
+            circle.distance(run),
+            style,
+            color=TRUE,
+            label=f"true, {label}: {_worst(circle.distance(run))}",
+        )
         axes[2].plot(run.t, sensed_distance(run), style, color=SENSED, label=f"sensed, {label}")
     over_time(axes[2], "distance (m), outside positive")
     axes[2].set_ylim(-8, 45)
@@ -137,7 +155,8 @@ def claims_14(runs: Runs) -> list[Claim]:
     left = {label: circle.distance(runs[label]) for label in LEFT_MEANS}
     believed = {label: sensed_distance(runs[label])[_late(runs[label])] for label in LEFT_MEANS}
     same = max(
-        float(np.abs(getattr(runs[AGAIN], name) - getattr(runs[FIRST], name)).max()) for name in ("q", "nu", "tau", "seen")
+        float(np.abs(getattr(runs[AGAIN], name) - getattr(runs[FIRST], name)).max())
+        for name in ("q", "nu", "tau", "seen")
     )
     differs = float(np.abs(runs[OTHER_SEED].P_l[-1] - runs[FIRST].P_l[-1]).max())
     agreement = max(run.agreement for run in runs.values())
@@ -146,7 +165,8 @@ def claims_14(runs: Runs) -> list[Claim]:
             "the vehicle's path diverges from the desired one",
             "; ".join(f"{label}: up to {np.abs(d).max():.2f} m off" for label, d in left.items()),
             all(np.abs(d[_late(runs[label])]).max() > 1.0 for label, d in left.items()),
-            note="a difference of the means turns the sensed heading, a common mean lets it believe to be faster than it is",
+            note="a difference of the means turns the sensed heading, a common mean lets it believe to be "
+            "faster than it is",
             paper=True,
         ),
         Claim(
@@ -170,7 +190,7 @@ def claims_14(runs: Runs) -> list[Claim]:
     ]
 
 
-# -- 15, 16: recalibration -----------------------------------------------------------------------------------------------
+# -- 15, 16: recalibration -----------------------------------------------------------------------------------
 
 AGAIN, OTHER_SEED = "the same once more", "another seed"
 
@@ -195,18 +215,28 @@ def draw_reset(runs: Runs) -> matplotlib.figure.Figure:
     """True and sensed path, distances with the jumps, and how far P_l moves from sample to sample."""
     run = runs[FIRST]
     figure, axes = panels(
-        f"paths, {FIRST} rad/s", "distance from the circle", "change of the position in 10 ms", height=5.2, widths=(1.1, 1, 1)
+        f"paths, {FIRST} rad/s",
+        "distance from the circle",
+        "change of the position in 10 ms",
+        height=5.2,
+        widths=(1.1, 1, 1),
     )
     _draw_paths(axes[0], run)
     set_right = _corrections(run)
-    axes[0].plot(*run.P_l[set_right].T, "o", color=STOP, markersize=4, label="pose set to the true one", zorder=5)
+    axes[0].plot(
+        *run.P_l[set_right].T, "o", color=STOP, markersize=4, label="pose set to the true one", zorder=5
+    )
     plane(axes[0], run.P_l, run.seen[:, :2])
     legend_below(axes[0], 2)
     for label, style in zip(LEFT_MEANS, ("-", "--"), strict=True):
         other = runs[label]
         off = circle.distance(other)
-        axes[1].plot(other.t, off, style, color=TRUE, label=f"true, {label}: rms {_rms(off[_late(other)]):.2f} m")
-        axes[1].plot(other.t, sensed_distance(other), style, color=SENSED, linewidth=1.0, label=f"sensed, {label}")
+        axes[1].plot(
+            other.t, off, style, color=TRUE, label=f"true, {label}: rms {_rms(off[_late(other)]):.2f} m"
+        )
+        axes[1].plot(
+            other.t, sensed_distance(other), style, color=SENSED, linewidth=1.0, label=f"sensed, {label}"
+        )
     over_time(axes[1], "distance (m), outside positive")
     axes[1].set_ylim(-2.5, 5.5)
     axes[1].axhline(0.0, color="black", linewidth=0.8)
@@ -234,9 +264,13 @@ def claims_reset(runs: Runs) -> list[Claim]:
     return [
         Claim(
             "the path is significantly better than without: the error stays bounded",
-            "; ".join(f"{label}: up to {worst[label]:.2f} m (never corrected {without[label]:.2f} m)" for label in LEFT_MEANS)
+            "; ".join(
+                f"{label}: up to {worst[label]:.2f} m (never corrected {without[label]:.2f} m)"
+                for label in LEFT_MEANS
+            )
             + f" from {SETTLED:g} s on",
-            all(worst[label] < 0.5 * without[label] for label in LEFT_MEANS) and all(g < 1.5 for g in growth.values()),
+            all(worst[label] < 0.5 * without[label] for label in LEFT_MEANS)
+            and all(g < 1.5 for g in growth.values()),
             note="RMS distance of the second half of that time over that of the first: "
             + ", ".join(f"{label} {g:.2f}" for label, g in growth.items()),
             paper=True,
@@ -246,7 +280,8 @@ def claims_reset(runs: Runs) -> list[Claim]:
 
 
 def _late_growth(run: FigureRun) -> float:
-    """RMS distance in the second half of the settled time over that in the first: 1.7 where it grows evenly from the start."""
+    """RMS distance in the second half of the settled time over that in the first:
+    1.7 where it grows evenly from the start."""
     off, half = circle.distance(run), (SETTLED + run.t[-1]) / 2
     return _rms(off[run.t > half]) / _rms(off[_late(run) & (run.t <= half)])
 
@@ -267,17 +302,21 @@ def _continuity(run: FigureRun, label: str) -> list[Claim]:
     return [
         Claim(
             "the sensed position is discontinuous",
-            f"jumps by {sensed[rows].min() * 100:.1f} to {sensed[rows].max() * 100:.1f} cm when set right, moves by at most "
-            f"{sensed[others].max() * 100:.1f} cm between other samples ({label})",
+            f"jumps by {sensed[rows].min() * 100:.1f} to {sensed[rows].max() * 100:.1f} cm when set right, "
+            f"moves by at most {sensed[others].max() * 100:.1f} cm between other samples ({label})",
             bool(sensed[rows].max() > 2 * sensed[others].max()),
             paper=True,
         ),
         Claim(
             "the actual position and velocity are not discontinuous",
-            f"in the 10 ms after it is set right P_l moves {true[rows + 1].min() * 100:.2f} to {true[rows + 1].max() * 100:.2f} "
-            f"cm, otherwise {true[others].min() * 100:.2f} to {true[others].max() * 100:.2f} cm; the speed changes by at most "
-            f"{speed[rows + 1].max():.3f} m/s, otherwise {speed[others].max():.3f} m/s",
-            bool(true[rows + 1].max() < 1.1 * true[others].max() and speed[rows + 1].max() < 1.5 * speed[others].max()),
+            f"in the 10 ms after it is set right P_l moves {true[rows + 1].min() * 100:.2f} to "
+            f"{true[rows + 1].max() * 100:.2f} cm, otherwise {true[others].min() * 100:.2f} to "
+            f"{true[others].max() * 100:.2f} cm; the speed changes by at most {speed[rows + 1].max():.3f} "
+            f"m/s, otherwise {speed[others].max():.3f} m/s",
+            bool(
+                true[rows + 1].max() < 1.1 * true[others].max()
+                and speed[rows + 1].max() < 1.5 * speed[others].max()
+            ),
             note="the torque, though, jumps with what is sensed",
             paper=True,
         ),
@@ -294,9 +333,13 @@ def _rate(rate: float, mode: str, left: str) -> str:
 
 
 def draw_rates(runs: Runs) -> matplotlib.figure.Figure:
-    """Distance for the three rates, rms against the rate, and what either correction does to the sensed position."""
+    """Distance for the three rates, rms against the rate, and what either correction does to the sensed
+    position."""
     figure, axes = panels(
-        "distance from the circle, reset", "against the rate", "change of the sensed position in 10 ms", height=4.6
+        "distance from the circle, reset",
+        "against the rate",
+        "change of the sensed position in 10 ms",
+        height=4.6,
     )
     for rate, colour in zip(RATES, (COLOURS[3], COLOURS[0], COLOURS[2]), strict=True):
         run = runs[_rate(rate, "reset", FIRST)]
@@ -307,7 +350,10 @@ def draw_rates(runs: Runs) -> matplotlib.figure.Figure:
     axes[0].legend(loc="upper right", title=f"{FIRST} rad/s")
     for mode, style in (("reset", "-"), (BUMPLESS, "--")):
         for left, colour in zip(LEFT_MEANS, COLOURS, strict=False):
-            rms = [_rms(circle.distance(run)[_late(run)]) for run in (runs[_rate(rate, mode, left)] for rate in RATES)]
+            rms = [
+                _rms(circle.distance(run)[_late(run)])
+                for run in (runs[_rate(rate, mode, left)] for rate in RATES)
+            ]
             axes[1].loglog(RATES, rms, f"o{style}", color=colour, label=f"{mode}, {left}")
     axes[1].set(xlabel="rate of corrections (Hz)", ylabel=f"rms distance from {SETTLED:g} s on (m)")
     axes[1].set_xticks(RATES, [f"{rate:g}" for rate in RATES], minor=False)
@@ -340,20 +386,27 @@ def claims_rates(runs: Runs) -> list[Claim]:
     return [
         Claim(
             "the performance improves with the rate: 1, 2 and 10 Hz",
-            "; ".join(f"{left}: rms {', '.join(f'{value:.2f}' for value in values)} m" for left, values in resets.items()),
+            "; ".join(
+                f"{left}: rms {', '.join(f'{value:.2f}' for value in values)} m"
+                for left, values in resets.items()
+            ),
             all(bool(np.all(np.diff(values) < 0)) for values in resets.values()),
-            note="what remains at 10 Hz no pose takes away: the sensed rates, which the controller uses too, are still off",
+            note="what remains at 10 Hz no pose takes away: the sensed rates, which the controller uses too, "
+            "are still off",
             paper=True,
         ),
         Claim(
             "a bumpless correction makes no jump in the sensed position",
-            f"at the corrections it moves by at most {jumps[1] * 100:.1f} cm (reset: {jumps[0] * 100:.1f} cm), "
-            f"otherwise {others * 100:.1f} cm",
+            f"at the corrections it moves by at most {jumps[1] * 100:.1f} cm (reset: {jumps[0] * 100:.1f} "
+            f"cm), otherwise {others * 100:.1f} cm",
             jumps[1] <= others,
         ),
         Claim(
             "and costs accuracy: it is farther off than a reset at the same rate",
-            "; ".join(f"{left}: rms {', '.join(f'{value:.2f}' for value in values)} m" for left, values in smooth.items()),
+            "; ".join(
+                f"{left}: rms {', '.join(f'{value:.2f}' for value in values)} m"
+                for left, values in smooth.items()
+            ),
             all(s > r for left in LEFT_MEANS for s, r in zip(smooth[left], resets[left], strict=True)),
             note="it lets the correction in over a whole period, so that what is believed is always late",
         ),
@@ -364,7 +417,8 @@ def _reset_figure(number: str, rate: float) -> Figure:
     return Figure(
         number,
         f"Figure {number}: recalibration at {rate:g} Hz",
-        f"End-point feedback at {rate:g} Hz, slow against the servo loop: the dead-reckoned pose is set to the true one.",
+        f"End-point feedback at {rate:g} Hz, slow against the servo loop: the dead-reckoned pose is set to "
+        "the true one.",
         ASSUMED,
         {
             **{label: _reset(mean, rate) for label, mean in LEFT_MEANS.items()},
@@ -379,7 +433,8 @@ FIGURES = (
     Figure(
         "13",
         "Figure 13: noise in the sensed wheel rates",
-        "The rate of either wheel that the controller receives in a uniform straight motion, against the truth.",
+        "The rate of either wheel that the controller receives in a uniform straight motion, against the "
+        "truth.",
         f"{NOISE}; the speed, 5 m/s; wheel radius 0.15 m",
         {label: Case("figure_13.toml", _noise(mean)) for label, mean in LEFT_MEANS.items()},
         draw_13,
@@ -388,11 +443,13 @@ FIGURES = (
     Figure(
         "14",
         "Figure 14: the circle followed by dead reckoning from noisy wheel rates",
-        "The controller's pose is what the sensed rates add up to. The vehicle leaves the circle and believes to be on it.",
+        "The controller's pose is what the sensed rates add up to. The vehicle leaves the circle and "
+        "believes to be on it.",
         ASSUMED,
         {
             **{label: Case("figure_14.toml", _noise(mean)) for label, mean in LEFT_MEANS.items()},
-            AGAIN: Case("figure_14.toml", {**_noise(LEFT_MEANS[FIRST]), "contact.mu": 0.8}),  # by which it is judged, not made
+            # By which it is judged, not made
+            AGAIN: Case("figure_14.toml", {**_noise(LEFT_MEANS[FIRST]), "contact.mu": 0.8}),
             OTHER_SEED: Case("figure_14.toml", {**_noise(LEFT_MEANS[FIRST]), "sensors.seed": 2}),
         },
         draw_14,

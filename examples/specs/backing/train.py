@@ -1,8 +1,9 @@
 """A tractor that backs N trailers: `tractor_trailer` in coordinates of its last axle, which follows the path.
 
-The middle of the last axle is a flat output (P. Rouchon, M. Fliess, J. Levine and P. Martin, Flatness and motion planning:
-the car with n trailers, 1993): with an extension it leaves no zero dynamics, so that no trailer can fold. The quasi-velocities
-are the speed of the last axle and the yaw rate of the tractor: the kinematics are a product and a tangent for each trailer.
+The middle of the last axle is a flat output (P. Rouchon, M. Fliess, J. Levine and P. Martin, Flatness and
+motion planning: the car with n trailers, 1993): with an extension it leaves no zero dynamics, so that no
+trailer can fold. The quasi-velocities are the speed of the last axle and the yaw rate of the tractor: the
+kinematics are a product and a tangent for each trailer.
 """
 
 import casadi as ca
@@ -13,14 +14,20 @@ from noslip.model.robots.tractor_trailer import tractor_sizes, trailer_sizes
 
 
 def train(N: int = 2) -> Mechanism:
-    """N trailers, 1 to 3: 5 + N coordinates, 3 + N rolling constraints, 2 wheel torques; P_l is on the last trailer."""
+    """N trailers, 1 to 3: 5 + N coordinates, 3 + N rolling constraints, 2 wheel torques;
+    P_l is on the last trailer."""
     if not 1 <= N <= 3:
         raise ModelError(f"train: {N} trailers; give 1 to 3")
-    robot = Mechanism(f"train_{N}", f"tractor that backs {N} trailer{'s' * (N > 1)}, in coordinates of the last axle")
+    robot = Mechanism(
+        f"train_{N}", f"tractor that backs {N} trailer{'s' * (N > 1)}, in coordinates of the last axle"
+    )
     x = robot.coordinate("x", "m", "middle of the last axle")
     y = robot.coordinate("y", "m", "middle of the last axle")
     phi = robot.coordinate("phi", "rad", "heading of the last trailer")
-    hitch = [robot.coordinate(f"hitch_{k}", "rad", f"from the heading of trailer {k} to that before it") for k in range(1, N + 1)]
+    hitch = [
+        robot.coordinate(f"hitch_{k}", "rad", f"from the heading of trailer {k} to that before it")
+        for k in range(1, N + 1)
+    ]
     theta_r = robot.coordinate("theta_r", "rad", "right wheel, positive rolls forward")
     theta_l = robot.coordinate("theta_l", "rad", "left wheel, positive rolls forward")
 

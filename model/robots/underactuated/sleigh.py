@@ -1,8 +1,8 @@
 """Chaplygin's sleigh: a body on a knife edge behind its centre of mass, which a torque turns.
 
-S. A. Chaplygin, On the theory of motion of nonholonomic systems, Matematicheskii Sbornik 28 (1911); A. M. Bloch, Nonholonomic
-Mechanics and Control (2003), section 1.7. With the speed v of the edge and the yaw rate w, v' = a w^2: turning it either way
-drives it forward, and nothing slows it down.
+S. A. Chaplygin, On the theory of motion of nonholonomic systems, Matematicheskii Sbornik 28 (1911); A. M.
+Bloch, Nonholonomic Mechanics and Control (2003), section 1.7. With the speed v of the edge and the yaw rate
+w, v' = a w^2: turning it either way drives it forward, and nothing slows it down.
 """
 
 from casadi import cos, sin
@@ -18,7 +18,9 @@ def sleigh() -> Mechanism:
     y = robot.coordinate("y", "m", "the knife edge")
     phi = robot.coordinate("phi", "rad", "heading")
     m = robot.parameter("m", 2.0, "kg", "mass (assumed)")
-    I = robot.parameter("I", 0.05, "kg m^2", "inertia about the vertical through the centre of mass (assumed)")  # noqa: E741
+    I = robot.parameter(  # noqa: E741
+        "I", 0.05, "kg m^2", "inertia about the vertical through the centre of mass (assumed)"
+    )
     a = robot.parameter("a", 0.2, "m", "distance of the centre of mass ahead of the edge (assumed)")
 
     turning = robot.rate(phi)
@@ -32,6 +34,7 @@ def sleigh() -> Mechanism:
     robot.moves_in_plane(x, y, phi)
     robot.output("heading", "heading", [("direction", "rad", phi, "heading")])
     robot.draws(
-        box((x, y), phi, 0.1, 0.3, 0.12), [(x - 0.05 * cos(phi), y - 0.05 * sin(phi)), (x + 0.05 * cos(phi), y + 0.05 * sin(phi))]
+        box((x, y), phi, 0.1, 0.3, 0.12),
+        [(x - 0.05 * cos(phi), y - 0.05 * sin(phi)), (x + 0.05 * cos(phi), y + 0.05 * sin(phi))],
     )
     return robot

@@ -1,4 +1,5 @@
-"""State feedback about a steady motion: tau = tau_e - K (x - x_d), with limits, for every heading; and as a control law."""
+"""State feedback about a steady motion: tau = tau_e - K (x - x_d), with limits, for every heading;
+and as a control law."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -32,10 +33,11 @@ class Feedback(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """The feedback tau = tau_e - K (x - x_d), limited to `limit` (N or N m), one for all inputs or one each; 0 or inf: none.
+    """The feedback tau = tau_e - K (x - x_d), limited to `limit` (N or N m), one for all inputs or one each;
+    0 or inf: none.
 
-    A position in the plane is compared in axes along the desired heading, and headings by their smallest difference. `feedback`
-    gives the inputs instead of this one: the same in C.
+    A position in the plane is compared in axes along the desired heading, and headings by their smallest
+    difference. `feedback` gives the inputs instead of this one: the same in C.
     """
 
     steady: Steady
@@ -56,13 +58,15 @@ class Balanced:
 
     @cached_property
     def fallen(self) -> np.ndarray:
-        """Deviation of each state beyond which the robot has fallen: FALLEN of coordinates that K weighs; 0: any."""
+        """Deviation of each state beyond which the robot has fallen: FALLEN of coordinates that K weighs;
+        0: any."""
         coordinates = np.arange(self.K.shape[1]) < len(self.steady.q)
         return np.where(coordinates & (np.abs(self.K).max(axis=0) > 0.0), FALLEN, 0.0)
 
     @cached_property
     def seen(self) -> np.ndarray:
-        """Orthonormal columns that span what K sees of the linearized robot: what it does not see is not brought back."""
+        """Orthonormal columns that span what K sees of the linearized robot:
+        what it does not see is not brought back."""
         return reached_and_lost(self.steady.A.T, self.K.T)[0]
 
     @cached_property
@@ -109,9 +113,11 @@ class Balanced:
 
 
 def feedback_law(balanced: Balanced) -> ControlLaw:
-    """Return the feedback as a control law: its outputs are the states that it uses, its reference their desired values.
+    """Return the feedback as a control law: its outputs are the states that it uses, its reference their
+    desired values.
 
-    It linearizes nothing: it has neither decoupling matrix nor gains of its own, and its limits are not in it.
+    It linearizes nothing: it has neither decoupling matrix nor gains of its own, and its limits are not in
+    it.
     """
     system, tau_e = balanced.steady.partial.system, ca.DM(balanced.steady.tau)
     chosen = [system.state[k] for k in balanced.used]
@@ -180,7 +186,9 @@ class StateFeedback:
 
     def adapt(self, params: Numbers) -> None:
         """Raise BadInput: its gains are fixed."""
-        raise BadInput(f"{self.law.name}: the gains of a state feedback are fixed: it does not learn parameters")
+        raise BadInput(
+            f"{self.law.name}: the gains of a state feedback are fixed: it does not learn parameters"
+        )
 
     def place(self, config: Numbers) -> None:
         """Do nothing: a state feedback has no config."""

@@ -59,7 +59,10 @@ def _init(balanced: Balanced, name: str, scalar: Scalar) -> list[str]:
         f"    options.states = {len(balanced.steady.names)};",
         f"    options.inputs = {len(balanced.K)};",
         *[f"    options.{table} = {table};" for table in tables],
-        *[f"    options.{field} = {number};" for field, number in zip(("x", "y", "heading"), place, strict=True)],
+        *[
+            f"    options.{field} = {number};"
+            for field, number in zip(("x", "y", "heading"), place, strict=True)
+        ],
         f"    return {own('noslip_balance_init')}(self, &options);",
         "}",
         "",
@@ -93,12 +96,17 @@ def _words(balanced: Balanced, scalar: Scalar) -> dict[str, str]:
     """Return the names in DECLARED and DEFINED."""
     name = f"{balanced.name}_lqr"
     own = {word: scalar.name(f"{name}_{word}") for word in ("make", "give", "init")}
-    runtime = {"type": scalar.name("noslip_balance"), "step": scalar.name("noslip_balance_step"), "real": scalar.real}
+    runtime = {
+        "type": scalar.name("noslip_balance"),
+        "step": scalar.name("noslip_balance_step"),
+        "real": scalar.real,
+    }
     return {"name": name, **own, **runtime}
 
 
 def declared(balanced: Balanced, scalar: Scalar) -> str:
-    """Return the declarations of NAME_make and NAME_give, which call init and step of a feedback, in one scalar."""
+    """Return the declarations of NAME_make and NAME_give, which call init and step of a feedback,
+    in one scalar."""
     return DECLARED.format(**_words(balanced, scalar))
 
 
@@ -106,7 +114,9 @@ def callable_files(balanced: Balanced, scalars: Sequence[Scalar]) -> dict[str, s
     """Return the header of a feedback, and a source with these functions for each scalar, by file name."""
     name = f"{balanced.name}_lqr"
     sources = {
-        f"{scalar.name(name)}.c": DEFINED.format(declared=declared(balanced, scalar), **_words(balanced, scalar))
+        f"{scalar.name(name)}.c": DEFINED.format(
+            declared=declared(balanced, scalar), **_words(balanced, scalar)
+        )
         for scalar in scalars
     }
     return {f"{name}.h": header(balanced, "compiled to be called"), **sources}
@@ -120,7 +130,9 @@ class BalanceInC(InC):
         self.ffi = cffi.FFI()
         self.ffi.cdef(declarations(HEADER) + declared(balanced, own))
         self.lib = load(self.ffi, callable_files(balanced, [own]))
-        make, self._give = (getattr(self.lib, own.name(f"{balanced.name}_lqr_{word}")) for word in ("make", "give"))
+        make, self._give = (
+            getattr(self.lib, own.name(f"{balanced.name}_lqr_{word}")) for word in ("make", "give")
+        )
         self._self = self.ffi.new(f"{own.name('noslip_balance')} *")
         check_status(self.status(make(self._self)), f"{balanced.name}_lqr: init")
         sizes = len(balanced.steady.names), len(balanced.steady.names), len(balanced.K)
@@ -128,7 +140,10 @@ class BalanceInC(InC):
 
     @cached_property
     def _numbers(self) -> list[np.ndarray]:
-        return [np.frombuffer(self.ffi.buffer(array), f"f{self.ffi.sizeof(array) // len(array)}") for array in self._arrays]
+        return [
+            np.frombuffer(self.ffi.buffer(array), f"f{self.ffi.sizeof(array) // len(array)}")
+            for array in self._arrays
+        ]
 
     def step(self, state: np.ndarray, desired: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and inputs, N or N m."""
@@ -139,12 +154,15 @@ class BalanceInC(InC):
 
 
 def differences(balanced: Balanced) -> dict[str, float]:
-    """Return by scalar the largest difference between the C and `Balanced.step` at random states, relative to the largest input;
-    infinite where a status differs.
+    """Return by scalar the largest difference between the C and `Balanced.step` at random states, relative to
+    the largest input; infinite where a status differs.
     """
     random = np.random.default_rng(SEED)
     size = (STATES, len(balanced.steady.names))
-    states, desired = random.uniform(-FAR, FAR, size), random.uniform(-FAR, FAR, size) * (random.uniform(size=(STATES, 1)) < 0.5)
+    states, desired = (
+        random.uniform(-FAR, FAR, size),
+        random.uniform(-FAR, FAR, size) * (random.uniform(size=(STATES, 1)) < 0.5),
+    )
     near = states * random.uniform(size=(STATES, 1)) ** 3 + desired
     expected = [balanced.step(x, x_d) for x, x_d in zip(near, desired, strict=True)]
     largest = max(float(np.abs(tau).max()) for _, tau in expected)
@@ -153,5 +171,7 @@ def differences(balanced: Balanced) -> dict[str, float]:
         c = BalanceInC(balanced, scalar)
         pairs = [(c.step(x, x_d), other) for x, x_d, other in zip(near, desired, expected, strict=True)]
         same = all(one[0] == other[0] for one, other in pairs)
-        found[scalar] = max(float(np.abs(one[1] - other[1]).max()) for one, other in pairs) / largest if same else np.inf
+        found[scalar] = (
+            max(float(np.abs(one[1] - other[1]).max()) for one, other in pairs) / largest if same else np.inf
+        )
     return found

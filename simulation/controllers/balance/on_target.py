@@ -1,4 +1,5 @@
-"""State feedback on an emulated processor: its generated header in an image of firmware/pil, called from here."""
+"""State feedback on an emulated processor: its generated header in an image of firmware/pil,
+called from here."""
 
 from functools import lru_cache
 
@@ -25,7 +26,8 @@ def served_feedback(balanced: Balanced) -> Served:
 
 
 class BalanceOnTarget:
-    """A Feedback: its C in float on the processor of a backend. Raises BadInput as `Session`, and where init refuses a number."""
+    """A Feedback: its C in float on the processor of a backend. Raises BadInput as `Session`,
+    and where init refuses a number."""
 
     def __init__(self, balanced: Balanced, backend: str):
         self._handle = Handle(session_of(served_feedback(balanced), backend), "feedback")

@@ -1,13 +1,15 @@
-"""Underactuated robots at rest or in a steady motion: what the inputs do to small deviations from it, and gains by LQR.
+"""Underactuated robots at rest or in a steady motion: what the inputs do to small deviations from it, and
+gains by LQR.
 
-A steady motion is a relative equilibrium: the quasi-velocities, the inputs and the coordinates on which the equations depend are
-constant, the others, such as the place, go on. Deviations of a place in the plane are taken in axes along the desired heading; a
-robot whose equations do not depend on where it is then has a linearization with constant coefficients in a circle too.
+A steady motion is a relative equilibrium: the quasi-velocities, the inputs and the coordinates on which the
+equations depend are constant, the others, such as the place, go on. Deviations of a place in the plane are
+taken in axes along the desired heading; a robot whose equations do not depend on where it is then has a
+linearization with constant coefficients in a circle too.
 
-By numbers, at given parameters. A mode of the linearized robot that no input moves is found as a part of the state space
-orthogonal to all that the inputs reach (R. E. Kalman, Mathematical description of linear dynamical systems, 1963). One that grows
-cannot be stabilized. One at 0 is left by every linear feedback: it may be an integral of the motion, or a place that only
-manoeuvres reach, because rolling is nonholonomic.
+By numbers, at given parameters. A mode of the linearized robot that no input moves is found as a part of the
+state space orthogonal to all that the inputs reach (R. E. Kalman, Mathematical description of linear
+dynamical systems, 1963). One that grows cannot be stabilized. One at 0 is left by every linear feedback: it
+may be an integral of the motion, or a place that only manoeuvres reach, because rolling is nonholonomic.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,12 +34,13 @@ NEWTON, SAMPLES = 50, 3  # steps for a steady motion; random states at which dep
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """The robot linearized about a steady motion, dx/dt = A x + B tau with x = [q; nu] and tau as deviations from it.
+    """The robot linearized about a steady motion, dx/dt = A x + B tau with x = [q; nu] and tau as deviations
+    from it.
 
-    The motion begins at q (n, pose 0 unless at rest) with nu (n-m); `rates` (n) are those of the coordinates there, `tau` (r) the
-    inputs. `constant` are the numbers of the coordinates that it must hold, as the equations depend on them. `reached` are
-    orthonormal columns that span what the inputs reach, `lost` those of the rest. `modes` of what is reached, `unreached` of the
-    rest: 1/s.
+    The motion begins at q (n, pose 0 unless at rest) with nu (n-m); `rates` (n) are those of the coordinates
+    there, `tau` (r) the inputs. `constant` are the numbers of the coordinates that it must hold, as the
+    equations depend on them. `reached` are orthonormal columns that span what the inputs reach, `lost` those
+    of the rest. `modes` of what is reached, `unreached` of the rest: 1/s.
     """
 
     partial: PartialLinearization = field(repr=False)
@@ -76,12 +79,14 @@ class Steady:
             return "at rest"
         units = [quantity.unit for quantity in self.partial.system.state]
         given = zip(self.names, self.state, units, strict=True)
-        return "in steady motion, " + ", ".join(f"{name} = {value:.6g} {unit}" for name, value, unit in given if value)
+        return "in steady motion, " + ", ".join(
+            f"{name} = {value:.6g} {unit}" for name, value, unit in given if value
+        )
 
     @property
     def place(self) -> tuple[int, int, int] | None:
-        """The numbers of the states that are the vehicle's position and heading; None if they are no coordinates, or the
-        heading is not 0 at the beginning.
+        """The numbers of the states that are the vehicle's position and heading; None if they are no
+        coordinates, or the heading is not 0 at the beginning.
         """
         point = point_on_body(self.partial.system)
         return point.pose if point and point.arm.is_zero() and self.q[point.pose[2]] == 0.0 else None
@@ -100,14 +105,17 @@ class Steady:
     def verdict(self) -> str:
         """Whether linear feedback stabilizes it; what it cannot, and why."""
         if not self.stabilizable:
-            return f"not stabilizable: no input moves the modes {listed(self.unreached)} 1/s, and one of them grows{self._of()}"
+            return (
+                f"not stabilizable: no input moves the modes {listed(self.unreached)} 1/s, and one of "
+                f"them grows{self._of()}"
+            )
         if not self.left:
             return "asymptotically stabilizable by linear feedback"
         grows = np.any(self.modes.real > STILL)
         return (
-            f"{'all that grows can be stabilized' if grows else 'nothing grows'}, but not asymptotically stabilizable by "
-            f"linear feedback: no input moves {counted(self.left, 'mode')} at 0: integrals of the motion, or places that "
-            f"only manoeuvres reach{self._of()}"
+            f"{'all that grows can be stabilized' if grows else 'nothing grows'}, but not asymptotically "
+            f"stabilizable by linear feedback: no input moves {counted(self.left, 'mode')} at 0: integrals "
+            f"of the motion, or places that only manoeuvres reach{self._of()}"
         )
 
     def _of(self) -> str:
@@ -121,13 +129,14 @@ class Steady:
     def lqr(
         self, weights: Mapping[str, float], effort: float | Sequence[float] = 1.0, without: Sequence[str] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return K, r x (2n-m), of tau = tau_e - K (x - x_e), which minimizes the integral of sum(weight_i x_i^2) and
-        sum(effort_j tau_j^2) over what the inputs reach, and X, (2n-m) x (2n-m): the least cost from x is (x - x_e)' X (x - x_e).
+        """Return K, r x (2n-m), of tau = tau_e - K (x - x_e), which minimizes the integral of sum(weight_i
+        x_i^2) and sum(effort_j tau_j^2) over what the inputs reach, and X, (2n-m) x (2n-m): the least cost
+        from x is (x - x_e)' X (x - x_e).
 
-        `weights` by the name of a state; those not named have 0. States named in `without` on which nothing depends, such as
-        angles of wheels, are left out of it: they go where they go. Raises BadInput for an unknown name, a weight that is
-        negative or an effort that is not positive, for weights that leave a mode that grows or rests unseen, and for a motion
-        that is not stabilizable.
+        `weights` by the name of a state; those not named have 0. States named in `without` on which nothing
+        depends, such as angles of wheels, are left out of it: they go where they go. Raises BadInput for an
+        unknown name, a weight that is negative or an effort that is not positive, for weights that leave a
+        mode that grows or rests unseen, and for a motion that is not stabilizable.
         """
         self.check_names([*weights, *without])
         if not self.stabilizable:
@@ -138,7 +147,11 @@ class Steady:
         R = np.atleast_1d(np.asarray(effort, float)) * np.ones(self.B.shape[1])
         if not np.all((R > 0.0) & (R < np.inf)):
             raise BadInput("lqr: effort must be positive and finite, one number or one for each input")
-        kept = [k for k, name in enumerate(self.names) if name not in without or np.abs(self.A[:, k]).max() > REACHED]
+        kept = [
+            k
+            for k, name in enumerate(self.names)
+            if name not in without or np.abs(self.A[:, k]).max() > REACHED
+        ]
         T = np.zeros_like(self.A)[:, : len(kept)]
         T[kept] = np.eye(len(kept))
         T = T @ reached_and_lost(self.A[np.ix_(kept, kept)], self.B[kept])[0]
@@ -149,7 +162,9 @@ class Steady:
         try:
             X = solve_continuous_are(A, B, Q, np.diag(R))
         except (np.linalg.LinAlgError, ValueError) as error:
-            raise BadInput(f"lqr: no gains: weigh further states, so that every mode is seen ({error})") from error
+            raise BadInput(
+                f"lqr: no gains: weigh further states, so that every mode is seen ({error})"
+            ) from error
         K = np.diag(1.0 / R) @ B.T @ X
         if not np.all(np.linalg.eigvals(A - B @ K).real < -STILL):
             raise BadInput("lqr: no gains: weigh further states, so that every mode is seen")
@@ -161,19 +176,24 @@ class Steady:
             check_named(name, self.names, "lqr: unknown state")
 
     def without(self, K: np.ndarray, *names: str) -> np.ndarray:
-        """Return gains, r x (2n-m), that do the same to what the inputs reach and do not use these states, such as the angles of
-        wheels where the position is known. Raises BadInput for an unknown name, and if no others tell as much.
+        """Return gains, r x (2n-m), that do the same to what the inputs reach and do not use these states,
+        such as the angles of wheels where the position is known. Raises BadInput for an unknown name, and if
+        no others tell as much.
         """
         self.check_names(names)
         kept = [k for k, name in enumerate(self.names) if name not in names]
         own, gains = K @ self.reached, np.zeros_like(K)
         gains[:, kept] = own @ np.linalg.pinv(self.reached[kept])
         if not np.abs(gains @ self.reached - own).max() <= RESTS * np.abs(own).max():
-            raise BadInput(f"lqr: without {', '.join(names)} the other states do not tell enough: leave one of them in")
+            raise BadInput(
+                f"lqr: without {', '.join(names)} the other states do not tell enough: leave one of them in"
+            )
         return tidy(gains)
 
 
-def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, parameters: Sequence[float] | None = None) -> Steady:
+def analyse_at_rest(
+    robot: Mechanism, q: Sequence[float] | None = None, parameters: Sequence[float] | None = None
+) -> Steady:
     """Return the robot at rest at q (all zero by default), m or rad, with parameters (its defaults), SI.
 
     Raises ModelError if it is not underactuated, or cannot rest there.
@@ -189,12 +209,15 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
     return _linearized(partial, np.array([*place, *[0.0] * partial.system.dof]), np.array(tau), p)
 
 
-def analyse_steady(robot: Mechanism, motion: Mapping[str, float], parameters: Sequence[float] | None = None) -> Steady:
-    """Return the robot in the steady motion in which these quasi-velocities and coordinates have these values, SI; the others are
-    found by Newton's method from 0, as near to 0 as possible; with parameters (its defaults), SI. Without any it is at rest.
+def analyse_steady(
+    robot: Mechanism, motion: Mapping[str, float], parameters: Sequence[float] | None = None
+) -> Steady:
+    """Return the robot in the steady motion in which these quasi-velocities and coordinates have these
+    values, SI; the others are found by Newton's method from 0, as near to 0 as possible; with parameters (its
+    defaults), SI. Without any it is at rest.
 
-    Raises BadInput for unknown names, and for coordinates that go on in every motion; ModelError if the robot is not
-    underactuated and if no such motion is found.
+    Raises BadInput for unknown names, and for coordinates that go on in every motion; ModelError if the robot
+    is not underactuated and if no such motion is found.
     """
     if not motion:
         return analyse_at_rest(robot, None, parameters)
@@ -206,7 +229,9 @@ def analyse_steady(robot: Mechanism, motion: Mapping[str, float], parameters: Se
     allowed = [*(names[k] for k in constant), *names[n:]]
     for name in motion:
         if name not in allowed:
-            raise BadInput(f"{robot.name}: motion: {name!r} does not tell a steady motion; {', '.join(allowed)} do")
+            raise BadInput(
+                f"{robot.name}: motion: {name!r} does not tell a steady motion; {', '.join(allowed)} do"
+            )
     unknown = [k for k in [*constant, *range(n, len(names))] if names[k] not in motion]
     residual = ca.vertcat(*[rate[k] for k in constant], rate[n:])
     free = ca.vertcat(*[x[k] for k in unknown], tau)
@@ -222,7 +247,9 @@ def analyse_steady(robot: Mechanism, motion: Mapping[str, float], parameters: Se
         state[unknown] += step[: len(unknown)]
         given += step[len(unknown) :]
     told = ", ".join(f"{name} = {value:g}" for name, value in motion.items())
-    raise ModelError(f"{robot.name}: no steady motion with {told} was found: a rate of {np.abs(left).max():.3g} is left")
+    raise ModelError(
+        f"{robot.name}: no steady motion with {told} was found: a rate of {np.abs(left).max():.3g} is left"
+    )
 
 
 def _partial(robot: Mechanism, why: str) -> PartialLinearization:
@@ -243,8 +270,8 @@ def _equations(partial: PartialLinearization) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def _constant(partial: PartialLinearization, p: Sequence[float]) -> list[int]:
-    """Return the coordinates that a steady motion must hold: those on which the rates depend, seen from the vehicle; found at
-    random states.
+    """Return the coordinates that a steady motion must hold: those on which the rates depend, seen from the
+    vehicle; found at random states.
     """
     system, random = partial.system, np.random.default_rng(0)
     n, point = len(system.mechanism.coordinates), point_on_body(system)
@@ -283,23 +310,31 @@ def _linearized(partial: PartialLinearization, state: np.ndarray, tau: np.ndarra
     q, nu, qdot = (tuple(map(float, each)) for each in map(tidy, (state[:n], state[n:], rates.ravel())))
     of = modes(reached.T @ A @ reached), modes(lost.T @ A @ lost)
     constant = tuple(_constant(partial, p))
-    return Steady(partial, q, nu, qdot, tuple(p), tuple(map(float, tidy(tau))), constant, A, B, reached, lost, *of)
+    return Steady(
+        partial, q, nu, qdot, tuple(p), tuple(map(float, tidy(tau))), constant, A, B, reached, lost, *of
+    )
 
 
 def tidy(numbers: np.ndarray) -> np.ndarray:
-    """Return numbers with DIGITS digits, and 0 for those that are rounding errors: the same ones on every processor."""
+    """Return numbers with DIGITS digits, and 0 for those that are rounding errors:
+    the same ones on every processor."""
     exact = np.where(np.abs(numbers) > 10.0**-DIGITS * np.abs(numbers).max(initial=0.0), numbers, 0.0)
     return np.array([float(f"{number:.{DIGITS}g}") for number in exact.ravel()]).reshape(numbers.shape)
 
 
 def refuse_undefined(robot: Mechanism, *arrays: np.ndarray) -> None:
-    """Raise ModelError if a number is not finite: the quasi-velocities, given or chosen automatically, are not defined there."""
+    """Raise ModelError if a number is not finite: the quasi-velocities, given or chosen automatically,
+    are not defined there."""
     if not all(np.isfinite(array).all() for array in arrays):
-        raise ModelError(f"{robot.name}: its equations are not defined there: give it quasi-velocities that are regular at rest")
+        raise ModelError(
+            f"{robot.name}: its equations are not defined there: give it quasi-velocities that are regular "
+            "at rest"
+        )
 
 
 def reached_and_lost(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return orthonormal bases of the controllable subspace and of its complement, found in steps: no high powers of A."""
+    """Return orthonormal bases of the controllable subspace and of its complement, found in steps:
+    no high powers of A."""
     basis, new = np.zeros((len(A), 0)), B
     while new.size:
         new = new - basis @ (basis.T @ new)
@@ -324,4 +359,6 @@ def listed(found: np.ndarray) -> str:
         real, imaginary = (0.0 if abs(part) <= STILL else part for part in (mode.real, mode.imag))
         text = f"{real:.4g}{imaginary:+.4g}i" if imaginary else f"{real:.4g}"
         texts[text] = texts.get(text, 0) + 1
-    return ", ".join(f"{text} ({count} times)" if count > 1 else text for text, count in texts.items()) or "none"
+    return (
+        ", ".join(f"{text} ({count} times)" if count > 1 else text for text, count in texts.items()) or "none"
+    )

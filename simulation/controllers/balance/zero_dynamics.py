@@ -1,6 +1,8 @@
-"""Zero dynamics of an underactuated robot at rest: the motion that is left while outputs, or velocities, are held.
+"""Zero dynamics of an underactuated robot at rest: the motion that is left while outputs, or velocities, are
+held.
 
-By numbers: the robot with the accelerations that hold them is linearized on the states in which they are at rest.
+By numbers: the robot with the accelerations that hold them is linearized on the states in which they are at
+rest.
 """
 
 from collections.abc import Sequence
@@ -21,8 +23,8 @@ NOT_COUPLED = "not possible at rest, where inertia does not couple them to the i
 
 @dataclass(frozen=True, eq=False)
 class ZeroDynamics:
-    """The `modes` of the zero dynamics, 1/s, the fastest growing first; None where inertia does not couple what is held to the
-    inputs.
+    """The `modes` of the zero dynamics, 1/s, the fastest growing first; None where inertia does not couple
+    what is held to the inputs.
     """
 
     modes: np.ndarray | None
@@ -43,8 +45,8 @@ class ZeroDynamics:
 
 
 def of_velocities(rest: Steady, chosen: Sequence[int] = ()) -> ZeroDynamics:
-    """Return the zero dynamics with the velocities at the inputs held at zero, or the quasi-velocities with the numbers
-    `chosen`.
+    """Return the zero dynamics with the velocities at the inputs held at zero, or the quasi-velocities with
+    the numbers `chosen`.
     """
     partial = rest.partial
     system, r = partial.system, len(partial.system.driven)
@@ -56,16 +58,24 @@ def of_velocities(rest: Steady, chosen: Sequence[int] = ()) -> ZeroDynamics:
     return ZeroDynamics(_modes(system, rest, held, partial.acceleration(ca.SX.zeros(r), chosen)))
 
 
-def of_outputs(rest: Steady, linearization: Linearization, config: Sequence[float] | None = None) -> ZeroDynamics:
-    """Return the zero dynamics with the outputs held at their values at rest; `config` are the parameters of the output map, by
-    default their own defaults. The robot's parameters are those of `rest`.
+def of_outputs(
+    rest: Steady, linearization: Linearization, config: Sequence[float] | None = None
+) -> ZeroDynamics:
+    """Return the zero dynamics with the outputs held at their values at rest; `config` are the parameters of
+    the output map, by default their own defaults. The robot's parameters are those of `rest`.
     """
     output, robot = linearization.output, linearization.system.mechanism
-    given: dict[str, Any] = {} if config is None else {q.name: value for q, value in zip(output.parameters, config, strict=True)}
+    given: dict[str, Any] = (
+        {} if config is None else {q.name: value for q, value in zip(output.parameters, config, strict=True)}
+    )
     symbols = ca.vertcat(ca.SX(0, 1), *[q.symbol for q in output.parameters])
     numbers = ca.DM(values_of(list(output.parameters), given, output.name))
     none = ca.SX.zeros(linearization.h.numel())
-    parts = [ca.vertcat(linearization.h, linearization.rate), linearization.second_feedback(none), *linearization.measure]
+    parts = [
+        ca.vertcat(linearization.h, linearization.rate),
+        linearization.second_feedback(none),
+        *linearization.measure,
+    ]
     held, u, regular, bound = ca.substitute(parts, [symbols], [numbers]) if output.parameters else parts
     state = ca.vertcat(robot.q, linearization.system.nu)
     measure = ca.Function("measure", [state, robot.p], [regular - SINGULAR * bound])
@@ -75,15 +85,19 @@ def of_outputs(rest: Steady, linearization: Linearization, config: Sequence[floa
 
 
 def _modes(system: ReducedSystem, rest: Steady, held: ca.SX, u: ca.SX) -> np.ndarray:
-    """Return the modes of qdot = S nu, nudot = u on the states in which `held`, which u keeps constant, is as at rest.
+    """Return the modes of qdot = S nu, nudot = u on the states in which `held`, which u keeps constant, is as
+    at rest.
 
-    `system` is the reduction in whose symbols `held` and u are: each reduction that chooses the quasi-velocities has its own.
+    `system` is the reduction in whose symbols `held` and u are: each reduction that chooses the
+    quasi-velocities has its own.
     """
     from scipy.linalg import null_space  # slow to import
 
     robot = system.mechanism
     state = ca.vertcat(robot.q, system.nu)
-    slopes = ca.Function("zero", [state, robot.p], [ca.jacobian(ca.vertcat(system.qdot, u), state), ca.jacobian(held, state)])
+    slopes = ca.Function(
+        "zero", [state, robot.p], [ca.jacobian(ca.vertcat(system.qdot, u), state), ca.jacobian(held, state)]
+    )
     A, D = (slope.full() for slope in slopes(rest.state, rest.parameters))
     refuse_undefined(robot, A, D)
     T = null_space(D)

@@ -1,4 +1,5 @@
-"""The generated adaptation of a robot as an object: learns parameters that change from its motion and inputs."""
+"""The generated adaptation of a robot as an object: learns parameters that change from its motion and
+inputs."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from .ekf import RobotPart, unpacked
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptationOptions:
-    """What the adaptation is told, as in noslip_adaptation.h, SI. `bounds`: least and most of each parameter that is learned."""
+    """What the adaptation is told, as in noslip_adaptation.h, SI. `bounds`:
+    least and most of each parameter that is learned."""
 
     bounds: Mapping[str, tuple[float, float]]
     noise: float
@@ -33,7 +35,8 @@ class AdaptationOptions:
 
 @lru_cache(maxsize=16)
 def adaptation_library(system: ReducedSystem, scalar: str, adapted: tuple[str, ...]) -> RobotPart:
-    """Return the compiled adaptation, loaded once per process. Raises BadInput if these parameters cannot be learned."""
+    """Return the compiled adaptation, loaded once per process. Raises BadInput if these parameters cannot be
+    learned."""
     in_c = SCALARS[scalar]
     with naming("", ModelError):
         files = adaptation_files(system, adapted, in_c, banner(fingerprint(system)))
@@ -44,7 +47,9 @@ def adaptation_library(system: ReducedSystem, scalar: str, adapted: tuple[str, .
 class Adaptation:
     """One adaptation, initialized. Raises BadInput if init returns an error."""
 
-    def __init__(self, system: ReducedSystem, parameters: Numbers, options: AdaptationOptions, scalar: str = "double"):
+    def __init__(
+        self, system: ReducedSystem, parameters: Numbers, options: AdaptationOptions, scalar: str = "double"
+    ):
         """`parameters` at first, in the order of mechanism.parameters."""
         c = self.c = adaptation_library(system, scalar, tuple(options.bounds))
         self._names = [q.in_c for q in system.mechanism.parameters]
@@ -61,8 +66,13 @@ class Adaptation:
             setattr(config.options, name, getattr(options, name))
         self._state, self._params = c.new(f"{c.robot}_state"), c.new(f"{c.robot}_params")
         self._members = [q.in_c for q in system.state]
-        limits = "each parameter must lie within its bounds, least below most; sd 1e-6 to 1, noise 1e-6 to 1e6, rate positive"
-        check_status(c.status(c.of_robot("adaptation_init")(self.self, config)), "the adaptation's init", limits)
+        limits = (
+            "each parameter must lie within its bounds, least below most; sd 1e-6 to 1, noise 1e-6 to "
+            "1e6, rate positive"
+        )
+        check_status(
+            c.status(c.of_robot("adaptation_init")(self.self, config)), "the adaptation's init", limits
+        )
 
     @property
     def estimate(self) -> np.ndarray:
@@ -81,9 +91,14 @@ class Adaptation:
         return (U * D) @ U.T
 
     def step(self, state: Numbers, tau: Numbers | None, dt: float) -> tuple[str, np.ndarray]:
-        """Return status and the parameters to use, all of them, after dt (s) in which the inputs were tau; None: unknown."""
+        """Return status and the parameters to use, all of them,
+        after dt (s) in which the inputs were tau; None: unknown."""
         for member, value in zip(self._members, state, strict=True):
             setattr(self._state, member, float(value))
-        inputs = self.c.ffi.NULL if tau is None else self.c.ffi.new(f"{self.c.scalar.real}[]", [float(v) for v in tau])
+        inputs = (
+            self.c.ffi.NULL
+            if tau is None
+            else self.c.ffi.new(f"{self.c.scalar.real}[]", [float(v) for v in tau])
+        )
         status = self.c.of_robot("adaptation_step")(self.self, self._state, inputs, dt, self._params)
         return self.c.status(status), np.array([getattr(self._params, name) for name in self._names])

@@ -1,4 +1,5 @@
-"""Disturbance observers of outputs, whose estimates are subtracted from the virtual input: in Python, and by the C."""
+"""Disturbance observers of outputs, whose estimates are subtracted from the virtual input: in Python,
+and by the C."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ class OutputObserver(Protocol):
     def estimate(self) -> float: ...
 
     def step(self, measured: float, v: float, dt: float, status: str) -> float:
-        """Return minus the estimate, for y^(r-1) and v without the estimate now, dt (s) after the previous step.
+        """Return minus the estimate, for y^(r-1) and v without the estimate now, dt (s) after the previous
+        step.
 
         The estimate stays unless `status`, the result of the previous step of the law, is ok.
         """
@@ -63,7 +65,10 @@ class CompiledObserver:
         from ..runtime import runtime  # slow to import
 
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
-        self._self, self._add = self._runtime.new("noslip_disturbance", scalar), self._runtime.array(scalar, [-0.0])
+        self._self, self._add = (
+            self._runtime.new("noslip_disturbance", scalar),
+            self._runtime.array(scalar, [-0.0]),
+        )
         self._call("init", float(rate), float(limit))
 
     @property
@@ -78,10 +83,14 @@ class CompiledObserver:
             return self._add[0]
 
     def _call(self, name: str, *arguments) -> None:
-        self._runtime.call("disturbance observer", f"noslip_disturbance_{name}", self._scalar, self._self, *arguments)
+        self._runtime.call(
+            "disturbance observer", f"noslip_disturbance_{name}", self._scalar, self._self, *arguments
+        )
 
 
-def make_observer(backend: str, rate: float, limit: float = 0.0, law: ControlLaw | None = None) -> OutputObserver:
+def make_observer(
+    backend: str, rate: float, limit: float = 0.0, law: ControlLaw | None = None
+) -> OutputObserver:
     """Return an observer for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.
@@ -100,12 +109,18 @@ class DisturbanceObservers(ActingRows):
     `ko` (K): their rates, 1/s. Minus the estimate is added. `limit` (K) is that of the |estimate|.
     """
 
-    def __init__(self, law: ControlLaw, gains: Sequence[float], ko: Mapping[str, float], limit: Sequence[float] = (0.0,)):
-        """`gains` in the order of law.gains; `ko` by name (ko_distance, ...), 0: none; `limit` of the |estimate|, one, or one for
-        each row that has an observer.
+    def __init__(
+        self,
+        law: ControlLaw,
+        gains: Sequence[float],
+        ko: Mapping[str, float],
+        limit: Sequence[float] = (0.0,),
+    ):
+        """`gains` in the order of law.gains; `ko` by name (ko_distance, ...), 0: none; `limit` of the
+        |estimate|, one, or one for each row that has an observer.
 
-        Raises BadInput for rates that are negative, a wrong number of limits, and outputs whose last derivative below the
-        relative degree is not measured.
+        Raises BadInput for rates that are negative, a wrong number of limits, and outputs whose last
+        derivative below the relative degree is not measured.
         """
         super().__init__(law, gains, "ko", ko)
         self.ko, self._law = self._own, law
@@ -113,8 +128,11 @@ class DisturbanceObservers(ActingRows):
             self._check(law, k, value)
         self._set_limits(limit, "disturbance", "a disturbance observer: give a gain ko")
         named = zip(self.rows, self.acting, strict=True)
-        self._gains = [[self._known[f"{gain}_{row}"] for gain in gain_names(self._degree[k])] for row, k in named]
-        self._rates = [sum(degree > 1 for degree in self._degree[:k]) for k in self.acting]  # where ydot has that of the row
+        self._gains = [
+            [self._known[f"{gain}_{row}"] for gain in gain_names(self._degree[k])] for row, k in named
+        ]
+        # Where ydot has that of the row
+        self._rates = [sum(degree > 1 for degree in self._degree[:k]) for k in self.acting]
 
     def _check(self, law: ControlLaw, k: int, ko: float) -> None:
         name = law.output.rows[k].name
@@ -122,22 +140,29 @@ class DisturbanceObservers(ActingRows):
             raise BadInput(f"gains: ko_{name} = {ko:g} must be nonnegative and finite")
         if law.extension or self._degree[k] > MOST_DEGREE:
             raise BadInput(
-                f"gains: ko_{name}: with a dynamic extension the derivative that an observer compares is not measured; give ki"
+                f"gains: ko_{name}: with a dynamic extension the derivative that an observer compares is not "
+                "measured; give ki"
             )
 
     def observers(self, backend: str) -> list[OutputObserver]:
         """Return one observer for each of the rows, with an estimate of 0."""
-        return [make_observer(backend, ko, limit, self._law) for ko, limit in zip(self.ko, self.limit, strict=True)]
+        return [
+            make_observer(backend, ko, limit, self._law)
+            for ko, limit in zip(self.ko, self.limit, strict=True)
+        ]
 
     def seen(self, found: Evaluation, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return y^(r-1) (K) as the law evaluates it, and v (K) without the estimates, as it computes it; zeros if it returns an
-        error, as it then does for the inputs too.
+        """Return y^(r-1) (K) as the law evaluates it, and v (K) without the estimates, as it computes it;
+        zeros if it returns an error, as it then does for the inputs too.
         """
         if found.status != "ok":
             return np.zeros(len(self.rows)), np.zeros(len(self.rows))
         measured, v = [], []
         for i, k in enumerate(self.acting):
-            y = [found.values["h"][k], *([found.values["ydot"][self._rates[i]]] if self._degree[k] > 1 else [])]
+            y = [
+                found.values["h"][k],
+                *([found.values["ydot"][self._rates[i]]] if self._degree[k] > 1 else []),
+            ]
             errors = reference[self.desired[i] : self.highest[i]] - y
             if self._angles[i]:
                 errors[0] = math.remainder(errors[0], 2 * math.pi)

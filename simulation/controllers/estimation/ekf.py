@@ -28,8 +28,9 @@ KINDS = ("pose", "position", "heading", "range")  # as in the C
 class FilterOptions:
     """What the filter is told, SI; as in ROBOT_ekf.h.
 
-    `noise`: of each quasi-velocity's integral, the standard deviation after one unit of it (rad for wheels); errors grow as
-    random walks. `gyro_noise` 0: no gyro. `start_sd`: standard deviations of the first pose (m, m, rad).
+    `noise`: of each quasi-velocity's integral, the standard deviation after one unit of it (rad for wheels);
+    errors grow as random walks. `gyro_noise` 0: no gyro. `start_sd`: standard deviations of the first pose
+    (m, m, rad).
     """
 
     noise: Numbers
@@ -45,7 +46,8 @@ class FilterOptions:
 
 
 def unpacked(factors: Numbers, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return U (n, n), unit upper triangular, and D (n,) of P = U diag(D) U', packed by columns as in noslip_factors.h."""
+    """Return U (n, n), unit upper triangular, and D (n,) of P = U diag(D) U',
+    packed by columns as in noslip_factors.h."""
     packed, U, D = iter(factors), np.eye(n), np.zeros(n)
     for j in range(n):
         U[:j, j] = [next(packed) for _ in range(j)]
@@ -54,10 +56,12 @@ def unpacked(factors: Numbers, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class RobotPart(InC):
-    """A compiled part of a robot's C besides laws and dynamics, in one scalar: its filter, or what learns its parameters."""
+    """A compiled part of a robot's C besides laws and dynamics, in one scalar: its filter,
+    or what learns its parameters."""
 
     def __init__(self, system: ReducedSystem, scalar: Scalar, part: str, files: Mapping[str, str]):
-        """`part`: ekf or adaptation; `files`: headers and sources of the robot that it needs, name -> text."""
+        """`part`: ekf or adaptation; `files`: headers and sources of the robot that it needs,
+        name -> text."""
         self.scalar, self.robot = scalar, system.mechanism.name
         self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
@@ -84,11 +88,17 @@ def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] =
     """Return the compiled filter, loaded once per process. Raises BadInput if the robot has none."""
     in_c = SCALARS[scalar]
     with naming("", ModelError):
-        return RobotPart(system, in_c, FILTER_NAME, {**shared_files(system, in_c), **filter_text(system, in_c, scaled).files})
+        return RobotPart(
+            system,
+            in_c,
+            FILTER_NAME,
+            {**shared_files(system, in_c), **filter_text(system, in_c, scaled).files},
+        )
 
 
 class Filter:
-    """One filter, initialized. Raises BadInput if init returns an error. Poses: x, y (m), heading (rad, not wrapped)."""
+    """One filter, initialized. Raises BadInput if init returns an error. Poses: x, y (m), heading (rad,
+    not wrapped)."""
 
     def __init__(
         self,
@@ -98,7 +108,8 @@ class Filter:
         scalar: str = "double",
         made_by: RobotPart | None = None,
     ):
-        """`parameters` in the order of mechanism.parameters; `made_by`: the library, if it is not that of this host."""
+        """`parameters` in the order of mechanism.parameters; `made_by`: the library,
+        if it is not that of this host."""
         c = self.c = made_by or filter_library(system, scalar, tuple(options.scale_sd))
         self.self = c.new(f"{c.robot}_ekf")
         config = c.new(f"{c.robot}_ekf_config")
@@ -159,19 +170,27 @@ class Filter:
     def tick(self, turned: Numbers, dt: float, gyro: float | None = None, measured: Numbers = ()) -> str:
         """Move by one tick; return the name of the status."""
         real = self.c.scalar.real
-        arrays = [self.c.ffi.new(f"{real}[]", [float(v) for v in values]) for values in (turned, measured) if len(values)]
+        arrays = [
+            self.c.ffi.new(f"{real}[]", [float(v) for v in values])
+            for values in (turned, measured)
+            if len(values)
+        ]
         rate = self.c.ffi.NULL if gyro is None else self.c.ffi.new(f"{real} *", gyro)
         return self.c.status(self.c.of_robot("ekf_tick")(self.self, *arrays, rate, dt, self._pose))
 
     def correct(self, kind: str, **numbers: float) -> str:
         """Use a measurement, whose numbers are the fields of noslip_fix; return the name of the status."""
         fix = self.c.new("noslip_fix", {"kind": KINDS.index(kind), **numbers})
-        return self.c.status(self.c.function("noslip_ekf_correct")(self.c.ffi.addressof(self.self, "filter"), fix))
+        return self.c.status(
+            self.c.function("noslip_ekf_correct")(self.c.ffi.addressof(self.self, "filter"), fix)
+        )
 
     def reset(self, pose: Numbers, sd: Numbers) -> str:
         """Restart with a pose; return the name of the status."""
         given = [self.c.new("noslip_pose", [float(v) for v in values]) for values in (pose, sd)]
-        return self.c.status(self.c.function("noslip_ekf_reset")(self.c.ffi.addressof(self.self, "filter"), *given))
+        return self.c.status(
+            self.c.function("noslip_ekf_reset")(self.c.ffi.addressof(self.self, "filter"), *given)
+        )
 
     def unwind(self) -> str:
         """Subtract whole turns from the heading."""

@@ -1,4 +1,5 @@
-"""Noticing that wheels slip, and the friction that may then be believed: the C (noslip_slip.h), or a reference implementation."""
+"""Noticing that wheels slip, and the friction that may then be believed: the C (noslip_slip.h),
+or a reference implementation."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ HEADER = "noslip_slip.h"
 
 @dataclass(frozen=True)
 class SlipOptions:
-    """What is known of the sensors, and what is done where wheels slip, as in the C struct noslip_slip_options, SI: `count` are
-    the angles of one count of the wheels' encoders.
+    """What is known of the sensors, and what is done where wheels slip, as in the C struct
+    noslip_slip_options, SI: `count` are the angles of one count of the wheels' encoders.
     """
 
     window: float
@@ -44,9 +45,10 @@ class SlipOptions:
 
 @dataclass(frozen=True)
 class Noticed:
-    """What a call notices: `status` "ok" or "slipping"; the friction that may be believed, and the factor of a desired speed
-    along a path; by how much dead reckoning may be wrong because of slip, rad and m; differences between gyro and wheels (rad)
-    and accelerations and wheels (m/s), with the thresholds beyond which they slip.
+    """What a call notices: `status` "ok" or "slipping"; the friction that may be believed, and the factor of
+    a desired speed along a path; by how much dead reckoning may be wrong because of slip, rad and m;
+    differences between gyro and wheels (rad) and accelerations and wheels (m/s), with the thresholds beyond
+    which they slip.
     """
 
     status: str
@@ -66,8 +68,8 @@ class SlipNotice(Protocol):
     options: SlipOptions
 
     def step(self, angle: Numbers, yaw_rate: float, acceleration: float | None, dt: float) -> Noticed:
-        """Take the angles by which the wheels turned (rad) within dt (s), mean yaw rate (rad/s) and mean acceleration (m/s^2) or
-        None.
+        """Take the angles by which the wheels turned (rad) within dt (s), mean yaw rate (rad/s) and mean
+        acceleration (m/s^2) or None.
         """
 
     def trust(self) -> None:
@@ -105,7 +107,11 @@ class ReferenceSlip:
         square = self._square + [0.0, np.sum((o.wheel_noise * self._wheels[1]) ** 2)]
         coarse = np.array([1.0, keeps * (1 / dt + frequency)])[:, None] * np.array(o.count)
         bounds = np.sum(np.abs(self._wheels) * (coarse + o.geometry * np.abs(self._moved)), axis=1)
-        threshold = bounds + self._time * np.array([o.gyro_bias, o.acceleration_bias]) + o.deviations * np.sqrt(square)
+        threshold = (
+            bounds
+            + self._time * np.array([o.gyro_bias, o.acceleration_bias])
+            + o.deviations * np.sqrt(square)
+        )
         difference = self._measured - np.sum(self._wheels * self._moved, axis=1)
         if acceleration is None:
             difference[1] = 0.0
@@ -129,7 +135,14 @@ class ReferenceSlip:
 class CompiledSlip:
     """The same by the C, in double or float."""
 
-    def __init__(self, options: SlipOptions, forward: Numbers, turn: Numbers, scalar: str = "double", c: Runtime | None = None):
+    def __init__(
+        self,
+        options: SlipOptions,
+        forward: Numbers,
+        turn: Numbers,
+        scalar: str = "double",
+        c: Runtime | None = None,
+    ):
         """Raises BadInput for options that are not in their ranges."""
         self.options = options
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
@@ -154,10 +167,14 @@ class CompiledSlip:
             self._call("trust")
 
     def _call(self, name: str, *arguments) -> str:
-        return self._runtime.call("noticing slip", f"noslip_slip_{name}", self._scalar, self._self, *arguments)
+        return self._runtime.call(
+            "noticing slip", f"noslip_slip_{name}", self._scalar, self._self, *arguments
+        )
 
 
-def make_slip(backend: str, options: SlipOptions, forward: Numbers, turn: Numbers, law: ControlLaw | None = None) -> SlipNotice:
+def make_slip(
+    backend: str, options: SlipOptions, forward: Numbers, turn: Numbers, law: ControlLaw | None = None
+) -> SlipNotice:
     """Return what notices slip, in Python ("casadi"), or the C as run by a backend; see `runtime_of`.
 
     `forward` (2,) m/rad and `turn` (2,) rad/rad are those of the wheels. Raises BadInput for invalid options.

@@ -1,4 +1,5 @@
-"""Figures of a sweep: errors over time, outcomes by parameter, and maps of starts: which become singular, which keep rolling."""
+"""Figures of a sweep: errors over time, outcomes by parameter, and maps of starts:
+which become singular, which keep rolling."""
 
 from pathlib import Path
 from typing import Any
@@ -24,24 +25,38 @@ BANDS = ((0.005, 0.995, 0.15), (0.05, 0.95, 0.3), (0.25, 0.75, 0.55))  # from, t
 POINTS, BINS = 6000, 24  # of a cloud, and steps of its median
 COLUMNS, MOST = 3, 6  # panels in a row, and in all
 GRID = (181, 25)  # starts of the map, finer in the heading
-REACH = {"heading": np.pi, "point[0]": 5.0, "point[1]": 5.0, "speed": 2.0}  # about the SPEC's, of what does not vary; rad, m, m/s
+# About the SPEC's, of what does not vary; rad, m, m/s
+REACH = {"heading": np.pi, "point[0]": 5.0, "point[1]": 5.0, "speed": 2.0}
 EDGES = (0.002, 0.998)  # of what varies, in the map where no heading is known
 STARTS = 1000  # samples in it
 USES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0, 10.0)  # friction use, steps of the map
-NOMINAL: dict[str, Any] = {"marker": "*", "s": 170, "color": "white", "edgecolor": "black", "linewidth": 1.2, "zorder": 6}
+NOMINAL: dict[str, Any] = {
+    "marker": "*",
+    "s": 170,
+    "color": "white",
+    "edgecolor": "black",
+    "linewidth": 1.2,
+    "zorder": 6,
+}
 
 
 def figures_of(report: SweepReport, jobs: int, progress: Reported = silent) -> dict[str, bytes]:
     """File name -> content, png and svg."""
     study, name = report.study, Path(report.spec).name
     summary = report.summary
-    summary_text = f"{name}: {summary.samples} samples, {summary.failed} fail ({100 * summary.failed / summary.samples:.3g} %)"
+    summary_text = (
+        f"{name}: {summary.samples} samples, {summary.failed} fail "
+        f"({100 * summary.failed / summary.samples:.3g} %)"
+    )
     made = {"envelope": (lambda: _envelope(report, jobs, progress), f"{summary_text}; error over time")}
     if study.plan.names:
         made["cloud"] = (lambda: _cloud(report), f"{summary_text}; by parameter")
     starts = _start_axes(study)
     if starts:
-        made["starts"] = (lambda: _starts(report, starts, jobs), f"{name}: starts that become singular, all else as in the SPEC")
+        made["starts"] = (
+            lambda: _starts(report, starts, jobs),
+            f"{name}: starts that become singular, all else as in the SPEC",
+        )
         if "use" in study.batch.outcomes:
             title = f"{name}: starts that keep rolling, all else as in the SPEC"
             made["rolling"] = (lambda: _rolling(report, starts, jobs), title)
@@ -72,11 +87,15 @@ def _envelope(report: SweepReport, jobs: int, progress: Reported) -> matplotlib.
         for low, high, dark in BANDS:
             edges = np.full((2, INSTANTS), np.nan)
             edges[:, running] = np.nanquantile(values[1:, running], (low, high), axis=0)
-            panel.fill_between(t, *edges, color=COLOURS[0], alpha=dark, linewidth=0, label=f"{high - low:.0%} of the samples")
+            panel.fill_between(
+                t, *edges, color=COLOURS[0], alpha=dark, linewidth=0, label=f"{high - low:.0%} of the samples"
+            )
         panel.plot(t, values[0], color="black", linewidth=1.3, linestyle="--", label="SPEC")
         over_time(panel, f"error of {row.name} ({row.unit})")
     band = study.plan.sweep.band
-    axes[0].axhspan(-band, band, color=COLOURS[2], alpha=0.18, linewidth=0, label=f"band ± {band:g} {row.unit}")
+    axes[0].axhspan(
+        -band, band, color=COLOURS[2], alpha=0.18, linewidth=0, label=f"band ± {band:g} {row.unit}"
+    )
     axes[1].axhline(band, color=COLOURS[2], linewidth=1.2, label=f"band {band:g} {row.unit}")
     axes[1].set_yscale("log")
     axes[1].set_ylabel(f"|error of {row.name}| ({row.unit})")
@@ -114,12 +133,21 @@ def _cloud(report: SweepReport) -> matplotlib.figure.Figure:
         )
         for which, colour, s, alpha, label in groups:
             if which.any():
-                style = {"s": s, "alpha": alpha, "linewidth": 0, "color": colour, "label": label, "rasterized": True}
+                style = {
+                    "s": s,
+                    "alpha": alpha,
+                    "linewidth": 0,
+                    "color": colour,
+                    "label": label,
+                    "rasterized": True,
+                }
                 panel.scatter(values[name][which], size[which], **style)
         _draw_median(panel, values[name][ended], size[ended])
         panel.scatter(study.batch.nominal[name], here, label="SPEC", **NOMINAL)
         if outcome in study.criterion.limits:
-            panel.axhline(study.criterion.limits[outcome], color=STOP, linewidth=1.0, linestyle=":", label="limit")
+            panel.axhline(
+                study.criterion.limits[outcome], color=STOP, linewidth=1.0, linestyle=":", label="limit"
+            )
         if logarithmic:
             panel.set_yscale("log")
         else:
@@ -137,7 +165,11 @@ def _cloud(report: SweepReport) -> matplotlib.figure.Figure:
         panel.set_ylabel(f"|{outcome}| ({unit})" if unit else f"|{outcome}|")
     for panel in axes[len(names) :]:
         panel.set_axis_off()
-    named = {label: handle for panel in axes for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
+    named = {
+        label: handle
+        for panel in axes
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
+    }
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=len(named), markerscale=1.6)
     return figure
 
@@ -151,20 +183,27 @@ def _draw_median(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _start_axes(study: Study) -> dict[str, tuple[float, float]]:
-    """Heading and the place that varies, or the two numbers of the start that do: names and ranges; none without either."""
+    """Heading and the place that varies, or the two numbers of the start that do: names and ranges;
+    none without either."""
     nominal, varies = study.batch.nominal, study.plan.names
     known = [f"initial.{name}" for name in REACH if f"initial.{name}" in nominal]
     if known:
         places = sorted(known[1:], key=lambda name: name not in varies)
         names = [known[0], places[0]]
-        return {name: (nominal[name] - reach, nominal[name] + reach) for name in names for reach in [REACH[name[8:]]]}
+        return {
+            name: (nominal[name] - reach, nominal[name] + reach)
+            for name in names
+            for reach in [REACH[name[8:]]]
+        }
     names = [name for name in varies if name.startswith("initial.")][:2]
     if len(names) < 2:
         return {}
     return {name: tuple(study.plan.margins[name].quantile(np.array(EDGES)).tolist()) for name in names}
 
 
-def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: int) -> matplotlib.figure.Figure:
+def _starts(
+    report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: int
+) -> matplotlib.figure.Figure:
     """When a run from each start becomes singular, all else as in the SPEC; and where the samples start."""
     study = report.study
     x, y, (status, t_end) = _on_grid(study, ranges, jobs, "status", "t_end")
@@ -172,7 +211,10 @@ def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: i
     figure = matplotlib.figure.Figure(figsize=(9.5, 5.6), layout="constrained")
     axes = figure.subplots()
     ended = np.isin(names, ENDED)
-    groups = (("runs to the end", ended, "#dfeade"), ("stops for another reason", ~ended & (names != "singular"), "#b9b9b9"))
+    groups = (
+        ("runs to the end", ended, "#dfeade"),
+        ("stops for another reason", ~ended & (names != "singular"), "#b9b9b9"),
+    )
     for label, which, colour in groups:
         if which.any():
             shown = np.ma.masked_where(~which, np.ones(which.shape))
@@ -184,12 +226,17 @@ def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: i
         figure.colorbar(drawn, ax=axes, label="time when the run becomes singular (s); 0: at its start")
         axes.scatter([], [], s=90, marker="s", color=drawn.cmap(0.3), label="becomes singular")
     _finish_map(figure, report, ranges)
-    axes.set_title(f"{np.mean(names == 'singular'):.1%} of {names.size} starts shown become singular", loc="left")
+    axes.set_title(
+        f"{np.mean(names == 'singular'):.1%} of {names.size} starts shown become singular", loc="left"
+    )
     return figure
 
 
-def _rolling(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: int) -> matplotlib.figure.Figure:
-    """The largest friction use of a run from each start, all else as in the SPEC; and where the samples start."""
+def _rolling(
+    report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: int
+) -> matplotlib.figure.Figure:
+    """The largest friction use of a run from each start, all else as in the SPEC;
+    and where the samples start."""
     x, y, (use, t_end) = _on_grid(report.study, ranges, jobs, "use", "t_end")
     use = np.ma.masked_where(t_end <= 0.0, use)
     figure = matplotlib.figure.Figure(figsize=(9.5, 5.6), layout="constrained")
@@ -199,7 +246,9 @@ def _rolling(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: 
     if np.any(t_end <= 0.0):
         axes.set_facecolor("#b9b9b9")
         axes.scatter([], [], s=90, marker="s", color="#b9b9b9", label="stops at its start")
-    figure.colorbar(drawn, ax=axes, ticks=USES, label=f"largest friction use, at most {USES[-1]:g}; above 1 a wheel slips")
+    figure.colorbar(
+        drawn, ax=axes, ticks=USES, label=f"largest friction use, at most {USES[-1]:g}; above 1 a wheel slips"
+    )
     if use.min() < 1.0 < use.max():
         axes.contour(x, y, use, levels=[1.0], colors="black", linewidths=1.2)
         axes.plot([], [], color="black", linewidth=1.2, label="friction use 1")
@@ -219,7 +268,9 @@ def _on_grid(
     return x, y, [found[:, study.batch.outcomes.index(name)].reshape(grid[0].shape) for name in outcomes]
 
 
-def _finish_map(figure: matplotlib.figure.Figure, report: SweepReport, ranges: dict[str, tuple[float, float]]) -> None:
+def _finish_map(
+    figure: matplotlib.figure.Figure, report: SweepReport, ranges: dict[str, tuple[float, float]]
+) -> None:
     """Draw samples and the SPEC's own start into a map of starts, and label it."""
     study, axes, (one, other) = report.study, figure.axes[0], ranges
     _draw_samples(axes, report, one, other)
@@ -237,11 +288,25 @@ def _draw_samples(axes: Axes, report: SweepReport, one: str, other: str) -> None
     if not varies:
         return
     part = next(open_sweep(report.output)[0].iter_batches(batch_size=STARTS, columns=[*varies, "status"]))
-    x, y = (part[n].to_numpy() if n in varies else np.full(len(part), study.batch.nominal[n]) for n in (one, other))
+    x, y = (
+        part[n].to_numpy() if n in varies else np.full(len(part), study.batch.nominal[n])
+        for n in (one, other)
+    )
     stopped = ~np.isin(part["status"].to_numpy(zero_copy_only=False), ENDED)
-    axes.scatter(x[~stopped], y[~stopped], s=7, color="#33506b", alpha=0.7, linewidth=0, label="samples", rasterized=True)
+    axes.scatter(
+        x[~stopped],
+        y[~stopped],
+        s=7,
+        color="#33506b",
+        alpha=0.7,
+        linewidth=0,
+        label="samples",
+        rasterized=True,
+    )
     if stopped.any():
-        axes.scatter(x[stopped], y[stopped], s=30, marker="x", color="black", linewidth=1.2, label="samples that stop")
+        axes.scatter(
+            x[stopped], y[stopped], s=30, marker="x", color="black", linewidth=1.2, label="samples that stop"
+        )
 
 
 def _nominal(study: Study) -> np.ndarray:
@@ -261,7 +326,15 @@ def _unit(study: Study, outcome: str) -> str:
 def _input_unit(study: Study, name: str) -> str:
     """Unit of a number that varies, in brackets, where it is known."""
     section, _, last = name.partition(".")
-    known = {"heading": "rad", "point[0]": "m", "point[1]": "m", "speed": "m/s", "L": "m", "period": "s", "delay": "s"}
+    known = {
+        "heading": "rad",
+        "point[0]": "m",
+        "point[1]": "m",
+        "speed": "m/s",
+        "L": "m",
+        "period": "s",
+        "delay": "s",
+    }
     if section in ("plant", "parameters"):
         known = {q.name: q.unit for q in study.batch.law.parameters}
     found = known.get(last, "")

@@ -79,17 +79,26 @@ class SweepReport:
     def _head(self) -> str:
         study, summary = self.study, self.summary
         simulation, sweep = study.spec.simulation, study.plan.sweep
-        period, duration = (_seconds(summary.ranges.get(name), getattr(simulation, name.split(".")[1])) for name in TIMES)
-        held = f"called every {period}" + (" ([sweep] period; the SPEC is continuous)" if study.continuous else "")
+        period, duration = (
+            _seconds(summary.ranges.get(name), getattr(simulation, name.split(".")[1])) for name in TIMES
+        )
+        held = f"called every {period}" + (
+            " ([sweep] period; the SPEC is continuous)" if study.continuous else ""
+        )
         low, high = summary.interval
-        statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items(), key=lambda item: -item[1]))
+        statuses = ", ".join(
+            f"{count} {name}" for name, count in sorted(summary.statuses.items(), key=lambda item: -item[1])
+        )
         design = {"random": "random", "sobol": "Sobol", "latin": "Latin hypercube"}[sweep.design]
         lines = [
             f"{study.spec.robot}, {study.batch.law.name}, backend {simulation.backend}, {held}, {duration}",
-            f"{summary.samples} samples, {design}, seed {sweep.seed}, varying {len(study.plan.names)}: {statuses}",
-            f"  fails when {study.criterion}: {summary.failed} of {summary.samples}, {_part(summary.failed / summary.samples)}; "
-            f"{CONFIDENCE:.0%} interval {_part(low)} to {_part(high)} (Clopper-Pearson{self._caution()})",
-            f"  largest integration error of runs to the end {summary.integration_error:.1e}; vectors: {study.batch.computed}",
+            f"{summary.samples} samples, {design}, seed {sweep.seed}, varying {len(study.plan.names)}: "
+            f"{statuses}",
+            f"  fails when {study.criterion}: {summary.failed} of {summary.samples}, "
+            f"{_part(summary.failed / summary.samples)}; {CONFIDENCE:.0%} interval {_part(low)} to "
+            f"{_part(high)} (Clopper-Pearson{self._caution()})",
+            f"  largest integration error of runs to the end {summary.integration_error:.1e}; vectors: "
+            f"{study.batch.computed}",
         ]
         return "\n".join(lines)
 
@@ -106,41 +115,65 @@ class SweepReport:
         """Return the rank correlations of each outcome, the largest first."""
         lines = []
         for outcome, ranks in self.summary.ranks.items():
-            ranked = sorted(((name, rho) for name, rho in ranks.items() if abs(rho) >= SAYS), key=lambda item: -abs(item[1]))
+            ranked = sorted(
+                ((name, rho) for name, rho in ranks.items() if abs(rho) >= SAYS),
+                key=lambda item: -abs(item[1]),
+            )
             if ranked:
                 lines.append(f"  {outcome}: " + ", ".join(f"{name} {rho:+.2f}" for name, rho in ranked))
-        return "\n".join([f"rank correlations of absolute values, if at least {SAYS:g}", *lines]) if lines else ""
+        return (
+            "\n".join([f"rank correlations of absolute values, if at least {SAYS:g}", *lines])
+            if lines
+            else ""
+        )
 
     def _indices(self, indices: Indices) -> str:
-        blocks = [f"Sobol indices, {indices.runs} runs; ± half the {CONFIDENCE:.0%} interval; the remainder to 1 is noise"]
+        blocks = [
+            f"Sobol indices, {indices.runs} runs; ± half the {CONFIDENCE:.0%} interval; the remainder to 1 "
+            "is noise"
+        ]
         for outcome, values in indices.values.items():
             ranked = sorted(values.items(), key=lambda item: -item[1][1])
-            rows = [[name, f"{first:.2f} ± {a:.2f}", f"{total:.2f} ± {b:.2f}"] for name, (first, total, a, b) in ranked]
+            rows = [
+                [name, f"{first:.2f} ± {a:.2f}", f"{total:.2f} ± {b:.2f}"]
+                for name, (first, total, a, b) in ranked
+            ]
             blocks += columns([[outcome, "first order", "total"], *rows])
         return "\n".join(blocks)
 
     def _worst_samples(self) -> str:
         lines = [
-            f"  noslip simulate {shlex.quote(self.output)} --sample {k} -o run.csv --plot run.png" for k in self.summary.worst
+            f"  noslip simulate {shlex.quote(self.output)} --sample {k} -o run.csv --plot run.png"
+            for k in self.summary.worst
         ]
         return "\n".join(["the worst samples", *lines])
 
     def _worst(self, worst: Worst) -> str:
         shown = ", ".join(f"{name} {worst.outcomes[name]:.4g}" for name in self.study.shown)
-        how = f"stops, {worst.status}, at {worst.outcomes['t_end']:.4g} s" if worst.severity >= STOPPED else shown
+        how = (
+            f"stops, {worst.status}, at {worst.outcomes['t_end']:.4g} s"
+            if worst.severity >= STOPPED
+            else shown
+        )
         fails = "fails" if worst.severity > 1 else f"does not fail: at {worst.severity:.2g} of its limit"
         changes = " ".join(f"--set {shlex.quote(change)}" for change in self.study.changes(worst.row))
-        head = f"worst case found by differential evolution in {worst.runs} runs, without 0.1 % at each end, {fails}: {how}"
+        head = (
+            f"worst case found by differential evolution in {worst.runs} runs, without 0.1 % at each end, "
+            f"{fails}: {how}"
+        )
         return f"{head}\n  noslip simulate {shlex.quote(self.spec)} {changes} -o worst.csv --plot worst.png"
 
     def _verified(self, found: Verified) -> str:
         line = (
-            f"{found.samples} samples repeated by noslip simulate: differences at the end up to {found.largest:.1e} "
-            f"(sample {found.of}), tolerance {found.stated:.0e}; stops at the same time to {TIME:.0e} s: "
-            f"{'holds' if found.holds else 'does not hold'}"
+            f"{found.samples} samples repeated by noslip simulate: differences at the end up to "
+            f"{found.largest:.1e} (sample {found.of}), tolerance {found.stated:.0e}; stops at the same time "
+            f"to {TIME:.0e} s: {'holds' if found.holds else 'does not hold'}"
         )
         if found.otherwise:
-            line += f"\n  {len(found.otherwise)} ended differently: samples {', '.join(map(str, found.otherwise[:10]))}"
+            line += (
+                f"\n  {len(found.otherwise)} ended differently: samples "
+                f"{', '.join(map(str, found.otherwise[:10]))}"
+            )
         return line
 
 

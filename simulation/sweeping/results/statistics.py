@@ -1,4 +1,5 @@
-"""Statistics of a finished sweep: probability of failure, quantiles of the outcomes, and rank correlations."""
+"""Statistics of a finished sweep: probability of failure, quantiles of the outcomes,
+and rank correlations."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -29,10 +30,11 @@ INDICES_SEED = 2**21  # the indices' samples are no part of any sweep
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """`statuses`: how often each; `failed` of `samples`; `sizes`: quantiles at LEVELS and largest of |outcome| of the runs that
-    went to their end; `ranks`: Spearman's correlation of |outcome| with what varies; `worst`: samples, the worst first;
-    `integration_error`: the largest of the runs that went to their end. Where one stops singular the acceleration has no bound,
-    and neither has its error; `ranges`: least and largest of those of TIMES that vary, s.
+    """`statuses`: how often each; `failed` of `samples`; `sizes`: quantiles at LEVELS and largest of
+    |outcome| of the runs that went to their end; `ranks`: Spearman's correlation of |outcome| with what
+    varies; `worst`: samples, the worst first; `integration_error`: the largest of the runs that went to their
+    end. Where one stops singular the acceleration has no bound, and neither has its error; `ranges`: least
+    and largest of those of TIMES that vary, s.
     """
 
     samples: int
@@ -46,7 +48,8 @@ class SweepSummary:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Clopper and Pearson's confidence interval of the probability of failure: exact for independent samples."""
+        """Clopper and Pearson's confidence interval of the probability of failure:
+        exact for independent samples."""
         return clopper_pearson(self.failed, self.samples)
 
 
@@ -128,13 +131,18 @@ def _ranks(found, study: Study, ended: np.ndarray) -> dict[str, dict[str, float]
     for outcome in study.shown:
         ranks = rankdata(np.abs(_column(found, outcome, RANKED)[ended]))
         if np.ptp(ranks):
-            made[outcome] = {name: float(np.corrcoef(values, ranks)[0, 1]) for name, values in inputs.items() if np.ptp(values)}
+            made[outcome] = {
+                name: float(np.corrcoef(values, ranks)[0, 1])
+                for name, values in inputs.items()
+                if np.ptp(values)
+            }
     return made
 
 
 @dataclass(frozen=True)
 class Indices:
-    """Sobol's indices of each outcome, by what varies: first order, total, and half the widths of their intervals."""
+    """Sobol's indices of each outcome, by what varies: first order, total,
+    and half the widths of their intervals."""
 
     runs: int
     values: Mapping[str, Mapping[str, tuple[float, float, float, float]]]
@@ -176,7 +184,8 @@ def indices(study: Study, base: int, jobs: int, progress: Reported = silent) -> 
 
 
 def _first_and_total(values: np.ndarray, seed: int) -> list[tuple[float, float, float, float]]:
-    """For each number that varies: index of first order, in total, half the width of their intervals, by resampling.
+    """For each number that varies: index of first order, in total, half the width of their intervals, by
+    resampling.
 
     `values` (D + 2, N): at the first points, at the second, at the first with one number of the second.
     """

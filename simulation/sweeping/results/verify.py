@@ -15,13 +15,15 @@ from ..store import open_sweep, sample_of
 from ..study import Study, sample_spec
 
 TOLERANCE = 1e-11  # of the adaptive simulator, well below what is stated
-TIME = 1e-8  # s: when a run stops; `simulate` looks for that instant to 1e-9, and the state changes fast there
+# s: when a run stops; `simulate` looks for that instant to 1e-9, and the state changes fast there
+TIME = 1e-8
 
 
 @dataclass(frozen=True)
 class Verified:
-    """How many samples were run again; the largest difference of a state or error at the end of runs to their end, and of which
-    sample; what is stated: the largest integration error; samples that ended otherwise: with another status, or at another time.
+    """How many samples were run again; the largest difference of a state or error at the end of runs to their
+    end, and of which sample; what is stated: the largest integration error; samples that ended otherwise:
+    with another status, or at another time.
     """
 
     samples: int
@@ -39,7 +41,10 @@ class Verified:
 def check_verify(study: Study) -> None:
     """Raise BadInput for a sweep whose samples `simulate` runs: they would be compared with themselves."""
     if not isinstance(study.batch, Batch):
-        raise BadInput("--verify: noslip simulate runs the samples of this SPEC itself, nothing else could differ; leave it out")
+        raise BadInput(
+            "--verify: noslip simulate runs the samples of this SPEC itself, nothing else could differ; "
+            "leave it out"
+        )
 
 
 def verify(file: Path | str, count: int, jobs: int, progress: Reported = silent) -> Verified:
@@ -47,8 +52,11 @@ def verify(file: Path | str, count: int, jobs: int, progress: Reported = silent)
     samples = open_sweep(file)[2]["samples"]
     chosen = np.unique(np.linspace(0, samples - 1, min(count, samples)).round().astype(int)).tolist()
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # Ctrl-C is for this process, not for its children
-        begun = pool.map(_differences, [str(file)] * len(chosen), chosen, chunksize=max(1, len(chosen) // (8 * jobs)))
+        # Ctrl-C is for this process, not for its children
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        begun = pool.map(
+            _differences, [str(file)] * len(chosen), chosen, chunksize=max(1, len(chosen) // (8 * jobs))
+        )
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         progress(0, len(chosen), "samples run again")
         found: list[tuple[float, bool]] = []
@@ -61,7 +69,8 @@ def verify(file: Path | str, count: int, jobs: int, progress: Reported = silent)
 
 
 def _differences(file: str, sample: int) -> tuple[float, bool]:
-    """Of one sample: largest difference of the state and errors at the end of a run to its end; did both end alike?"""
+    """Of one sample: largest difference of the state and errors at the end of a run to its end;
+    did both end alike?"""
     from ...closed_loop import simulate
 
     text, row, outcome = sample_of(file, sample)

@@ -1,4 +1,5 @@
-"""The worst combination that the distributions allow, looked for by scipy's differential evolution over the same simulator."""
+"""The worst combination that the distributions allow, looked for by scipy's differential evolution over the
+same simulator."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ ENOUGH = 1e-5  # spread of the severities, of their mean, at which the search en
 
 @dataclass(frozen=True)
 class Worst:
-    """What was found: its numbers by name, how bad it is (above 1 it fails), its outcomes by name, how many runs it took."""
+    """What was found: its numbers by name, how bad it is (above 1 it fails), its outcomes by name,
+    how many runs it took."""
 
     row: dict[str, float]
     severity: float
@@ -36,7 +38,9 @@ def find_worst(study: Study, known: Sequence[int], jobs: int, progress: Reported
     """
     plan, runs = study.plan, 0
     sweep, dimensions = plan.sweep, len(plan.names)
-    population = points("sobol", sweep.seed, POPULATION * dimensions, dimensions, 0, max(POPULATION * dimensions, 5))
+    population = points(
+        "sobol", sweep.seed, POPULATION * dimensions, dimensions, 0, max(POPULATION * dimensions, 5)
+    )
     for place, sample in enumerate(known):
         population[place] = points(sweep.design, sweep.seed, study.samples, dimensions, sample, 1)
 
@@ -61,7 +65,8 @@ def find_worst(study: Study, known: Sequence[int], jobs: int, progress: Reported
         maxiter=GENERATIONS,
         tol=ENOUGH,
         seed=np.random.default_rng(sweep.seed),
-        polish=False,  # by finite differences, which see the noise of rounding and the edges of what is singular
+        # By finite differences, which see the noise of rounding and the edges of what is singular
+        polish=False,
         vectorized=True,
         updating="deferred",
     )
