@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Protocol
 import casadi as ca
 import numpy as np
 
+from ..model.algebra.direct import Direct
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
 from ..readers.reading import one_for_each
 from .controllers.controller import RUNNING
-from .controllers.direct import Direct
 from .controllers.velocity import VehicleLimits, VelocityLimits, make_acceleration, make_velocity
 from .plant import Plant, motion
 from .specification.given import Given

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import casadi as ca
 import numpy as np
 
+from ..model.algebra.direct import Direct
 from ..model.algebra.portable import portable
 from ..model.algebra.trigonometry import cosine, sine_cosine
 from ..model.law import ControlLaw, symbols
@@ -23,7 +24,6 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from .controllers.angles import nearest_angle
 from .controllers.controller import Controller
-from .controllers.direct import Direct
 from .planning.course import SmoothCurve
 from .planning.course_tracker import CourseGuide, CourseTracker
 from .specification.spec import CourseSection

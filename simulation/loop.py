@@ -11,6 +11,7 @@ from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 
 from ..codegen.loop.stages import check
+from ..model.algebra.direct import Direct
 from ..model.algebra.trigonometry import sine_cosine
 from ..model.contacts import GRAVITY, unknown_loads
 from ..model.errors import ModelError
@@ -30,7 +31,6 @@ from .controllers.backends import SCALAR, make_controller
 from .controllers.balance.steady import analyse_at_rest
 from .controllers.balance.zero_dynamics import of_outputs
 from .controllers.controller import RUNNING, Controller, Evaluation, Friction, Limits
-from .controllers.direct import Direct
 from .controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from .controllers.estimation.disturbance import DisturbanceObservers
 from .controllers.ground.slip import Noticed

@@ -6,13 +6,13 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
+from ..model.algebra.direct import Direct
 from ..model.algebra.linear import solve
 from ..model.algebra.portable import portable
 from ..model.contacts import combination, narrow, shift_by_forces
 from ..model.mechanism import Mechanism
 from ..model.reduction import ReducedSystem
 from . import runge_kutta
-from .controllers.direct import Direct
 from .specification.given import Given, accelerations
 
 

@@ -6,6 +6,7 @@ from collections import deque
 
 import numpy as np
 
+from ..model.algebra.direct import Direct
 from ..model.algebra.trigonometry import sine_cosine, unit
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
@@ -14,7 +15,6 @@ from ..readers.errors import BadInput, check_status
 from ..readers.reading import one_for_each
 from .controllers import SCALAR
 from .controllers.angles import nearest_angle
-from .controllers.direct import Direct
 from .controllers.estimation.ekf import Filter, FilterOptions
 from .controllers.ground.slip import Noticed, SlipOptions, make_slip
 from .controllers.odometry import arm_function, axle_function, make_odometry, vehicle_wheels

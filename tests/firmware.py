@@ -14,13 +14,13 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from noslip.codegen.targets import STANDARD
+from noslip.codegen.targets import STANDARD, TABLE
 from noslip.readers.errors import BadInput
 from noslip.readers.reading import section
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.controllers.controller import ON_TARGET
 from noslip.simulation.controllers.pil import recorded, replay_session
-from noslip.simulation.controllers.targets import CONSOLE, TARGETS, Target, processor_of, required
+from noslip.simulation.controllers.targets import CONSOLE, TARGETS, Target, required
 from noslip.simulation.loop import make_loop
 from noslip.simulation.replay import Record, first_difference
 from noslip.simulation.specification.spec import (
@@ -175,7 +175,8 @@ def checks() -> Iterator[tuple[str, Callable[[], str], list[str]]]:
         if target.machine:
             yield f"programs on {target.name}", lambda target=target: exit_codes(target), target.missing()
     for name in DEMOS:
-        yield f"firmware on {name}", lambda name=name: demo(name), processor_of(name).missing("make")
+        processor = TARGETS[TABLE["target"][name].get("processor", name)]
+        yield f"firmware on {name}", lambda name=name: demo(name), processor.missing("make")
 
 
 def main() -> int:

@@ -22,9 +22,9 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
+from ...model.algebra.direct import Direct
 from ...model.algebra.expression import fold, operate
 from ...readers.errors import BadInput
-from ...simulation.controllers.direct import Direct
 
 NONE = np.zeros(0)
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
-from ...simulation.controllers.direct import Direct
+from ...model.algebra.direct import Direct
 from .dynamics import Dynamics
 from .log import Log
 from .smoothing import slopes, smooth

@@ -11,11 +11,11 @@ import casadi as ca
 import numpy as np
 from scipy.special import stdtrit
 
+from ...model.algebra.direct import Direct
 from ...model.errors import ModelError
 from ...model.mechanism import Quantity
 from ...readers.errors import BadInput, naming
 from ...readers.progress import Reported, silent
-from ...simulation.controllers.direct import Direct
 from .bounds import Triangle, bounded_least_squares
 from .faults import EXACT, NORMAL, quantum
 

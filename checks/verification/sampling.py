@@ -7,6 +7,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from ...model.algebra.direct import Direct
 from ...model.algebra.samples import smallest_eigenvalue
 from ...model.law import ControlLaw, symbols
 from ...model.mechanism import Quantity
@@ -15,7 +16,6 @@ from ...model.vehicle import point_on_body
 from ...readers.errors import BadInput
 from ...simulation.controllers.backends import make_controller
 from ...simulation.controllers.controller import Evaluation, ParameterRefused
-from ...simulation.controllers.direct import Direct
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
 REGULAR = 1e-2  # |det Phi| is above this times the product of Phi's row norms

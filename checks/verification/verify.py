@@ -29,6 +29,7 @@ from ...codegen.printing.lanes_c import FOLDER as LANES
 from ...codegen.printing.scalar import SCALARS
 from ...codegen.program import EVALUATE, FOLLOW, STEP
 from ...codegen.runtime import runtime_files
+from ...model.algebra.direct import Direct
 from ...model.law import ControlLaw, symbols
 from ...model.linearization import SINGULAR
 from ...model.outputs import body_offsets
@@ -46,7 +47,6 @@ from ...simulation.controllers.compiled import (
     Library,
 )
 from ...simulation.controllers.controller import Limits
-from ...simulation.controllers.direct import Direct
 from ...simulation.controllers.estimation.ekf import Filter, FilterOptions, RobotPart
 from ...simulation.controllers.runtime import load
 from ...simulation.controllers.symbolic import slowed

@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 
 from ...codegen.derivation.grip import wheels_of
+from ...model.algebra.direct import Direct
 from ...model.algebra.linear_numbers import least_norm, least_squares
 from ...model.algebra.portable import portable
 from ...model.contacts import GRAVITY, ground
 from ...model.law import ControlLaw, symbols
 from .controller import Friction
-from .direct import Direct
 
 # Entries of a direction below this part of the largest count as zero for the limits, as in the C runtime
 FLAT = 1e-5

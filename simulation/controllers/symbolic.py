@@ -6,12 +6,12 @@ from functools import cache, cached_property
 import casadi as ca
 import numpy as np
 
+from ...model.algebra.direct import Direct
 from ...model.algebra.expression import fold, operate
 from ...model.algebra.portable import portable
 from ...model.law import ControlLaw, symbols
 from ...model.linearization import SINGULAR
 from .controller import Evaluation, Limits, Numbers, check_point
-from .direct import Direct
 from .grip import GripReference
 
 ANGLE_MAX = 2.0**20  # rad; the C in double rejects larger angles

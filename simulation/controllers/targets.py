@@ -107,11 +107,6 @@ TARGETS: Mapping[str, Target] = {
 }
 
 
-def processor_of(board: str) -> Target:
-    """Return the target that has the processor of a board in the table."""
-    return TARGETS[TABLE["target"][board].get("processor", board)]
-
-
 def missing(*tools: str) -> list[str]:
     """Return which of these tools are missing; empty names are ignored."""
     return [tool for tool in dict.fromkeys(tools) if tool and not shutil.which(tool)]

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Protocol
 import casadi as ca
 import numpy as np
 
+from ...model.algebra.direct import Direct
 from ...model.algebra.portable import portable
 from ...model.reduction import ReducedSystem
 from . import ON_TARGET, SCALAR
 from .backends import runtime_of
 from .controller import RUNNING, Numbers
-from .direct import Direct
 
 if TYPE_CHECKING:
     from ...model.law import ControlLaw

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from ...model.algebra.direct import Direct
 from ...model.algebra.portable import portable
 from ...model.reduction import ReducedSystem
 from ...readers.errors import BadInput, library
 from ..contact import GRAVITY
-from ..controllers.direct import Direct
 from ..integrate import Refused
 from ..plant import Plant
 from ..specification.floor import Floor

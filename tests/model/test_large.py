@@ -15,6 +15,7 @@ from noslip.codegen.files import shared_files
 from noslip.codegen.printing.scalar import SCALARS
 from noslip.codegen.runtime import runtime_files
 from noslip.model import Mechanism, ModelError, OutputMap, OutputRow, control_law, reduce
+from noslip.model.algebra.direct import Direct
 from noslip.model.algebra.exact import canonical
 from noslip.model.algebra.linear import condition, solve, solve_symmetric
 from noslip.model.law import symbols
@@ -25,7 +26,6 @@ from noslip.readers.robots import find_robot
 from noslip.readers.robots import law_of as robots_law
 from noslip.simulation.controllers.compiled import CompiledController, library
 from noslip.simulation.controllers.controller import Limits
-from noslip.simulation.controllers.direct import Direct
 from noslip.simulation.controllers.runtime import runtime
 from noslip.simulation.controllers.symbolic import CasadiController
 from noslip.tests.runtime_c.test_runtime import FLAGS, STRICT

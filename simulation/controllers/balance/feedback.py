@@ -10,6 +10,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
+from ....model.algebra.direct import Direct
 from ....model.algebra.portable import portable
 from ....model.law import ControlLaw, Feedbacks, symbols
 from ....model.linearization import Linearization
@@ -17,7 +18,6 @@ from ....model.mechanism import quantity
 from ....model.outputs import OutputMap, OutputRow
 from ....readers.errors import BadInput
 from ..controller import Evaluation, Numbers
-from ..direct import Direct
 from .steady import Steady, reached_and_lost
 
 FALLEN = np.pi / 2  # rad or m: a deviation of a weighed coordinate beyond this is a fall
