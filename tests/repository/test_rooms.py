@@ -81,7 +81,7 @@ def test_imports_go_one_way():
     "name, line",
     [
         (("model", "law"), "from ..cli.main import main"),
-        (("simulation", "controllers", "angles"), "from .backends import x"),
+        (("simulation", "controllers", "compiled"), "from .backends import x"),
     ],
 )
 def test_a_planted_import_is_found(name, line):
