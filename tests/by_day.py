@@ -25,7 +25,7 @@ from noslip.tests.tools import collected
 
 TESTS = Path(__file__).resolve().parent
 LONG = 0.3  # s
-WORTH = 10.0  # lines for each second
+WORTH = 20.0  # lines for each second
 GROUP = re.compile(r"@\w+$")  # of tests that run in one process, which pytest-xdist adds to a name
 TEST = re.compile(r"tests/\w+/(test_\w+)\.py::(\w+)(?:\[(.*)\])?", re.S)
 MOST_LINES = 4096  # of a file
