@@ -12,11 +12,10 @@ if TYPE_CHECKING:
     from ..checks.verification.check import Comparison
 
 DESCRIPTION = """With files: compare every backend with the `expect` values of the cases.
-Without files: compare the generated C in double with CasADi, and the C in float with the C in double, at \
-random states with
-random parameters. The exit code is 1 if an error exceeds its limit. Errors are relative to the largest \
-entry of the quantity
-(at random states at least to a tenth of its median size, because some entries cancel)."""
+Without files: compare the generated C in double with CasADi, and the C in float with the C in double, at
+random states with random parameters. The exit code is 1 if an error exceeds its limit. Errors are relative
+to the largest entry of the quantity (at random states at least to a tenth of its median size, because some
+entries cancel)."""
 EXAMPLE = """examples:
   noslip check                                       compare the C with the model, every law of the LABMATE
   noslip check --output type_i --states 100 --seed 7

@@ -42,13 +42,10 @@ OUTPUT_HELP = (
 )
 EXAMPLE = """examples:
   noslip generate labmate                      write generated/labmate/
-  noslip generate labmate --check              exit with 1 and print a diff unless generated/labmate/ is \
-current
+  noslip generate labmate --check              exit with 1 and print a diff unless the C is current
   noslip generate labmate --explain            print the effect of each pass of the optimizer
   noslip generate labmate --output ekf --scale thetadot_r --scale thetadot_l --scale b -o c
-                                               write the filter, which also estimates both wheel radii and \
-the track
-  noslip generate labmate --for soft -o c          write laws optimized for a processor without FPU
+                                               write the filter, which also estimates radii and track
   noslip generate my_robot.py:cart -o c --output type_i --scalar float"""
 
 

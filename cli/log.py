@@ -22,8 +22,8 @@ EXAMPLE_OF_LOG = """examples:
   make -C firmware run TARGET=cortex-m4f TELEMETRY=/tmp/run.dump
   noslip log /tmp/run.dump -o run.csv
   noslip log /tmp/run.dump -o run.mcap     for PlotJuggler or Foxglove
-  noslip log run.bag --map theta_r=/joint_states:right_wheel.position --map phi=/odom:pose.pose.orientation \
--o run.csv"""
+  noslip log run.bag --map theta_r=/joint_states:right_wheel.position \\
+    --map phi=/odom:pose.pose.orientation -o run.csv"""
 EXAMPLE_OF_VIEW = """examples:
   noslip view /tmp/run.dump -o run.png
   noslip view run.parquet --spec run.toml -o run.png"""

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 EXAMPLE = """examples:
   noslip outer-loop labmate --output type_iv_circle --period 0.01
-  noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay \
---figures build/outer
+  noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 \\
+    --period 0.02 --delay --figures build/outer
   noslip outer-loop labmate --output type_iv_line --poles distance=-1,-4 --poles speed=-2 --json
-  noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 \
---drive-delay 0.02
+  noslip outer-loop labmate --output type_iv_line --period 0.01 \\
+    --drive velocity --bandwidth 5 --drive-delay 0.02
   noslip outer-loop --spec examples/specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5
   noslip outer-loop labmate --output type_iv_line --hinf distance=0.1,0.2,0.5,0.3 --period 0.01"""
 

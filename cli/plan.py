@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 EXAMPLE = """examples:
   noslip plan dubins --from 0 0 0 --to 4 3 1.5708 --radius 1
   noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 1.5 --plot path.png
-  noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 3 --course 0.5 --speed 0.5 -o \
-course.toml
+  noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 3 \\
+    --course 0.5 --speed 0.5 -o course.toml
   noslip plan waypoints points.csv --tolerance 0.05 --c --scalar float -o path.h
   noslip plan course points.csv --tolerance 0.01 --speed 0.5 -o reference.toml"""
 

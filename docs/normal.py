@@ -17,11 +17,14 @@ from noslip.simulation.specification.spec import spec_of
 
 SPEC = """
 robot = "labmate"
-output = {{ type = "IV", near_singular = "damped", band = 0.2, path = {{ kind = "line", A = 0.0, B = 1.0, C \
-= 0.0 }} }}
 reference = {{ speed = 1.0 }}
 initial = {{ point = [0.0, 2.0], heading = "{heading} deg", speed = 1.0 }}
 simulation = {{ duration = {duration}, period = 0.01, output_step = 0.02 }}
+[output]
+type = "IV"
+near_singular = "damped"
+band = 0.2
+path = {{ kind = "line", A = 0.0, B = 1.0, C = 0.0 }}
 """
 HEADINGS = range(0, 360, 45)  # degrees
 BANDS = (0.1, 0.2, 0.4)

@@ -28,12 +28,10 @@ GROUPS = {
     "test_robots": "robots",
 }
 LONGEST = """
-    robots test_runtime test_figures test_guarantees test_analyse test_codegen test_outer_loop test_sweep \
-test_guidance
-    test_package test_rolling test_large test_tracking test_dialects test_distribution test_functions \
-test_integral test_project
-    test_files test_model test_planning test_limits test_verify test_extension test_contact test_engine \
-test_grip test_firmware
+    robots test_runtime test_figures test_guarantees test_analyse test_codegen test_outer_loop test_sweep
+    test_guidance test_package test_rolling test_large test_tracking test_dialects test_distribution
+    test_functions test_integral test_project test_files test_model test_planning test_limits test_verify
+    test_extension test_contact test_engine test_grip test_firmware
     test_mutation test_evaluate test_batch test_calibration test_odometry
 """.split()  # begin, so that no process is left with one of them at the end
 

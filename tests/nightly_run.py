@@ -399,8 +399,8 @@ def _lines(folder: Path, name: str, pattern: str) -> list[str]:
 
 
 STYLE = """
-body { font: 15px sans-serif; margin: 2em; max-width: 75em } table { border-collapse: collapse } pre { \
-font-size: 12px }
+body { font: 15px sans-serif; margin: 2em; max-width: 75em } table { border-collapse: collapse } pre {
+    font-size: 12px }
 td, th { padding: 2px 9px; text-align: left; vertical-align: top; border-bottom: 1px solid #ddd }
 .failed { color: #b00020; font-weight: bold } .skipped { color: #777 }
 """

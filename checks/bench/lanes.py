@@ -21,8 +21,8 @@ MAIN = """
 #include <time.h>
 #include "{prefix}_steps{suffix}.h"
 #include "cases_{real}.h"
-static {real} state[{states}][{count}], reference[{references}][{count}], batch[2][{count}], \
-single[{count}][2];
+static {real} state[{states}][{count}], reference[{references}][{count}], batch[2][{count}],
+    single[{count}][2];
 static int statuses[{count}];
 static double now(void)
 {{
@@ -35,8 +35,9 @@ int main(void)
     static {prefix}{suffix} law;
     double least[2] = {{1e9, 1e9}};
     int i, k, round, call;
-    if ({prefix}_init{suffix}(&law, (void *){law}_params, (void *){law}_config, (void *){law}_gains, NULL) \
-!= 0) return 1;
+    if ({prefix}_init{suffix}(&law, (void *){law}_params, (void *){law}_config, (void *){law}_gains, NULL)) {{
+        return 1;
+    }}
     for (i = 0; i < {count}; i++) {{
         for (k = 0; k < {states}; k++) state[k][i] = {law}_state[i][k];
         for (k = 0; k < {references}; k++) reference[k][i] = {law}_reference[i][k];
@@ -51,12 +52,13 @@ int main(void)
         for (call = 0; call < {calls}; call++)
             {prefix}_steps{suffix}(&law, {count}, state[0], reference[0], batch[0], statuses);
         time[2] = now();
-        for (k = 0; k < 2; k++) least[k] = time[k + 1] - time[k] < least[k] ? time[k + 1] - time[k] : \
-least[k];
+        for (k = 0; k < 2; k++) {{
+            least[k] = time[k + 1] - time[k] < least[k] ? time[k + 1] - time[k] : least[k];
+        }}
     }}
     for (i = 0; i < {count}; i++)
-        if (memcmp(&batch[0][i], &single[i][0], sizeof({real})) || memcmp(&batch[1][i], &single[i][1], \
-sizeof({real}))) return 2;
+        if (memcmp(&batch[0][i], &single[i][0], sizeof({real})) ||
+            memcmp(&batch[1][i], &single[i][1], sizeof({real}))) return 2;
     printf("%.17g\\n", least[0] / least[1]);
     return 0;
 }}

@@ -31,9 +31,8 @@ REASONS = ("runs", "stops: an error", "stops: too many strikes", "stops: a wheel
 
 TEXT = """# Response to faults
 
-Measured by `python -m noslip.checks.guarantees faults`, which fails if the measurements differ from this \
-page;
-`--update` rewrites it.
+Measured by `python -m noslip.checks.guarantees faults`, which fails if the measurements differ from this
+page; `--update` rewrites it.
 
 ## One flipped bit in the input of a law
 

@@ -29,8 +29,8 @@ LIBRARY = """
 #include "clock.h"
 #include "robot.h"
 
-/* The simulated board, with a clock that does not wait and nobody to talk to; its memory is there to be \
-looked at. */
+/* The simulated board, with a clock that does not wait and nobody to talk to; its memory is there to be
+   looked at. */
 enum { SEMIHOSTING_WRITE0, SEMIHOSTING_OPEN, SEMIHOSTING_WRITE, SEMIHOSTING_COMMAND_LINE };
 static int semihosting(int operation, const void *argument) { return operation + (argument != 0); }
 uint32_t late; /* ticks */
@@ -41,8 +41,8 @@ uint32_t clock_wait(void) { return late; }
 #undef static
 
 /* Writes the frames of a tick and of a correction, as a program does. */
-int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int \
-status,
+int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed,
+    int status,
          const float *command, float dt, const float *turned)
 {
     noslip_record_f record;
@@ -58,8 +58,8 @@ int tell_correction(noslip_telemetry *to, const noslip_pose_f *truth, noslip_cor
     return noslip_telemetry_correct_f(to, truth, mode);
 }
 
-/* Drives laps of pieces, each so many ticks with so many counts of each wheel; answers how many ticks were \
-refused. */
+/* Drives laps of pieces, each so many ticks with so many counts of each wheel; answers how many ticks were
+   refused. */
 int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps)
 {
     uint32_t at[2] = {0, 0};
@@ -78,8 +78,8 @@ int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int 
 }
 """
 OWN = """
-int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int \
-status,
+int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed,
+    int status,
          const float *command, float dt, const float *turned);
 int tell_correction(noslip_telemetry *to, const noslip_pose_f *truth, noslip_correction mode);
 int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps);

@@ -8,8 +8,7 @@ from .identify import add_options, columns, fitted_and_set, reduced, show_result
 EXAMPLE = """examples:
   noslip simulate circle --set 'plant={r=0.152,b=0.36}' --set simulation.period=0.05 -o run.csv
   noslip calibrate run.csv --robot labmate --fit r b
-  noslip calibrate cw.csv ccw.csv --robot labmate --fit r b scale_theta_l   # wheels of different size, \
-driven both ways"""
+  noslip calibrate cw.csv ccw.csv --robot labmate --fit r b scale_theta_l   # wheels of different size"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

@@ -15,8 +15,8 @@ from ..commands import show
 EXAMPLE = """examples:
   noslip import robot.urdf -o robot.py
   noslip import husky.urdf --skid-steer-track 1.02 -o husky.py
-  noslip import robot.urdf --wheels left_joint right_joint --radius left_wheel=0.1 --radius right_wheel=0.1 \
--o robot.py"""
+  noslip import robot.urdf --wheels left_joint right_joint \\
+    --radius left_wheel=0.1 --radius right_wheel=0.1 -o robot.py"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

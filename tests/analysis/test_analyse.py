@@ -760,21 +760,21 @@ x, y, phi = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordi
 right, left = robot.coordinate("right", "rad"), robot.coordinate("left", "rad")
 turns = [robot.coordinate(f"turn_{k}", "rad") for k in (1, 2)]
 rolls = [robot.coordinate(f"roll_{k}", "rad") for k in (1, 2)]
-m, I, J = robot.parameter("m", 30.0, "kg"), robot.parameter("I", 5.0, "kg m^2"), robot.parameter("J", 0.01, \
-"kg m^2")
-b, r, e, r_c = (robot.parameter(name, value, "m") for name, value in (("b", 0.3), ("r", 0.1), ("e", 0.04), \
-("r_c", 0.05)))
+m, I = robot.parameter("m", 30.0, "kg"), robot.parameter("I", 5.0, "kg m^2")
+J = robot.parameter("J", 0.01, "kg m^2")
+b, r, e, r_c = (robot.parameter(name, value, "m") for name, value in (("b", 0.3), ("r", 0.1), ("e", 0.04),
+    ("r_c", 0.05)))
 ahead, aside = robot.parameter("ahead", 0.5, "m"), robot.parameter("aside", 0.2, "m")
 I_k = robot.parameter("I_k", 0.002, "kg m^2")
 
 def along(velocity, angle):
-    return velocity[0] * cos(angle) + velocity[1] * sin(angle), velocity[1] * cos(angle) - velocity[0] * \
-sin(angle)
+    across = velocity[1] * cos(angle) - velocity[0] * sin(angle)
+    return velocity[0] * cos(angle) + velocity[1] * sin(angle), across
 
 rate = robot.rate
 forward, sideways = along((rate(x), rate(y)), phi)
-robot.kinetic_energy((m * (forward**2 + sideways**2) + I * rate(phi) ** 2 + J * (rate(right) ** 2 + \
-rate(left) ** 2)) / 2)
+turning = I * rate(phi) ** 2 + J * (rate(right) ** 2 + rate(left) ** 2)
+robot.kinetic_energy((m * (forward**2 + sideways**2) + turning) / 2)
 robot.rolls("no side slip", sideways)
 robot.rolls("right wheel", forward + b * rate(phi) - r * rate(right))
 robot.rolls("left wheel", forward - b * rate(phi) - r * rate(left))

@@ -14,10 +14,10 @@ COMPILER, INIT, RUNNING, NOTHING = "the compiler", "`init`", "the first seconds"
 
 PROGRAM = """
 #include "labmate_type_iv_circle_f.h"
-int start(labmate_type_iv_circle_f *law, const labmate_params_f *params, const \
-labmate_type_iv_circle_config_f *place);
-int start(labmate_type_iv_circle_f *law, const labmate_params_f *params, const \
-labmate_type_iv_circle_config_f *place)
+int start(labmate_type_iv_circle_f *law, const labmate_params_f *params,
+    const labmate_type_iv_circle_config_f *place);
+int start(labmate_type_iv_circle_f *law, const labmate_params_f *params,
+    const labmate_type_iv_circle_config_f *place)
 {
     const labmate_type_iv_circle_gains_f gains = {1.0f, 2.5f, 2.0f};
     const labmate_options_f options = {.limit = {20.0f, 20.0f}, .on_error = NOSLIP_ZERO};

@@ -96,8 +96,8 @@ from noslip.model import Mechanism
 
 robot = Mechanism("sled", "a body on a runner, which is held back as it turns")
 x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
-m, J, c = robot.parameter("m", 12.0, "kg"), robot.parameter("J", 0.8, "kg m^2"), robot.parameter("c", 0.2, \
-"N s")
+m, J = robot.parameter("m", 12.0, "kg"), robot.parameter("J", 0.8, "kg m^2")
+c = robot.parameter("c", 0.2, "N s")
 forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
 robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + J * robot.rate(heading) ** 2 / 2)
 robot.rolls("no side slip", cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x))

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -45,6 +46,21 @@ def test_help_has_an_example(command, capsys):
     assert main([command, "--help"]) == 0
     out = capsys.readouterr().out
     assert out.startswith(f"usage: noslip {command}") and f"\n  noslip {command}" in out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_have_options_that_the_help_lists(command, capsys):
+    """Of `noslip plan`, that of the kind of path."""
+    main([command, "--help"])
+    text = capsys.readouterr().out.replace("\\\n", "")
+    for example in re.findall(rf"^  (noslip {command}.*)", text, re.MULTILINE):
+        words = shlex.split(example, comments=True)
+        main([*words[1 : 3 if command == "plan" else 2], "--help"])
+        options, _, _ = capsys.readouterr().out.partition("\nexamples:")
+        for word in words:
+            assert not word.startswith("--") or re.search(rf"^  (-\w.*, )?{word}\b", options, re.MULTILINE), (
+                example
+            )
 
 
 @pytest.mark.parametrize(

@@ -74,8 +74,8 @@ void set_torques(float right, float left);
 void wait_for_tick(void) { if (ticks++ == 3) { exit(0); } }
 void read_state(labmate_state_f *state)
 {
-    const labmate_state_f there = {.x_c = 30.3f, .y_c = 19.0f, .phi = 1.6f, .thetadot_r = 9.0f, .thetadot_l \
-= 9.0f};
+    const labmate_state_f there = {.x_c = 30.3f, .y_c = 19.0f, .phi = 1.6f, .thetadot_r = 9.0f,
+        .thetadot_l = 9.0f};
     *state = there;
     if (ticks == 2) { state->x_c /= (float)(ticks - 2); }
 }
@@ -115,10 +115,10 @@ int main(void)
     if (labmate_type_iv_circle_init_f(&law, &params, &circle, &gains, NULL) < 0) { return 1; }
     for (k = 0; k < 400; k++) {
         const double angle = k * 6.283185307179586 / 400, away = k % 3 ? 12 : 4, rate = k % 5 ? 0 : 3;
-        const labmate_state_f state = {.x_c = (float)(20 + away * cos(angle)), .y_c = (float)(20 + away * \
-sin(angle)),
-            .phi = (float)(k % 2 ? angle : angle + 3.141592653589793), .thetadot_r = (float)rate, \
-.thetadot_l = (float)rate};
+        const labmate_state_f state = {.x_c = (float)(20 + away * cos(angle)),
+            .y_c = (float)(20 + away * sin(angle)),
+            .phi = (float)(k % 2 ? angle : angle + 3.141592653589793), .thetadot_r = (float)rate,
+                .thetadot_l = (float)rate};
         float tau[2] = {1.0f, 1.0f};
         const int status = labmate_type_iv_circle_step_f(&law, &state, &reference, tau);
         printf("%s %g %g\\n", noslip_status_name(status), (double)tau[0], (double)tau[1]);

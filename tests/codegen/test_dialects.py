@@ -226,8 +226,8 @@ def test_options_that_end_after_the_header(language, arm, tmp_path):
         + "".join(f'#include "noslip_{name}.h"\n' for name in names)
         + "#pragma GCC pop_options\n"
     )
-    text += """int use(noslip_odometry_f *odometry, noslip_path_f *path, const float *a, noslip_pose_f \
-*pose, float *out);
+    text += """int use(noslip_odometry_f *odometry, noslip_path_f *path, const float *a,
+        noslip_pose_f *pose, float *out);
 int use(noslip_odometry_f *odometry, noslip_path_f *path, const float *a, noslip_pose_f *pose, float *out)
 {
     int status = noslip_odometry_move_f(odometry, a, a[2], pose);

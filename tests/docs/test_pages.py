@@ -24,13 +24,13 @@ WHOLE = {"docs/your_robot.md", "docs/api.md", "docs/agv.md"}
 OTHERS = r"make\b|cmake\b|pip |dask |platformio |west |idf.py |\.venv/bin/|cc |cd |sh "
 DECLARED = {  # what a piece of C takes for granted
     "docs/estimator.md": """#include "labmate_ekf_f.h"
-        extern labmate_ekf_f ekf; extern float turned[2], gyro, dt; extern noslip_pose_f pose; extern \
-noslip_fix_f fix;""",
+        extern labmate_ekf_f ekf; extern float turned[2], gyro, dt; extern noslip_pose_f pose;
+            extern noslip_fix_f fix;""",
     "docs/extension.md": """#include "labmate_type_i_extended.h"
-        extern labmate_params params; extern labmate_type_i_extended_config config; extern \
-labmate_type_i_extended_gains gains;
-        extern labmate_options options; extern labmate_state state; extern \
-labmate_type_i_extended_reference reference;
+        extern labmate_params params; extern labmate_type_i_extended_config config;
+            extern labmate_type_i_extended_gains gains;
+        extern labmate_options options; extern labmate_state state;
+            extern labmate_type_i_extended_reference reference;
         extern double tau[2];""",
     "docs/underactuated.md": '#include "balancer_lqr.h"',
     "docs/grip.md": """#include "labmate_type_iv_line_f.h"

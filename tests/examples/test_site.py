@@ -143,8 +143,8 @@ def test_address_holds_the_run(settings, status, page, tab):
 
 RUN = """
 const follow = async (given) => {
-  const drawn = arcsThrough(given.points || [], given.closed), s = { ...defaultsOf(given.robot || \
-"labmate"), ...given, drawn };
+  const drawn = arcsThrough(given.points || [], given.closed), s = {
+      ...defaultsOf(given.robot || "labmate"), ...given, drawn };
   const loop = await Loop.of(s.robot), rows = [];
   for (let good = loop.start(s); good && rows.length <= 1000; good = loop.step()) {
     const { t, x, tau, use, forces } = loop.now;
@@ -313,10 +313,10 @@ new Promise((done) => {
 """
 CARRY = """
 (() => {
-  const floor = element("floor"), { left, top, width, height } = floor.getBoundingClientRect(), [x, y] = \
-now.x;
-  const carry = (kind, clientX, clientY) => floor.dispatchEvent(new PointerEvent(kind, { clientX, clientY, \
-buttons: 1 }));
+  const floor = element("floor"), { left, top, width, height } = floor.getBoundingClientRect(),
+      [x, y] = now.x;
+  const carry = (kind, clientX, clientY) => floor.dispatchEvent(new PointerEvent(kind, { clientX, clientY,
+      buttons: 1 }));
   const [u, v] = [left + width / 2 + x * scale, top + height / 2 - y * scale];
   floor.setPointerCapture = () => {}; // there is no pointer to capture
   carry("pointerdown", u, v);

@@ -29,8 +29,8 @@ def twin() -> Mechanism:
     robot = Mechanism("twin", "LABMATE, placed by a point of its axle")
     units = {"x": "m", "y": "m", "phi": "rad", "theta_r": "rad", "theta_l": "rad"}
     x, y, phi, *theta = (robot.coordinate(name, unit) for name, unit in units.items())
-    sizes = {"b": 0.75, "d": 0.30, "r": 0.15, "m_c": 30.0, "m_w": 1.0, "I_c": 15.625, "I_w": 0.005, "I_m": \
-0.0025, "g": 0.2}
+    sizes = {"b": 0.75, "d": 0.30, "r": 0.15, "m_c": 30.0, "m_w": 1.0, "I_c": 15.625, "I_w": 0.005,
+        "I_m": 0.0025, "g": 0.2}
     b, d, r, m_c, m_w, I_c, I_w, I_m, g = (robot.parameter(name, value, "1") for name, value in sizes.items())
     turning = robot.rate(phi)
     forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y) - g * turning

@@ -472,11 +472,11 @@ from noslip.model import Mechanism
 
 def balancer():
     robot = Mechanism("balancer")
-    x, y, phi, tilt = (robot.coordinate(n, u) for n, u in (("x", "m"), ("y", "m"), ("phi", "rad"), ("tilt", \
-"rad")))
+    x, y, phi, tilt = (robot.coordinate(n, u) for n, u in (("x", "m"), ("y", "m"), ("phi", "rad"),
+        ("tilt", "rad")))
     right, left = robot.coordinate("right", "rad"), robot.coordinate("left", "rad")
-    m, l, b, r = (robot.parameter(n, v, u) for n, v, u in (("m", 5, "kg"), ("l", 0.3, "m"), ("b", 0.2, \
-"m"), ("r", 0.1, "m")))
+    m, l, b, r = (robot.parameter(n, v, u) for n, v, u in (("m", 5, "kg"), ("l", 0.3, "m"), ("b", 0.2,
+        "m"), ("r", 0.1, "m")))
     forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
     along = forward + l * cos(tilt) * robot.rate(tilt)
     up, turning = -l * sin(tilt) * robot.rate(tilt), robot.rate(phi)

@@ -23,10 +23,10 @@ CART = f"""<mujoco model="crate mover">
         <joint name="right_axle" axis="0 -1 0" pos="0 0 -0.02"/>
         <geom type="cylinder" size="0.1 0.02" euler="90 0 0" pos="0 0 -0.02" mass="0.8"/>
       </body>
-      <body name="ball" pos="0.25 0 -0.07"><joint type="ball"/><geom type="sphere" size="0.03" \
-mass="0.2"/></body>
-      <body name="lidar" pos="0.1 0.02 0.2" euler="20 90 0"><geom type="capsule" size="0.04 0.03" \
-mass="0.3"/></body>
+      <body name="ball" pos="0.25 0 -0.07"><joint type="ball"/><geom type="sphere" size="0.03"
+          mass="0.2"/></body>
+      <body name="lidar" pos="0.1 0.02 0.2" euler="20 90 0"><geom type="capsule" size="0.04 0.03"
+          mass="0.3"/></body>
     </body>
   </worldbody>
   <actuator><motor joint="left_axle"/><motor joint="right_axle"/></actuator>

@@ -230,15 +230,15 @@ MAGNITUDES = """
 #include "noslip_real.h"
 int main(void)
 {
-    static const double x[] = {0.0, -0.0, 1.0, -1.0, 1.5, 1e-310, 1e-44, 3e38, 1e308, 1e999, -1e999, 1e999 \
-* 0.0};
+    static const double x[] = {0.0, -0.0, 1.0, -1.0, 1.5, 1e-310, 1e-44, 3e38, 1e308, 1e999, -1e999,
+        1e999 * 0.0};
     unsigned i, k;
     for (i = 0; i < sizeof x / sizeof *x; i++) {
         const float f = (float)x[i];
         printf("%d%d", noslip_is_finite(x[i]), noslip_is_finite_f(f));
         for (k = 0; k < sizeof x / sizeof *x; k++) {
-            printf("%d%d", k == 1 || noslip_within(x[i], x[k]), k == 1 || noslip_within_f(f, (float)x[k])); \
-/* not -0 */
+            printf("%d%d", k == 1 || noslip_within(x[i], x[k]), /* not -0 */
+                k == 1 || noslip_within_f(f, (float)x[k]));
         }
     }
     return 0;
@@ -299,8 +299,8 @@ int main(void)
     printf("%d ", labmate_type_i_set_limits@(&law, limits));
     printf("%d ", labmate_type_i_step@(&law, &state, &reference, tau));
     printf("%d ", noslip_adaptation_init@(&adaptation, &options, &start, 1, 1));
-    printf("%d%d ", noslip_within@(0, adaptation.options.dead_zone), noslip_within@(1, \
-adaptation.options.dead_zone));
+    printf("%d%d ", noslip_within@(0, adaptation.options.dead_zone),
+        noslip_within@(1, adaptation.options.dead_zone));
     printf("%d ", noslip_motor_init@(&motor, &bad[0]) == NOSLIP_BAD_PARAMETER);
     printf("%d ", noslip_motor_init@(&motor, &bad[1]) == NOSLIP_BAD_PARAMETER);
     printf("%d ", noslip_motor_init@(&motor, &good));

@@ -1095,8 +1095,8 @@ int main(void)
         }
         status[answer + 8]++;
         for (j = 0; answer == 0 && j < 40; j++) {
-            const REAL x = any(&random, 0) * 4, y = any(&random, 0) * 4, heading = any(&random, 0), v = \
-any(&random, 0);
+            const REAL x = any(&random, 0) * 4, y = any(&random, 0) * 4, heading = any(&random, 0),
+                v = any(&random, 0);
             const REAL *value = &guide.L;
             int found;
             memset(&guide, 0xff, sizeof guide);

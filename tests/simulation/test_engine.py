@@ -454,8 +454,8 @@ def test_mujoco_is_optional():
         import sys
         sys.modules["mujoco"] = None
         from noslip.cli.main import main
-        run = ["simulate", "line", "-o", "-", "--set", "simulation.period=0.01", "--set", \
-"simulation.duration=0.02"]
+        run = ["simulate", "line", "-o", "-", "--set", "simulation.period=0.01", "--set",
+            "simulation.duration=0.02"]
         sys.exit(10 * main(run) + main([*run, "--engine", "mujoco"]))"""
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
     assert done.returncode == 2

@@ -45,8 +45,8 @@ def cart() -> str:
       <body name="{side}" pos="{0.1 - left} {-0.2 + 0.0 - size["d"]} -0.25">
         <joint name="{side} axle" axis="{axis}"/>
         <inertial pos="0 0 0" mass="{size["m_w"]}" diaginertia="{size["I_w"]} {size["I_m"]} {size["I_m"]}"/>
-        <geom type="ellipsoid" size="{size["r"]} {size["r"]} {size["r"]}" friction="0.7" priority="1" \
-condim="3" {HARD}/>
+        <geom type="ellipsoid" size="{size["r"]} {size["r"]} {size["r"]}" friction="0.7" priority="1"
+            condim="3" {HARD}/>
       </body>"""
     return f"""<mujoco model="cart">
   <option timestep="0.002" cone="pyramidal" integrator="RK4"/>
@@ -54,10 +54,10 @@ condim="3" {HARD}/>
     <geom name="ground" type="plane" size="20 20 1"/>
     <body name="chassis" pos="2 1 0.4" euler="0 0 130">
       <freejoint/>
-      <inertial pos="0.1 -0.2 -0.25" mass="{size["m_c"]}" diaginertia="{size["I_c"]} {size["I_c"]} \
-{size["I_c"]}"/>
-      <geom type="sphere" size="0.075" pos="0.1 0.4375 -0.325" mass="0" condim="1" priority="1" \
-{HARD}/>{wheels}
+      <inertial pos="0.1 -0.2 -0.25" mass="{size["m_c"]}" diaginertia="{size["I_c"]} {size["I_c"]}
+          {size["I_c"]}"/>
+      <geom type="sphere" size="0.075" pos="0.1 0.4375 -0.325" mass="0" condim="1" priority="1"
+          {HARD}/>{wheels}
     </body>
   </worldbody>
   <actuator><motor name="right motor" joint="right axle" gear="-25"/></actuator>
@@ -145,8 +145,8 @@ def car() -> str:
     for side, left in (("right", -half), ("left", half)):
         wheels += f"""
       <body name="rear {side}" pos="0 {left} {r}">
-        <joint name="rear_{side}" axis="0 1 0"/><inertial pos="0 0 0" mass="1e-6" \
-diaginertia="{about}"/>{tyre}
+        <joint name="rear_{side}" axis="0 1 0"/><inertial pos="0 0 0" mass="1e-6"
+            diaginertia="{about}"/>{tyre}
       </body>
       <body name="knuckle {side}" pos="{ahead} {left} {r}">
         <joint name="steer_{side}" axis="0 0 -1"/>
