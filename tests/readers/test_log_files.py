@@ -569,6 +569,10 @@ def test_columns_of_a_quaternion_are_a_heading(stem, tmp_path, bad_input):
     )
     said = bad_input(["calibrate", str(tmp_path / "log.csv"), "--robot", "labmate", "--map", "phi=heading"])
     assert "speeds" not in said and "column 'heading' is missing" in said
+    with pytest.raises(BadInput, match=r"the yaw of a quaternion is in rad; leave out \[deg\]"):
+        read(tmp_path / "log.csv", (), {"phi": f"{stem.rstrip('._/')} [deg]"})
+    in_rad = read(tmp_path / "log.csv", (), {"phi": f"{stem.rstrip('._/')} [rad]"})
+    assert np.array_equal(read_columns(in_rad), found, equal_nan=True)
 
 
 def test_a_log_every_ten_seconds_is_none_of_the_dynamics(bad_input, tmp_path):
