@@ -314,7 +314,8 @@ def _chosen(text: str, quantity: str, table: Table) -> Column:
     if turned := next((each for each in _spellings(name.removeprefix("-"), table) if each in turns), ""):
         if unit not in (None, "rad"):
             raise BadInput(
-                f"{table.file}: --map {quantity}={text}: the yaw of a quaternion is in rad; leave out [{unit}]"
+                f"{table.file}: --map {quantity}={text}: the yaw of a quaternion is in rad; "
+                f"leave out [{unit}]"
             )
         return replace(
             _yaw([table[part] for part in turns[turned]]), sign=-1.0 if name.startswith("-") else 1.0

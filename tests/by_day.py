@@ -2,11 +2,11 @@
 
     python -m noslip.tests.by_day TIMES COVERAGE
 
-TIMES is what pytest wrote with `--junitxml`, COVERAGE what it wrote with `--cov-context=test`: which test
-runs which lines. The tests by which the mutants of C and codegen are looked for stay, and those of the
-repository. Of another function that takes longer than LONG in all, its quickest parameter stays, if that
-alone takes less; others are added, those with the most new lines for their time first, as long as they run
-WORTH lines a second that nothing else by day runs.
+TIMES is what pytest wrote with `--junitxml`, where nothing had been compiled yet, COVERAGE what it wrote with
+`--cov-context=test`: which test runs which lines. The tests by which the mutants of C and codegen are looked
+for stay, and those of the repository. Of another function that takes longer than LONG in all, its quickest
+parameter stays, if that alone takes less; others are added, those with the most new lines for their time
+first, as long as they run WORTH lines a second that nothing else by day runs.
 """
 
 import heapq
