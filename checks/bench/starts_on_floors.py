@@ -1,8 +1,8 @@
 """Slip of robots in the physics engine where friction is not what is believed: given, earned, and without
 limiter.
 
-    python checks/bench/starts_on_floors.py [--starts N] [--ratios R ...] [--seconds S] [--robot
-    NAME|SPEC.toml ...]
+    python checks/bench/starts_on_floors.py [--starts N] [--ratios R ...] [--seconds S]
+        [--robot NAME|SPEC.toml ...]
 
 Prints, for each robot, each ratio of the true friction to the believed one and each limiter, of all starts:
 the largest slip of a wheel and for how long a run slips faster than SLIDES at most, the time from which on
