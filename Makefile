@@ -148,8 +148,8 @@ test-%: $(READY_DEV)
 
 by-day: $(READY_DEV)
 	rm -rf build/by_day # where nothing is compiled yet, as in a clean clone
-	COVERAGE_FILE=build/lines NOSLIP_CACHE=$(CURDIR)/build/by_day env -u MAKEFLAGS -u MFLAGS $(PYTEST) -m 'not nightly or left' --cov=noslip --cov-context=test \
-	  --cov-report= --junitxml=build/times.xml
+	COVERAGE_FILE=build/lines NOSLIP_CACHE=$(CURDIR)/build/by_day env -u MAKEFLAGS -u MFLAGS $(PYTEST) \
+	  -m 'not nightly or left' --cov=noslip --cov-context=test --cov-report= --junitxml=build/times.xml
 	$(VENV)/bin/python -m noslip.tests.by_day build/times.xml build/lines
 
 margins: $(READY_DEV)

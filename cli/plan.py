@@ -46,7 +46,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         way = ways.add_parser(
             name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", epilog=EXAMPLE
         )
-        # Argparse of Python < 3.13 takes -1e-3 for an option
+        # argparse of Python < 3.13 takes -1e-3 for an option
         way._negative_number_matcher = re.compile(r"-\.?\d")
         way.add_argument(
             "--from", dest="start", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True

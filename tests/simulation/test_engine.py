@@ -309,7 +309,7 @@ def test_load_moves_to_the_outer_wheel():
 
 @pytest.mark.parametrize(
     "angle, mu, patch, slides",
-    # Atan 0.7 = 0.61
+    # atan 0.7 = 0.61
     [(0.55, 0.7, None, False), (0.65, 0.7, None, True), (0.5, 0.7, 0.1, True), (0.5, 0.1, 0.7, False)],
 )
 def test_a_wheel_across_a_slope_slides_beyond_the_angle_of_friction(angle, mu, patch, slides):
