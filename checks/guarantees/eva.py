@@ -78,6 +78,8 @@ FOLLOWER_MAY_WRITE = {  # likewise in the program of the follower, whose parts a
 # functions of which one interval says enough, so that no states are kept apart in them
 MERGED = {"noslip_limit": 0, "noslip_abs": 0}
 MERGED_IN_GRIP = {
+    "noslip_within_cone": 0,
+    "noslip_steps_within": 0,
     "noslip_earn": 0,
     "noslip_compare": 0,
     "noslip_shown": 0,

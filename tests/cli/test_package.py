@@ -590,10 +590,11 @@ def printed_commands() -> list[tuple[str, str]]:
     ]
 
 
-@pytest.fixture
-def outside(installed, tmp_path) -> dict[str, str]:
-    """Variables with which commands are those of the installed wheel."""
-    own = {"NOSLIP_CACHE": str(tmp_path / "cache"), "PATH": f"{installed}:{os.environ['PATH']}"}
+@pytest.fixture(scope="module")
+def outside(installed, tmp_path_factory) -> dict[str, str]:
+    """Variables with which commands are those of the installed wheel, which compile each law once."""
+    cache = tmp_path_factory.mktemp("compiled")
+    own = {"NOSLIP_CACHE": str(cache), "PATH": f"{installed}:{os.environ['PATH']}"}
     return {name: value for name, value in {**os.environ, **own}.items() if name != "PYTHONPATH"}
 
 

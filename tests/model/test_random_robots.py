@@ -30,7 +30,7 @@ from noslip.tests.random_robots import drawn, mechanism, states, truth
 LIMIT = {"double": 1e-10, "float": 2e-4}
 STATES = 6
 HEAVY = 1e3  # the largest condition number of S'MS at a state that is compared, scaled to a diagonal of ones
-NIGHTLY, PIECE = range(160), 20  # robots of the night, and of each of its tests
+NIGHTLY, PIECE = range(100), 20  # robots of the night, and of each of its tests
 FEW = 1  # in the normal suite: the first with up to two quasi-velocities, which is quick to generate
 OF_LAW = ("h", "ydot", "Phi", "Phidot", "u", "tau")
 
