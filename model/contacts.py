@@ -9,6 +9,7 @@ import numpy as np
 
 from .algebra.exact import canonical
 from .algebra.linear import eliminate, solve
+from .algebra.linear_numbers import least_squares
 from .algebra.samples import RANK_TOLERANCE, Sampled, rank
 from .errors import ModelError
 from .mechanism import Mechanism
@@ -250,19 +251,61 @@ def _rows(mechanism: Mechanism) -> ca.SX:
 
 def _translations(mechanism: Mechanism) -> ca.SX:
     """Return the rates of the coordinates, n x 2, with which the whole robot moves at 1 m/s, forward and to
-    the left.
+    the left, in the directions in which contacts have their places."""
+    return _moved_along(mechanism, _heading_of_places(mechanism))
 
-    These are directions of the body on which contacts have their places: the first one, since the vehicle's
-    heading may be that of a steered wheel; of the vehicle if the robot is not made of bodies.
+
+def _heading_of_places(mechanism: Mechanism) -> ca.SX:
+    """Return the heading of the frame in which contacts have their places `ahead` and `left`: that of the
+    first body, or else of the vehicle.
+
+    The vehicle may be a steered wheel, whose heading is a sum of coordinates. The frame then has the heading
+    or one of these coordinates: the one with which contacts move as points at their places do. Raises
+    ModelError if none of them fits, or several do.
     """
+    heading = mechanism.required_vehicle.heading
+    for body in mechanism.bodies[:1]:
+        for q, rate in zip(mechanism.coordinates, mechanism.velocities, strict=True):
+            if (body.yaw_rate - rate.symbol).is_zero():
+                return q.symbol
+    summed = [q.symbol for q in mechanism.coordinates if ca.depends_on(heading, q.symbol)]
+    if len(summed) < 2:
+        return heading
+    fitting = [
+        frame
+        for frame in (heading, *summed)
+        if any(_places_fit(mechanism, frame, turned) for turned in (summed if frame is heading else [frame]))
+    ]
+    if len(fitting) != 1:
+        reason = "are not clear from" if fitting else "do not fit"
+        raise ModelError(
+            f"{mechanism.name}: the places of contacts (ahead, left) {reason} their velocities; give them "
+            "from one point of the body, along its heading and to its left, or make the robot of bodies "
+            "(`body`), the first of which has the contacts"
+        )
+    return fitting[0]
+
+
+def _places_fit(mechanism: Mechanism, heading: ca.SX, turned: ca.SX) -> bool:
+    """Return whether contacts move as points at their places in a frame with a heading do, up to a common
+    velocity, while the coordinate `turned` has the rate 1."""
+    rows = mechanism.contact_rows
+    turning = rows @ ca.jacobian(mechanism.q, turned)
+    directions = rows @ _moved_along(mechanism, heading)
+    places = [ca.vertcat(-contact.left, contact.ahead) for contact in mechanism.contacts]
+    of_places = ca.vertcat(*[directions[2 * k : 2 * k + 2, :] @ place for k, place in enumerate(places)])
+    for value in _sampled(mechanism, ca.horzcat(directions, turning - of_places)).values:
+        axes, velocity = value[:, :2], value[:, 2]
+        common = least_squares(axes, velocity)
+        if np.abs(axes @ common - velocity).max() > RANK_TOLERANCE * (1 + np.abs(velocity).max()):
+            return False
+    return True
+
+
+def _moved_along(mechanism: Mechanism, heading: ca.SX) -> ca.SX:
+    """Return the rates of the coordinates, n x 2, with which the whole robot moves at 1 m/s along a heading,
+    and to its left."""
     vehicle, n = mechanism.required_vehicle, len(mechanism.coordinates)
-    headings = (
-        q.symbol
-        for body in mechanism.bodies[:1]
-        for q, rate in zip(mechanism.coordinates, mechanism.velocities, strict=True)
-        if (body.yaw_rate - rate.symbol).is_zero()
-    )
-    heading = next(headings, vehicle.heading)
     place = canonical(ca.jacobian(ca.vertcat(vehicle.x, vehicle.y), mechanism.q))
     of = [[k for k in range(n) if (place[:, k] - axis).is_zero()] for axis in (ca.SX([1, 0]), ca.SX([0, 1]))]
     if not all(of):

@@ -71,6 +71,7 @@ def castor_platform() -> Mechanism:
         robot.kinetic_energy(I_r * robot.rate(gamma) ** 2 / 2)
         robot.rolls(f"{side} castor rolls", slip)
         robot.rolls(f"no side slip of the {side} castor", across)
+        # Its load stands at the pin: the trail, a twentieth of e, is left out there.
         robot.contact(
             f"{side} castor", m_k + m * d / e / 2, along=slip, across=across, left=sign * f, ahead=e
         )

@@ -148,8 +148,9 @@ def _steered(
     robot.rolls("no side slip of the rear axle", rear_sideways)
     robot.rolls("no side slip of the front wheel", front_sideways)
     robot.rolls(f"{driven} roll" + ("s" if driven_in_front else ""), slip)
-    robot.contact("rear axle", m * (l - c) / l, along=None if driven_in_front else slip, across=rear_sideways)
-    robot.contact("front wheel", m * c / l, along=slip if driven_in_front else None, across=front_sideways)
+    along_rear, along_front = (None, slip) if driven_in_front else (slip, None)
+    robot.contact("rear axle", m * (l - c) / l, along_rear, rear_sideways)
+    robot.contact("front wheel", m * c / l, along_front, front_sideways, ahead=l)
 
     robot.input("tau_d", "N m", on=rolling, about=f"drive torque on the {driven}")
     robot.input("tau_s", "N m", on=steering, about="steering torque, against the body")

@@ -31,6 +31,7 @@ from noslip.tests.urdfs import (
     ROBOTS,
     WHEEL,
     Urdf,
+    body,
     four_wheels,
     mecanum,
     steered,
@@ -428,6 +429,27 @@ def crab() -> Urdf:
     made.joint("steering_rear", "revolute", "base", "rear_knuckle", (-0.8, 0, 0.1))
     made.wheel("rear", "rear_knuckle", (0, 0, 0))
     return made
+
+
+def test_a_wheel_ahead_of_its_steering_axis_stands_where_it_is(tmp_path):
+    """Its contact moves as a point of the body at its place does, at any steering angle."""
+    made = body("trike")
+    for side, name in ((-1, "right"), (1, "left")):
+        made.wheel(name, "base", (0, side * 0.3, 0.1), backward=side > 0)
+    made.link("knuckle", 0.4)
+    made.joint("steering", "revolute", "base", "knuckle", (0.8, 0, 0.1))
+    made.wheel("front", "knuckle", (0.07, 0, 0), mass=0.6)
+    made.drives("front_joint")
+    file = tmp_path / "trike.urdf"
+    file.write_text(made.text)
+    assert main(["import", str(file), "-o", str(tmp_path / "trike.py")]) == 0
+    robot = system_of(find_robot(f"{tmp_path}/trike.py:trike")).mechanism
+    front = robot.contacts[1]
+    place = ca.Function("place", [robot.q, robot.p], [front.ahead])
+    values = [p.default for p in robot.parameters]
+    for delta in (-0.9, 0.0, 0.4):
+        q = [delta if name == "delta" else 0.3 for name in (c.name for c in robot.coordinates)]
+        assert float(place(q, values)) == pytest.approx(0.8 + 0.07 * np.cos(delta), abs=1e-12)
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -12,7 +12,7 @@ import pytest
 from casadi import cos, sin
 from noslip.codegen.files import fingerprint
 from noslip.model import Mechanism, ModelError, reduce
-from noslip.model.contacts import GRAVITY, axles, combination, ground, narrow, unknown_loads
+from noslip.model.contacts import GRAVITY, axles, combination, ground, narrow, shift_by_forces, unknown_loads
 from noslip.model.robots import ROBOTS
 from noslip.model.robots.labmate import labmate
 from noslip.readers.errors import BadInput
@@ -617,7 +617,6 @@ def test_the_ground_of_a_robot_with_supports(name):
 
 def steered_with_supports() -> Mechanism:
     robot = ROBOTS["car"]()
-    robot.contacts[1] = dataclasses.replace(robot.contacts[1], ahead=ca.SX(1.0))
     robot.support("right castor", 2.0, ahead=0.2, left=-0.3)
     robot.support("left castor", 2.0, ahead=0.2, left=0.3)
     return robot
@@ -627,8 +626,6 @@ def test_contacts_on_the_centre_line_move_load_forward_and_back():
     """A car of one wheel an axle on a straight line: m a h about the rear axle is taken off the front one."""
     robot = ROBOTS["car"]()
     values = {p.name: p.default for p in robot.parameters}
-    l = next(p.symbol for p in robot.parameters if p.name == "l")  # noqa: E741
-    robot.contacts[1] = dataclasses.replace(robot.contacts[1], ahead=l)
     plant = Plant(reduce(robot), list(values.values()))
     x, tau, height = np.zeros(7), np.array([900.0, 0.0]), 0.55
     m, wheelbase, r = (values[name] for name in ("m", "l", "r"))
@@ -644,6 +641,36 @@ def test_contacts_on_the_centre_line_move_load_forward_and_back():
     # No longer on the centre line: it would lean
     robot.contacts[1] = dataclasses.replace(robot.contacts[1], left=ca.SX(0.1))
     assert narrow(robot)
+
+
+@pytest.mark.parametrize("name", ["car", "tricycle", "f1tenth", "forklift", "bus"])
+def test_places_are_along_the_body_whatever_is_steered(name):
+    """The balance of moments about the middle of the rear axle, in the axes of the body, not of the steered
+    wheel, which is the vehicle."""
+    robot = ROBOTS[name]()
+    values = {p.name: p.default for p in robot.parameters}
+    plant, random = Plant(reduce(robot), list(values.values())), np.random.default_rng(11)
+    for _ in range(10):
+        x, tau, height = random.uniform(-0.6, 0.6, 7), random.uniform(-5, 5, 2), 0.3
+        rear, front = contact_forces(plant, x, tau, ContactSection(height=height))
+        at_rest = contact_forces(plant, x, tau, ContactSection())
+        pull = 0.0
+        for contact, angle in ((rear, -values.get("k", 0.0) * x[3]), (front, x[3])):
+            pull += np.cos(angle) * contact.longitudinal[0] - np.sin(angle) * contact.lateral[0]
+        moved = [a.load[0] - b.load[0] for a, b in zip((rear, front), at_rest, strict=True)]
+        assert moved == pytest.approx([height * pull / values["l"], -height * pull / values["l"]], rel=1e-9)
+
+
+def test_places_that_do_not_fit_the_velocities_are_refused():
+    """Of a robot whose vehicle is its steered wheel: they say along which heading they are."""
+    robot = ROBOTS["car"]()
+    robot.contacts[1] = dataclasses.replace(robot.contacts[1], ahead=ca.SX(1.0))
+    with pytest.raises(ModelError, match=r"car: the places of contacts \(ahead, left\) do not fit"):
+        shift_by_forces(robot)
+    robot = steered_with_supports()
+    del robot.contacts[0]
+    with pytest.raises(ModelError, match="are not clear from their velocities"):
+        shift_by_forces(robot)
 
 
 def test_supports_on_one_line_carry_no_moment():

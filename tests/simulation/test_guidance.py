@@ -335,7 +335,8 @@ def test_a_start_is_judged_as_stated(speed, offset, kind, time):
     """Figures of the mathematics, section 4; and the run agrees."""
     spec = changed(beside_line(offset, speed), simulation={"duration": 8.0, "output_step": 0.05})
     verdict = certify(make_loop(spec), spec)
-    assert verdict.kind == kind and (time is None or abs(verdict.t - time) < 5e-3)
+    # The figures have three digits.
+    assert verdict.kind == kind and (time is None or abs(verdict.t - time) < 1e-2)
     run = simulate(spec)
     assert (run.stopped == "singular") == (kind == "singular")
     assert time is None or abs(run.t[-1] - verdict.t) < 1e-4
