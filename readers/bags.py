@@ -95,9 +95,9 @@ def table_of_log(file: str | Path, columns: Sequence[str], mapped: Mapping[str, 
                 there = there[np.argsort(times[there], kind="stable")]
             rows, first = (there + 1).tolist(), _field(read.first, field)
             values = values - start / NANOSECONDS if _is(first, TIME) else values
-            table[name] = Column(
-                values[there].tolist(), "rad" if _is(first, QUATERNION) else None, where, rows, clock
-            )
+            is_yaw = _is(first, QUATERNION)
+            unit = "rad" if is_yaw else None
+            table[name] = Column(values[there].tolist(), unit, where, rows, clock, is_yaw=is_yaw)
             table.clocks[clock] = Column(times[there].tolist(), "s", f"{file} {clock} time", rows, clock)
     if len(table.clocks) == 1 and "t" not in mapped:
         (table["t"],) = table.clocks.values()

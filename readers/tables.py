@@ -60,7 +60,7 @@ class Column:
     """Entries of a column, None or "" where there is none, with the unit that its header gives, if any;
     `where` names file and column, `rows` are the numbers of its rows in the file. `topic`: that of its
     messages; `sign`: a factor of all numbers; `problem`: why it cannot be used; `others`: `where` of columns
-    that it is made of, too.
+    that it is made of, too. `is_yaw`: it was computed from quaternions, in rad whatever is said of its unit.
     """
 
     entries: Sequence[Any]
@@ -71,6 +71,7 @@ class Column:
     sign: float = 1.0
     problem: str = ""
     others: Sequence[str] = ()
+    is_yaw: bool = False
 
     def numbers(self, unit: str | None = "") -> np.ndarray:
         """Return the column as floats in SI, NaN where an entry is empty. `unit`: the SI unit of the
@@ -301,7 +302,7 @@ def _yaw(parts: Sequence[Column]) -> Column:
     z and w. Raises BadInput as `numbers`."""
     quaternions = zip(*(replace(part, unit=None).numbers().tolist() for part in parts), strict=True)
     yaws = [yaw_of(*quaternion) for quaternion in quaternions]
-    return replace(parts[0], entries=yaws, unit="rad", others=[part.where for part in parts])
+    return replace(parts[0], entries=yaws, unit="rad", others=[part.where for part in parts], is_yaw=True)
 
 
 def _chosen(text: str, quantity: str, table: Table) -> Column:
@@ -312,17 +313,15 @@ def _chosen(text: str, quantity: str, table: Table) -> Column:
     name, unit = _split(text)
     turns = _quaternions(table)
     if turned := next((each for each in _spellings(name.removeprefix("-"), table) if each in turns), ""):
-        if unit not in (None, "rad"):
-            raise BadInput(
-                f"{table.file}: --map {quantity}={text}: the yaw of a quaternion is in rad; "
-                f"leave out [{unit}]"
-            )
-        return replace(
-            _yaw([table[part] for part in turns[turned]]), sign=-1.0 if name.startswith("-") else 1.0
-        )
+        known[turned] = _yaw([table[part] for part in turns[turned]])
     for sign, whole, bare in ((1.0, text, name), (-1.0, text.removeprefix("-"), name.removeprefix("-"))):
         for tried, stated in ((whole, None), (bare, unit)):
             for column in (known[each] for each in _spellings(tried, table) if each in known):
+                if column.is_yaw and stated not in (None, "rad"):
+                    raise BadInput(
+                        f"{table.file}: --map {quantity}={text}: the yaw of a quaternion is in rad; "
+                        f"leave out [{unit}]"
+                    )
                 return replace(column, sign=sign, unit=column.unit if stated is None else stated)
     raise table.missing(name, quantity)
 

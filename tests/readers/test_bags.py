@@ -531,6 +531,7 @@ ERRORS = {
     "joint by place": ("/joint_states:position[0]", f"no such field; {JOINTS}"),
     "beyond an array": ("/odom:pose.covariance[36]", f"is in none of 80 messages; {FIELDS}"),
     "unit": ("/odom:pose.pose.orientation", "[rad] is not a unit of a quantity in m"),
+    "unit of a yaw": ("/odom:pose.pose.orientation [m]", "the yaw of a quaternion is in rad; leave out [m]"),
 }
 
 
