@@ -42,24 +42,25 @@ PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 # Long steps, in s of one core, where no night has measured them yet; of the others it is assumed that they
 # take 30 s.
 ABOUT = {
-    "guarantees eva": 1500,
-    "guarantees others": 500,
-    "figures": 500,
+    "guarantees eva": 400,
+    "guarantees others": 300,
+    "figures": 120,
+    "bench": 120,
     "bits": 600,
     "firmware-test": 300,
-    "night test_floor_figures": 850,
-    "night test_processors": 750,
-    "night test_mutated": 600,
-    "night test_calibration": 500,
-    "night test_package": 450,
-    "night test_identification": 450,
+    "night test_floor_figures": 600,
+    "night test_processors": 450,
+    "night test_mutated": 250,
+    "night test_calibration": 350,
+    "night test_package": 400,
+    "night test_identification": 250,
     "night test_dialects": 350,
     "night test_identify_motors": 300,
-    "night test_random_robots": 1000,
-    "night test_safety": 1600,
-    "night test_guarantees": 3600,
-    "night test_broken_logs": 1200,
-    "night test_battery": 900,
+    "night test_random_robots": 350,
+    "night test_safety": 500,
+    "night test_guarantees": 600,
+    "night test_broken_logs": 500,
+    "night test_battery": 250,
 }
 PIECE = 900  # s: the tests of a file that takes longer are dealt into several steps
 PART = re.compile(r" \d+ of \d+$")  # in the name of such a step
@@ -115,7 +116,10 @@ def steps(folder: Path) -> list[Step]:
         target("bits"),
         target("firmware-test"),
     ]
-    found += [target("figures")]
+    found += [target("figures", cores=os.cpu_count() or 1)]
+    found += [
+        Step("bench", [python, str(ROOT / "checks/bench/run.py"), "--quick", "-o", str(folder / "bench")])
+    ]
     found += [Step(name, _pytest(folder, name, "-m", "nightly", *tests)) for name, tests in _of_the_night()]
     for choice, environment in choices().items():
         command = _pytest(folder, f"kernels {choice}", *(f"test_{name}" for name in NUMERICAL))
@@ -131,7 +135,8 @@ def steps(folder: Path) -> list[Step]:
     others = [name for name in CHECKS if name not in ("eva", "fuzz")]
     for name, checks in {"eva": ["eva"], "fuzz": ["fuzz"], "others": others}.items():
         command = [python, "-m", "noslip.checks.guarantees", *checks, "-o", str(folder / "guarantees" / name)]
-        found.append(Step(f"guarantees {name}", command))
+        at_once = 1 if name == "fuzz" else 2  # as `tools.each` runs them
+        found.append(Step(f"guarantees {name}", command, cores=at_once))
     for path in SOURCES:
         sample = OF_CODEGEN if path.startswith("codegen") else OF_C
         options = ["--jobs", "1", "--seed", *SEEDS, "--sample", sample, "--least", "0"]

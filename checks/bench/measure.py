@@ -17,7 +17,7 @@ from noslip.codegen.targets import STANDARD, flags
 from programs import MeasuredProgram, main_text
 
 BENCH = Path(__file__).resolve().parent
-ROOT = BENCH.parents[1]
+BOARDS = BENCH.parents[1] / "firmware/boards"
 COMMON = [*STANDARD[1:], "-ffunction-sections", "-fcallgraph-info=su,da", "-w"]
 LANGUAGE = {"c": [STANDARD[0]], "c++": ["-std=c++14", "-fno-exceptions", "-fno-rtti"]}
 M4F = flags("cortex-m4f")
@@ -55,10 +55,10 @@ class Host:
     name = "host"
     prefix = ""
     level = "-O2"
-    peers = True  # whether the laws of other tools are measured on it, too
+    peers = True  # whether the laws of other tools are measured on it, too; they need a libm
     flags: Sequence[str] = ()
     startup: Sequence[Path] = ()
-    link: Sequence[str] = ()
+    link: Sequence[str] = ("-lm",)
     runner: Sequence[str] = ("valgrind",)
 
     def __init__(self, folder: Path):
@@ -89,7 +89,7 @@ class Host:
         image = folder / "image"
         flags = [self.level, *COMMON, *LANGUAGE["c"], *self.flags, f"-I{RUNTIME}", f"-I{shared}"]
         run(
-            [self.prefix + "gcc", *flags, *map(str, plain + objects), *self.link, "-lm", "-o", str(image)],
+            [self.prefix + "gcc", *flags, *map(str, plain + objects), *self.link, "-o", str(image)],
             folder,
         )
         symbols = symbols_of(image, self.prefix)
@@ -151,16 +151,20 @@ class CortexM4F(Host):
     name = "cortex-m4f"
     prefix = "arm-none-eabi-"
     flags = M4F
-    startup = (ROOT / "firmware/boards/start_cortex_m.c",)
-    link = (
-        "-nostartfiles",
-        "--specs=nosys.specs",
-        f"-T{ROOT / 'firmware/boards/mps2-an386.ld'}",
-        "-Wl,--gc-sections",
-    )
+    startup = (BOARDS / "start_cortex_m.c", BOARDS / "string.c")
     runner = ("qemu-system-arm", "gcc")
     machine = ("qemu-system-arm", "-M", "mps2-an386", *"-display none -monitor none -serial none".split())
     machine += ("-semihosting-config", "enable=on,target=native")
+
+    def __init__(self, folder: Path):
+        super().__init__(folder)
+        found = subprocess.run(
+            [f"{self.prefix}gcc", "-print-file-name=libm.a"], capture_output=True, text=True, check=False
+        )
+        self.peers = self.peers and "/" in found.stdout  # newlib is there
+        script = f"-T{BOARDS / 'mps2-an386.ld'}"
+        libraries = ["-lm", "-lc", "-lnosys"] if self.peers else []
+        self.link = ["-nostdlib", script, "-Wl,--gc-sections", *libraries, "-lgcc"]
 
     def count(self, image: Path, programs: Sequence[MeasuredProgram], symbols: dict) -> dict[str, Executed]:
         """MeasuredProgram name -> mean, least, most, cycles."""

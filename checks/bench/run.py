@@ -78,6 +78,8 @@ def main() -> int:
         if target.missing:
             print(f"{target.name}: skipped, {target.missing} is not installed")
             continue
+        if type(target).peers and not target.peers:
+            print(f"{target.name}: laws of other tools are skipped, newlib is not installed")
         scalars = ("float",) if isinstance(target, CortexM4F) else SCALARS
         measured = (
             written if target.peers else {key: found for key, found in written.items() if key[0] in OURS}

@@ -86,15 +86,13 @@ __attribute__((noipa)) int drive(float *x) {{ measured({LOOP}, x); return 0; }}
 int main(void) {{ float x[2] = {{2, 3}}; return drive(x); }}
 """)
     target, image = CortexM4F(tmp_path), tmp_path / "image"
-    # It needs no C library
-    link = ["-nostdlib", *(flag for flag in target.link if not flag.startswith("--specs"))]
     build = [
         "arm-none-eabi-gcc",
         "-O1",
         *target.flags,
         "main.c",
         *map(str, target.startup),
-        *link,
+        *target.link,
         "-o",
         str(image),
     ]
