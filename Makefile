@@ -101,13 +101,13 @@ build/figures$(ALL).stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wild
 	$(NOSLIP) figures $(ALL) -o build/figures
 	@touch $@
 
-# A page with a film for the SPEC of each robot, and for some of the figures.
+# A page with a film for the SPEC of each robot, and for some of the figures; of a run that stops (exit 1) up to there.
 FILMS := $(wildcard examples/specs/robots/*.toml) $(foreach name,waypoints fastest reversing cusp,examples/specs/figures/$(name).toml)
 films: $(FILMS:%.toml=build/films/%.stamp)
 
 build/films/%.stamp: %.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
 	@mkdir -p $(@D)
-	$(NOSLIP) simulate $< -o build/films/$(*F).csv --animate build/films/$(*F).html
+	$(NOSLIP) simulate $< -o build/films/$(*F).csv --animate build/films/$(*F).html || [ $$? = 1 ]
 	@touch $@
 
 # What `make figures` has drawn and `make films` has filmed is in the gallery. A broken link is an error.

@@ -46,6 +46,7 @@ ABOUT = {
     "guarantees others": 300,
     "figures": 120,
     "bench": 120,
+    "films": 120,
     "bits": 600,
     "firmware-test": 300,
     "night test_floor_figures": 600,
@@ -116,7 +117,7 @@ def steps(folder: Path) -> list[Step]:
         target("bits"),
         target("firmware-test"),
     ]
-    found += [target("figures", cores=os.cpu_count() or 1)]
+    found += [target("figures", cores=os.cpu_count() or 1), target("films")]
     found += [
         Step("bench", [python, str(ROOT / "checks/bench/run.py"), "--quick", "-o", str(folder / "bench")])
     ]
