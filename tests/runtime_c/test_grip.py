@@ -643,10 +643,10 @@ def test_refused_specs(more, said):
     [
         ("geared_arm", None, None, "it defines no contacts: add them"),
         (
-            "car",
+            "tractor_trailer",
             "type_iv_line",
             Limits((0.0, 0.0), "grip", Friction(0.5, height=0.2)),
-            "height = 0.2: car has an axle without width",
+            "height = 0.2: tractor_trailer has an axle without width",
         ),
         ("labmate", "type_i", Limits((0.0, 0.0), "grip"), "requires friction"),
         ("labmate", "type_i", Limits((0.0, 0.0), "grip", Friction(-0.5)), "mu must be positive"),
@@ -678,7 +678,8 @@ def test_init_checks_the_friction(scalar):
         assert status("labmate", **changed) is None, changed
     for name, values in REFUSED.items():
         assert {status("labmate", **{name: value}) for value in values} == {"bad_parameter"}, name
-    assert (status("car"), status("car", height=0.3)) == (None, "bad_parameter")
+    assert (status("tractor_trailer"), status("tractor_trailer", height=0.3)) == (None, "bad_parameter")
+    assert status("car", height=0.3) is None  # its axles are on the centre line, and named
 
 
 def straight_on(
