@@ -501,7 +501,7 @@ class QuickestFirst:
     @staticmethod
     def _groups(name: str) -> tuple[str, str, str]:
         """Return the file of a test, its function and itself."""
-        return name.split("::")[0], name.split("[")[0], f"{name} "
+        return name.split("::")[0], name.split("[")[0], name
 
 
 class Copy:

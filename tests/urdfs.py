@@ -110,8 +110,8 @@ def trailers(count: int) -> Urdf:
     return made
 
 
-def steered(pair: bool, front: bool = False) -> Urdf:
-    """A car or a tricycle, driven at the rear or in front."""
+def steered(pair: bool, front: bool = False, ahead: float = 0.0) -> Urdf:
+    """A car or a tricycle, driven at the rear or in front, with wheels `ahead` (m) of their steering axes."""
     made = body("wagon" if pair else "trike")
     for side, name in ((-1, "right"), (1, "left")):
         made.wheel(name, "base", (0, side * 0.3, 0.1), backward=side > 0)
@@ -126,7 +126,7 @@ def steered(pair: bool, front: bool = False) -> Urdf:
             (0.8, side * 0.25, 0.1),
             axis=(0, 0, -1 if down else 1),
         )
-        made.wheel(f"front{name}", f"knuckle{name}", (0, side * 0.05, 0), mass=0.6)
+        made.wheel(f"front{name}", f"knuckle{name}", (ahead, side * 0.05, 0), mass=0.6)
     made.drives(*(("front_joint",) if front else ("left_joint", "right_joint")))
     return made
 

@@ -55,14 +55,23 @@ class Host:
     name = "host"
     prefix = ""
     level = "-O2"
-    peers = True  # whether the laws of other tools are measured on it, too; they need a libm
+    peers = True  # whether the laws of other tools are measured on it, too, if it has the libm that they need
     flags: Sequence[str] = ()
     startup: Sequence[Path] = ()
-    link: Sequence[str] = ("-lm",)
     runner: Sequence[str] = ("valgrind",)
 
     def __init__(self, folder: Path):
         self.folder = folder / self.name
+
+    @property
+    def has_libm(self) -> bool:
+        """Whether there is a libm."""
+        return True
+
+    @property
+    def link(self) -> list[str]:
+        """What is linked behind the programs."""
+        return ["-lm"]
 
     @property
     def missing(self) -> str:
@@ -156,15 +165,16 @@ class CortexM4F(Host):
     machine = ("qemu-system-arm", "-M", "mps2-an386", *"-display none -monitor none -serial none".split())
     machine += ("-semihosting-config", "enable=on,target=native")
 
-    def __init__(self, folder: Path):
-        super().__init__(folder)
-        found = subprocess.run(
-            [f"{self.prefix}gcc", "-print-file-name=libm.a"], capture_output=True, text=True, check=False
-        )
-        self.peers = self.peers and "/" in found.stdout  # newlib is there
-        script = f"-T{BOARDS / 'mps2-an386.ld'}"
-        libraries = ["-lm", "-lc", "-lnosys"] if self.peers else []
-        self.link = ["-nostdlib", script, "-Wl,--gc-sections", *libraries, "-lgcc"]
+    @property
+    def has_libm(self) -> bool:
+        """Whether newlib is installed: GCC then names the file with its folder."""
+        return "/" in run([f"{self.prefix}gcc", "-print-file-name=libm.a"], BOARDS).stdout
+
+    @property
+    def link(self) -> list[str]:
+        """Ours and the hand-written laws need no C library."""
+        libraries = ["-lm", "-lc", "-lnosys"] if self.has_libm else []
+        return ["-nostdlib", f"-T{BOARDS / 'mps2-an386.ld'}", "-Wl,--gc-sections", *libraries, "-lgcc"]
 
     def count(self, image: Path, programs: Sequence[MeasuredProgram], symbols: dict) -> dict[str, Executed]:
         """MeasuredProgram name -> mean, least, most, cycles."""

@@ -78,12 +78,11 @@ def main() -> int:
         if target.missing:
             print(f"{target.name}: skipped, {target.missing} is not installed")
             continue
-        if type(target).peers and not target.peers:
+        with_peers = target.peers and target.has_libm
+        if target.peers and not (with_peers or args.quick):
             print(f"{target.name}: laws of other tools are skipped, newlib is not installed")
         scalars = ("float",) if isinstance(target, CortexM4F) else SCALARS
-        measured = (
-            written if target.peers else {key: found for key, found in written.items() if key[0] in OURS}
-        )
+        measured = written if with_peers else {key: found for key, found in written.items() if key[0] in OURS}
         jobs = [(label, found, scalar) for (label, scalar), found in measured.items() if scalar in scalars]
         counts = measure_all(target, jobs, shared)
         for scalar in scalars:

@@ -71,6 +71,14 @@ def test_cycles_of_other_processors(bench):
     assert [b - a for a, b in zip(m4, m7, strict=True)] == [0, 0, 0, 2, 2, 0, 2, 0, 2, *[0] * 6]
 
 
+def test_a_target_without_its_tools_is_skipped(bench, tmp_path, monkeypatch):
+    from measure import CortexM0Plus, CortexM4F, CortexM4FSmall
+
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for target in (CortexM4F, CortexM4FSmall, CortexM0Plus):
+        assert target(tmp_path).missing == "arm-none-eabi-gcc"
+
+
 def test_cycles_of_a_trace(bench, tmp_path):
     """A loop that QEMU executes takes what its instructions take, and 2 more for each branch taken:
     call, loop, return."""

@@ -31,7 +31,6 @@ from noslip.tests.urdfs import (
     ROBOTS,
     WHEEL,
     Urdf,
-    body,
     four_wheels,
     mecanum,
     steered,
@@ -432,16 +431,9 @@ def crab() -> Urdf:
 
 
 def test_a_wheel_ahead_of_its_steering_axis_stands_where_it_is(tmp_path):
-    """Its contact moves as a point of the body at its place does, at any steering angle."""
-    made = body("trike")
-    for side, name in ((-1, "right"), (1, "left")):
-        made.wheel(name, "base", (0, side * 0.3, 0.1), backward=side > 0)
-    made.link("knuckle", 0.4)
-    made.joint("steering", "revolute", "base", "knuckle", (0.8, 0, 0.1))
-    made.wheel("front", "knuckle", (0.07, 0, 0), mass=0.6)
-    made.drives("front_joint")
+    """At any steering angle."""
     file = tmp_path / "trike.urdf"
-    file.write_text(made.text)
+    file.write_text(steered(pair=False, front=True, ahead=0.07).text)
     assert main(["import", str(file), "-o", str(tmp_path / "trike.py")]) == 0
     robot = system_of(find_robot(f"{tmp_path}/trike.py:trike")).mechanism
     front = robot.contacts[1]
