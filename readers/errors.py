@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
-from importlib import import_module, metadata
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -83,6 +83,8 @@ def installing(extra: str) -> str:
     clone = (root / "Makefile").is_file()
     if clone and Path(sys.prefix).resolve() == (root / ".venv").resolve():
         return f"`make -C {root} setup` installs it"
+    from importlib import metadata  # slow to import, and needed by few runs
+
     origin = metadata.distribution("noslip").read_text("direct_url.json")  # of what was installed from a file
     wheel = (
         unquote(urlsplit(json.loads(origin)["url"]).path)

@@ -9,11 +9,10 @@ import sqlite3
 import zlib
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 from .errors import BadInput
-from .kept import check_private, digest, digest_of_code, folder_of_results
+from .kept import check_private, digest, digest_of_code, folder_of_results, version_of
 
 DETERMINE = ("model/algebra",)  # folders whose code determines a form
 LIBRARIES = ("casadi", "sympy", "python-flint")
@@ -49,7 +48,7 @@ class Forms:
 def _database(folder: Path, process: int) -> sqlite3.Connection:
     """Return the database for this code and these libraries; a process must not use that of another,
     which it was forked from."""
-    versions = [version(library) for library in LIBRARIES]
+    versions = [version_of(library) for library in LIBRARIES]
     path = folder / f"{digest(repr((digest_of_code(DETERMINE), versions)).encode())}.forms"
     with suppress(FileExistsError):
         os.close(os.open(path, os.O_CREAT | os.O_EXCL, 0o600))

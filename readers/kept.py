@@ -9,6 +9,7 @@ import io
 import os
 import pickle
 import stat
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -67,13 +68,29 @@ class _Unpickler(pickle.Unpickler):
         return self._shared[pid]
 
 
-@cache
 def digest_of_code(rooms: tuple[str, ...]) -> str:
     """Return the digest of all files in folders of noslip."""
-    root = Path(__file__).resolve().parent.parent
-    paths = (path for room in rooms for path in (root / room).rglob("*"))  # templates count as code
-    files = sorted(path for path in paths if path.is_file() and path.parent.name != "__pycache__")
+    return digest(repr([_digest_of_room(room) for room in rooms]).encode())
+
+
+@cache
+def _digest_of_room(room: str) -> str:
+    folder = Path(__file__).resolve().parent.parent / room
+    paths = (Path(place, name) for place, _, names in os.walk(folder) for name in names)  # templates too
+    files = sorted(path for path in paths if path.parent.name != "__pycache__")
     return digest(b"".join(file.read_bytes() for file in files))
+
+
+@cache
+def version_of(library: str) -> str:
+    """Return the version of an installed library, from the name of the folder that describes it."""
+    name = library.replace("-", "_")
+    for place in sys.path:
+        for folder in Path(place).glob(f"{name}-*.dist-info"):
+            return folder.name.removeprefix(f"{name}-").removesuffix(".dist-info")
+    from importlib.metadata import version  # slow to import
+
+    return version(library)
 
 
 def kept(key: tuple, suffix: str) -> Path | None:
@@ -81,10 +98,12 @@ def kept(key: tuple, suffix: str) -> Path | None:
 
     Raises BadInput if the cache folder cannot be created or is not private to this user.
     """
-    for path in folder_of_results().glob(f"{_digest_of(key)}-*{suffix}"):
-        if _is_sound(path):
-            return path
-        path.unlink(missing_ok=True)  # damaged: it is computed again
+    folder, own = folder_of_results(), f"{_digest_of(key)}-"
+    for name in os.listdir(folder):  # quicker than glob, which reads all names too
+        if name.startswith(own) and name.endswith(suffix):
+            if _is_sound(folder / name):
+                return folder / name
+            (folder / name).unlink(missing_ok=True)  # damaged: it is computed again
     return None
 
 

@@ -41,7 +41,8 @@ def simulate(
     Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a
     singular start.
     """
-    spec = replace(spec, simulation=_as_run(spec.simulation, backend))
+    as_run = _as_run(spec.simulation, backend)
+    spec = spec if as_run == spec.simulation else replace(spec, simulation=as_run)
     if not (engine or stages) and spec.simulation.backend in SINGLE:
         from .firmware.run import run_of_firmware, runs_as_firmware  # slow to import
 

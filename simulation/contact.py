@@ -14,6 +14,7 @@ import itertools
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -168,6 +169,7 @@ def check_share(contact: ContactSection, plant: Plant) -> None:
         )
 
 
+@lru_cache(maxsize=1)
 def grip(run: Run) -> Grip:
     """Return the contacts of a run, without the last row of a stopped run, whose torque did not act.
 

@@ -16,6 +16,9 @@ from .runge_kutta import SHRINK, AcceptedStep, Integrator, resize
 from .specification.spec import MOST_ROWS, Simulation
 
 SHORTEST = 1e-9  # s: a step that meets an error is shortened down to this, then the run stops
+# A step in continuous time beyond the next row is at most LONGEST, and this share of what the tolerance
+# permits: rows within a step are as good as its end.
+LONGEST, SHARE = 0.08, 0.5  # s, 1
 PACE = 4000  # steps from which on the time they covered decides whether the run goes on
 MOST_STEPS = 100_000  # while the inputs are held
 # For observers, where another piece of a path begins: there is nothing to compare with
@@ -50,19 +53,22 @@ class Row:
 
 
 def continuous(loop: Loop, simulation: Simulation, most: int = MOST_ROWS) -> Iterator[Row]:
-    """The controller is part of the right-hand side. Steps end on the rows, so that rows are as good as
-    steps. The integrals z of the errors of outputs with integral action and the states xi of a dynamic
-    extension are further states: [x; z; xi].
+    """The controller is part of the right-hand side. The integrals z of the errors of outputs with integral
+    action and the states xi of a dynamic extension are further states: [x; z; xi]. A row within a step is of
+    the polynomial of order 7 through it.
 
     Where a trial step meets an error, a shorter one is tried; the run stops when none of at least SHORTEST is
-    left. Where a step passes the end of a piece of the path, it is taken again up to that end. Raises
-    BadInput for a run that would take more than `most` steps.
+    left. Where a step passes the end of a piece of the path, it is used up to that end. Raises BadInput for a
+    run that would take more than `most` steps.
     """
     ki = loop.integral.ki
     n, m = len(loop.start), len(loop.start) + len(ki)
 
-    def command(t: float, state: np.ndarray) -> tuple[str, np.ndarray]:
-        return loop.call(t, state[:n], state[m:]).command(ki * state[n:m])
+    def row(t: float, state: np.ndarray, refused: str = "") -> Row:
+        status, tau = refused, None
+        if not refused:
+            status, tau = loop.call(t, state[:n], state[m:]).command(ki * state[n:m])
+        return _row(loop, t, state[:n], tau, status, state[n:m], state[m:])
 
     def rate(t: float, state: np.ndarray) -> np.ndarray:
         call = loop.call(t, state[:n], state[m:])
@@ -75,31 +81,37 @@ def continuous(loop: Loop, simulation: Simulation, most: int = MOST_ROWS) -> Ite
     solver = Integrator(
         rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance
     )
-    for t in _row_times(simulation):
-        while solver.t < t:
-            try:
-                step = solver.step(t)
-                end = _end_of_piece(loop, step)
-            except Refused as refused:
-                if solver.h <= SHORTEST:
-                    yield _row(
-                        loop, solver.t, solver.x[:n], None, refused.status, solver.x[n:m], solver.x[m:]
-                    )
-                    return
-                solver.h *= SHRINK
-                continue
-            steps += 1
-            if steps > PACE and steps * (simulation.duration - begin) > most * (step.end - begin):
-                raise _too_stiff(step.end, step.end - step.begin)
-            if end is None:
-                solver.take(step)
-            else:
-                solver.restart(*end)
-                begin, steps = end[0], 0
-        status, tau = command(t, solver.x)
-        yield _row(loop, t, solver.x[:n], tau, status, solver.x[n:m], solver.x[m:])
-        if status not in RUNNING:
-            return
+    due = deque(_row_times(simulation))
+    while True:
+        if due[0] <= solver.t:
+            yield (last := row(due.popleft(), solver.x))
+            if last.status not in RUNNING or not due:
+                return
+        try:
+            long = min(SHARE * solver.h, LONGEST)
+            step = solver.step(min(max(due[0], solver.t + long), simulation.duration))
+            end, state, over = _up_to_end_of_piece(loop, step)
+        except Refused as refused:
+            if solver.h <= SHORTEST:
+                yield row(solver.t, solver.x, refused.status)
+                return
+            solver.h *= SHRINK
+            continue
+        steps += 1
+        if steps > PACE and steps * (simulation.duration - begin) > most * (step.end - begin):
+            raise _too_stiff(step.end, step.end - step.begin)
+        inside = [*itertools.takewhile(end.__gt__, due)]
+        for t, between in zip(inside, step.within(np.array(inside)), strict=True):
+            due.popleft()
+            yield (last := row(t, between))
+            if last.status not in RUNNING:
+                return
+        loop.guidance.update(end, state[:n])
+        if over:
+            solver.restart(end, state)
+            begin, steps = end, 0
+        else:
+            solver.take(step)
 
 
 # From t, state, what is held and duration to the state then
@@ -195,21 +207,18 @@ def _too_stiff(t: float, h: float) -> BadInput:
     )
 
 
-def _end_of_piece(loop: Loop, step: AcceptedStep) -> tuple[float, np.ndarray] | None:
-    """Time and [x; z] where a step leaves the piece of path, the guidance having gone on;
-    None where it does not."""
+def _up_to_end_of_piece(loop: Loop, step: AcceptedStep) -> tuple[float, np.ndarray, bool]:
+    """Time and [x; z; xi] up to which a step is used, and whether it ends a piece of the path there."""
     guidance, n = loop.guidance, len(loop.start)
-    end, state = step.end, step.after
-    left = guidance.left(end, state[:n])
-    if left <= -BEYOND:
+    left = guidance.left(step.end, step.after[:n])
+    if left > -BEYOND:
+        return step.end, step.after, left <= 0
 
-        def beyond(seconds: float) -> float:
-            return guidance.left(step.begin + seconds, step.within(seconds)[:n]) + BEYOND
+    def beyond(t: float) -> float:
+        return guidance.left(t, step.within(t)[:n]) + BEYOND
 
-        seconds = _root(beyond, end - step.begin, 1e-15) if beyond(0.0) > 0 else 0.0
-        end, state = step.begin + seconds, step.within(seconds)
-    guidance.update(end, state[:n])
-    return None if left > 0 else (end, state)
+    end = _root(beyond, step.begin, step.end, 1e-15) if beyond(step.begin) > 0 else step.begin
+    return end, step.within(end), True
 
 
 def _hold(
@@ -243,7 +252,7 @@ def _crossing(
     def after(s: float) -> np.ndarray:
         return loop.drive.step(x, given, s, tolerance, t)[0]
 
-    s = _root(lambda s: loop.side(after(s), xi), h, SHORTEST)
+    s = _root(lambda s: loop.side(after(s), xi), 0.0, h, SHORTEST)
     return Refused("singular", t + s, after(s))
 
 
@@ -274,9 +283,8 @@ def _row_times(simulation: Simulation) -> list[float]:
     return [*(k * step for k in range(int(np.ceil(end / step - 1e-9)))), end]
 
 
-def _root(function: Callable[[float], float], end: float, tolerance: float) -> float:
-    """Where a function of the time since a step's beginning, with opposite signs there and at its end,
-    is zero, s."""
+def _root(function: Callable[[float], float], begin: float, end: float, tolerance: float) -> float:
+    """Where a function of the time, with opposite signs at the begin and the end, is zero, s."""
     from scipy.optimize import brentq  # slow to import, and needed by few runs
 
-    return brentq(function, 0.0, end, xtol=tolerance)
+    return brentq(function, begin, end, xtol=tolerance)

@@ -31,7 +31,6 @@ from .controllers.backends import SCALAR, make_controller
 from .controllers.balance.steady import analyse_at_rest
 from .controllers.balance.zero_dynamics import of_outputs
 from .controllers.controller import RUNNING, Controller, Evaluation, Friction, Limits
-from .controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from .controllers.estimation.disturbance import DisturbanceObservers
 from .controllers.ground.slip import Noticed
 from .controllers.integral import IntegralAction, hurwitz
@@ -97,6 +96,9 @@ class Learning:
         self, law: ControlLaw, believed: np.ndarray, section: AdaptationSection, simulation: Simulation
     ):
         """Raises BadInput for parameters that cannot be learned."""
+        # slow to import, and needed by few runs
+        from .controllers.estimation.adaptation import Adaptation, AdaptationOptions
+
         options = AdaptationOptions(**{field.name: getattr(section, field.name) for field in fields(section)})
         self.adaptation = Adaptation(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
         self.believed, self._t = believed, 0.0

@@ -8,7 +8,7 @@ from typing import Any
 import cffi
 import numpy as np
 
-from .controllers.runtime import SOURCE, load
+from .controllers.runtime import SOURCE, knowing, load
 
 HEADER = "noise.h"
 DECLARED = """
@@ -38,8 +38,7 @@ class Noise:
 @lru_cache
 def library() -> tuple[cffi.FFI, Any]:
     """Return the compiled C: types and functions. Raises BadInput as `load` does."""
-    ffi = cffi.FFI()
-    ffi.cdef(DECLARED)
+    ffi = knowing(DECLARED)
     return ffi, load(ffi, {"library.c": SOURCE.format(header=HEADER), **source()})
 
 

@@ -1,6 +1,6 @@
 """The plant: dynamics (10), (11) of a mechanism with its own parameters."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 
 import casadi as ca
@@ -139,34 +139,52 @@ def functions(system: ReducedSystem, given: Given = ()) -> dict[str, ca.Function
     tau = ca.SX.sym("tau", len(mechanism.inputs))
     acceleration = system.acceleration(tau)
     rate, step = motion(system, acceleration, [tau, p], given)
-    energy = ca.substitute(mechanism.energy(), mechanism.qdot, system.qdot)
-    power = ca.dot(tau, mechanism.E.T @ mechanism.qdot) + sum(
-        (force * velocity for force, velocity in mechanism.forces), ca.SX(0)
-    )
-    forces = system.constraint_forces(tau, acceleration)
-    ground = -ca.dot(forces, mechanism.surface_velocity)
-    places = ca.vertcat(*[c.mass for c in mechanism.standing], *[c.left for c in mechanism.standing])
-    contacts = ca.vertcat(ca.vec(combination(mechanism)), places)
     impulse = ca.SX.sym("impulse", system.dof)
-    others = {
-        "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
-        "power": ca.Function(
-            "power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot) + ground)]
-        ),
-        "ground_power": ca.Function("ground_power", [x, tau, p], [ca.densify(ground)]),
-        "jump": ca.Function("jump", [x, impulse, p], [ca.densify(solve(system.Mbar, impulse))]),
-        "slip": ca.Function(
-            "slip", [x, p], [ca.densify(mechanism.A @ system.qdot - mechanism.surface_velocity)]
-        ),
-        "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
-        "shift": ca.Function("shift", [x, p], [ca.densify(ca.vec(ca.densify(shift_by_forces(mechanism))))]),
-        "forces": ca.Function("forces", [x, tau, p], [ca.densify(forces)]),
+
+    def forces() -> ca.SX:
+        return system.constraint_forces(tau, acceleration)
+
+    def ground_power() -> ca.SX:
+        return -ca.dot(forces(), mechanism.surface_velocity)
+
+    def power() -> ca.SX:
+        of_forces = sum((force * velocity for force, velocity in mechanism.forces), ca.SX(0))
+        whole = ca.dot(tau, mechanism.E.T @ mechanism.qdot) + of_forces
+        return ca.substitute(whole, mechanism.qdot, system.qdot) + ground_power()
+
+    def contacts() -> ca.SX:
+        places = ca.vertcat(*[c.mass for c in mechanism.standing], *[c.left for c in mechanism.standing])
+        return ca.vertcat(ca.vec(combination(mechanism)), places)
+
+    others: dict[str, tuple[list[ca.SX], Callable[[], ca.SX]]] = {
+        "energy": ([x, p], lambda: ca.substitute(mechanism.energy(), mechanism.qdot, system.qdot)),
+        "power": ([x, tau, p], power),
+        "ground_power": ([x, tau, p], ground_power),
+        "jump": ([x, impulse, p], lambda: solve(system.Mbar, impulse)),
+        "slip": ([x, p], lambda: mechanism.A @ system.qdot - mechanism.surface_velocity),
+        "contacts": ([x, p], contacts),
+        "shift": ([x, p], lambda: ca.vec(ca.densify(shift_by_forces(mechanism)))),
+        "forces": ([x, tau, p], forces),
     }
-    return {
-        "rate": rate,
-        "step": step,
-        **{name: portable(function) for name, function in others.items()},
-    }
+    return _WhenAsked({"rate": rate, "step": step}, others)
+
+
+class _WhenAsked(dict[str, ca.Function]):
+    """Functions by name; of the `others`, arguments and what makes the result, each is made when it is asked
+    for."""
+
+    def __init__(
+        self,
+        made: Mapping[str, ca.Function],
+        others: Mapping[str, tuple[list[ca.SX], Callable[[], ca.SX]]],
+    ):
+        super().__init__(made)
+        self._others = others
+
+    def __missing__(self, name: str) -> ca.Function:
+        arguments, result = self._others[name]
+        self[name] = portable(ca.Function(name, arguments, [ca.densify(result())]))
+        return self[name]
 
 
 def motion(
@@ -183,7 +201,8 @@ def motion(
     time = [t] if known else []
     qdot = system.qdot + accelerations(system.mechanism, known, t) if known else system.qdot
     rate = portable(ca.Function("rate", [x, *given, *time], [ca.densify(ca.vertcat(qdot, nudot))]))
-    step = runge_kutta.step(
+    after, error, _ = runge_kutta.step(
         lambda at, x: rate(x, *given, *([at] if known else [])), t, x, rate(x, *given, *time), h, tolerance
     )
-    return rate, ca.Function("step", [x, *given, h, tolerance, *time], [ca.densify(s) for s in step])
+    ends = [ca.densify(after), ca.densify(error)]
+    return rate, ca.Function("step", [x, *given, h, tolerance, *time], ends)

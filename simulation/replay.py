@@ -47,7 +47,7 @@ class Record:
 
 def record_text(robot: str, law: "ControlLaw", calls: "Sequence[Call]") -> str:
     """Return a record as text; `robot` as for find_robot."""
-    from ..codegen.files import fingerprint
+    from ..codegen.identity import fingerprint
 
     head = [FIRST, f"robot {robot}", f"law {law.name}", f"model {fingerprint(law.system, law)}"]
     body = [
@@ -71,7 +71,7 @@ def read_record(file: str, trusted: bool = False, progress: Reported = silent) -
 
     `trusted`: a robot file that it names may be executed; `progress` receives the number of calls read.
     """
-    from ..codegen.files import fingerprint
+    from ..codegen.identity import fingerprint
     from ..readers.robots import check_trust, find_robot, law_of
 
     try:

@@ -125,6 +125,100 @@ E3 = {
     11: 0.02265179219836082,
 }
 
+# Between the ends of a step a polynomial of order 7 is used (ibid., II.6). It takes three more slopes, after
+# that at the end, at these parts of the step, and its highest four coefficients weigh all sixteen.
+WITHIN_C = (0.1, 0.2, 0.7777777777777778)
+WITHIN_A: tuple[dict[int, float], ...] = (
+    {
+        0: 0.056167502283047954,
+        6: 0.25350021021662483,
+        7: -0.2462390374708025,
+        8: -0.12419142326381637,
+        9: 0.15329179827876568,
+        10: 0.00820105229563469,
+        11: 0.007567897660545699,
+        12: -0.008298,
+    },
+    {
+        0: 0.03183464816350214,
+        5: 0.028300909672366776,
+        6: 0.053541988307438566,
+        7: -0.05492374857139099,
+        10: -0.00010834732869724932,
+        11: 0.0003825710908356584,
+        12: -0.00034046500868740456,
+        13: 0.1413124436746325,
+    },
+    {
+        0: -0.42889630158379194,
+        5: -4.697621415361164,
+        6: 7.683421196062599,
+        7: 4.06898981839711,
+        8: 0.3567271874552811,
+        12: -0.0013990241651590145,
+        13: 2.9475147891527724,
+        14: -9.15095847217987,
+    },
+)
+WITHIN_D: tuple[dict[int, float], ...] = (
+    {
+        0: -8.428938276109013,
+        5: 0.5667149535193777,
+        6: -3.0689499459498917,
+        7: 2.38466765651207,
+        8: 2.117034582445028,
+        9: -0.871391583777973,
+        10: 2.2404374302607883,
+        11: 0.6315787787694688,
+        12: -0.08899033645133331,
+        13: 18.148505520854727,
+        14: -9.194632392478356,
+        15: -4.436036387594894,
+    },
+    {
+        0: 10.427508642579134,
+        5: 242.28349177525817,
+        6: 165.20045171727028,
+        7: -374.5467547226902,
+        8: -22.113666853125306,
+        9: 7.733432668472264,
+        10: -30.674084731089398,
+        11: -9.332130526430229,
+        12: 15.697238121770845,
+        13: -31.139403219565178,
+        14: -9.35292435884448,
+        15: 35.81684148639408,
+    },
+    {
+        0: 19.985053242002433,
+        5: -387.0373087493518,
+        6: -189.17813819516758,
+        7: 527.8081592054236,
+        8: -11.57390253995963,
+        9: 6.8812326946963,
+        10: -1.0006050966910838,
+        11: 0.7777137798053443,
+        12: -2.778205752353508,
+        13: -60.19669523126412,
+        14: 84.32040550667716,
+        15: 11.99229113618279,
+    },
+    {
+        0: -25.69393346270375,
+        5: -154.18974869023643,
+        6: -231.5293791760455,
+        7: 357.6391179106141,
+        8: 93.40532418362432,
+        9: -37.45832313645163,
+        10: 104.0996495089623,
+        11: 29.8402934266605,
+        12: -43.53345659001114,
+        13: 96.32455395918828,
+        14: -39.17726167561544,
+        15: -149.72683625798564,
+    },
+)
+
 
 def _column(weights: Mapping[int, float]) -> np.ndarray:
     """Return the weights of the slopes from the first one on, (k, 1)."""
@@ -132,6 +226,7 @@ def _column(weights: Mapping[int, float]) -> np.ndarray:
 
 
 STAGES, RESULT, ERRORS = [_column(row) for row in A], _column(B), [_column(E5), _column(E3)]
+WITHIN_STAGES, WITHIN = [_column(row) for row in WITHIN_A], [_column(row) for row in WITHIN_D]
 
 
 def step(
@@ -141,9 +236,9 @@ def step(
     slope: Vector,
     h: Scalar,
     tolerance: Scalar,
-) -> tuple[Vector, Scalar]:
-    """State after one step of h seconds from x, where the slope is rate(t, x), and the norm of its error, at
-    most 1 within `tolerance`, relative and absolute. Of arrays, or as CasADi expressions."""
+) -> tuple[Vector, Scalar, Any]:
+    """State after one step of h seconds from x, where the slope is rate(t, x), the norm of its error, at
+    most 1 within `tolerance`, relative and absolute, and the slopes. Of arrays, or as CasADi expressions."""
     numbers = ca if isinstance(x, ca.SX) else np
     slopes = [slope] * (len(C) + 1) if isinstance(x, ca.SX) else np.array([slope] * (len(C) + 1))
     for k, share in enumerate(C):
@@ -152,7 +247,7 @@ def step(
     scale = tolerance * (1 + numbers.fmax(numbers.fabs(x), numbers.fabs(after)))
     fifth, third = (_sum_of_squares(_weighted(weights, slopes) / scale) for weights in ERRORS)
     tiny = np.finfo(float).tiny  # both estimates vanish at rest
-    return after, h * fifth / numbers.sqrt((fifth + 0.01 * third) * x.shape[0] + tiny)
+    return after, h * fifth / numbers.sqrt((fifth + 0.01 * third) * x.shape[0] + tiny), slopes
 
 
 def resize(error: float) -> float:
@@ -162,18 +257,35 @@ def resize(error: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class AcceptedStep:
-    """A step within the tolerance from `begin` to `end` (s), the state and the slope after it, and the length
-    (s) to try next.
-
-    `within` is the state as a function of the seconds since the beginning, up to the end.
-    """
+    """A step within the tolerance from `begin` to `end` (s): state and slope after it, and the length (s) to
+    try next."""
 
     begin: float
     end: float
     after: np.ndarray
     slope: np.ndarray
     following: float
-    within: Callable[[float], np.ndarray]
+    _coefficients: Sequence[np.ndarray]
+
+    def within(self, t: np.ndarray | float) -> np.ndarray:
+        """Return the state at t (s), from the beginning up to the end; a row for each of several times."""
+        part = (np.asarray(t)[..., None] - self.begin) / (self.end - self.begin)
+        state = np.zeros(1)
+        for k, coefficient in reversed([*enumerate(self._coefficients)]):
+            state = coefficient + (1 - part if k % 2 else part) * state
+        return state
+
+
+def _within(
+    rate: Rate, t: float, x: np.ndarray, after: np.ndarray, slopes: list[np.ndarray], h: float
+) -> list[np.ndarray]:
+    """Return the coefficients of the polynomial within a step of h seconds from x at t, with its slopes and
+    the one after it."""
+    way, first, last = after - x, h * slopes[0], h * slopes[-1]
+    for share, weights in zip(WITHIN_C, WITHIN_STAGES, strict=True):
+        slopes.append(rate(t + share * h, x + h * _weighted(weights, np.array(slopes))))
+    highest = [h * _weighted(weights, np.array(slopes)) for weights in WITHIN]
+    return [x, way, first - way, 2 * way - (first + last), *highest]
 
 
 class Integrator:
@@ -197,19 +309,15 @@ class Integrator:
         t, x = self.t, self.x
         slope = self._slope = self._rate(t, x) if self._slope is None else self._slope
 
-        def tried(seconds: float) -> tuple[np.ndarray, float]:
-            return step(self._rate, t, x, slope, seconds, self._tolerance)
-
         grow, least = GROW, 10 * math.ulp(t)
         self.h = max(self.h, least)
         while True:
             end = min(t + self.h, bound)
-            after, error = tried(end - t)
+            after, error, slopes = step(self._rate, t, x, slope, end - t, self._tolerance)
             if error < 1:
-                following = (end - t) * min(grow, resize(error))
-                return AcceptedStep(
-                    t, end, after, self._rate(end, after), following, lambda seconds: tried(seconds)[0]
-                )
+                last = self._rate(end, after)
+                within = _within(self._rate, t, x, after, [*slopes, last], end - t)
+                return AcceptedStep(t, end, after, last, (end - t) * min(grow, resize(error)), within)
             self.h, grow = (end - t) * resize(error), 1.0
             if self.h < least:
                 raise BadInput(

@@ -15,7 +15,6 @@ from ..readers.errors import BadInput, check_status
 from ..readers.reading import one_for_each
 from .controllers import SCALAR
 from .controllers.angles import nearest_angle
-from .controllers.estimation.ekf import Filter, FilterOptions
 from .controllers.ground.slip import Noticed, SlipOptions, make_slip
 from .controllers.odometry import arm_function, axle_function, make_odometry, vehicle_wheels
 from .guidance import Number, vehicle_motion
@@ -301,6 +300,8 @@ class Estimating(Sensing):
         super().__init__(sensors, None, law, parameters, believed, start, simulation.backend)
         fixes = estimator.pose
         self._estimator, self._names = estimator, [q.name for q in law.system.quasi_velocities]
+        from .controllers.estimation.ekf import Filter, FilterOptions  # slow to import
+
         options = FilterOptions(
             noise=np.array(one_for_each(estimator.noise, self._names, "[estimator] noise")),
             start=self.reckoned,

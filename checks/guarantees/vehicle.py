@@ -4,12 +4,11 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-import cffi
 import numpy as np
 
 from ...codegen.runtime import RUNTIME
 from ...readers.files import write_folder
-from ...simulation.controllers.runtime import InC, declarations, load
+from ...simulation.controllers.runtime import InC, declarations, knowing, load
 
 ROOT = RUNTIME.parent
 PERIOD = 0.01  # s, of firmware/robot.c
@@ -112,9 +111,8 @@ class Firmware(InC):
         own += [generated / f"{name}.{kind}" for name in LAW for kind in "ch"]
         files = {path.name: path.read_text(encoding="utf-8").replace('"../', '"') for path in own}
         simulated = files.pop("simulated.c").replace('#include "semihosting.h"\n', "")
-        self.ffi = cffi.FFI()
         write_folder(folder / "headers", {name: text for name, text in files.items() if name.endswith(".h")})
-        self.ffi.cdef(declarations("labmate_telemetry_f.h", folder / "headers") + OWN)
+        self.ffi = knowing(declarations("labmate_telemetry_f.h", folder / "headers") + OWN)
         self.lib = load(self.ffi, {**files, "simulated.h": simulated, "library.c": LIBRARY})
 
     def new(self, kind: str, *initial):

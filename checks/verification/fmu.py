@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cffi
 import numpy as np
 
 from ...codegen.dynamics import ENTRIES
@@ -25,7 +24,7 @@ from ...readers.files import work_folder
 from ...readers.kept import folder_of_results
 from ...simulation.controllers.build import FLAGS, OPTIMIZED, built, compiler, with_runtime
 from ...simulation.controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary
-from ...simulation.controllers.runtime import declarations
+from ...simulation.controllers.runtime import declarations, knowing
 from .sampling import random_motions, random_plants
 
 STATES, SEED = 20, 1992  # states at which a step is compared, and the seed of the random numbers
@@ -88,8 +87,7 @@ class Instance:
         variables = [each.attrib for each in description.findall("ModelVariables/*")]
         self.references = {each["name"]: int(each["valueReference"]) for each in variables}
         self._whole = {each["name"] for each in variables if "declaredType" in each}
-        self._ffi = cffi.FFI()
-        self._ffi.cdef(declarations(HEADER, folder / "sources"))
+        self._ffi = knowing(declarations(HEADER, folder / "sources"))
         where, suffix = _platform()
         self._lib: Any = self._ffi.dlopen(str(folder / "binaries" / where / f"{identifier}{suffix}"))
         self._self = self._ffi.NULL

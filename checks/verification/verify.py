@@ -24,7 +24,7 @@ from ...codegen.dynamics import ENTRIES as DYNAMICS_ENTRIES
 from ...codegen.ekf.ekf import NAME as FILTER_NAME
 from ...codegen.ekf.filter import WITH_GYRO, WITHOUT_GYRO
 from ...codegen.files import filter_program
-from ...codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
+from ...codegen.identity import DYNAMICS
 from ...codegen.printing.lanes_c import FOLDER as LANES
 from ...codegen.printing.scalar import SCALARS
 from ...codegen.program import EVALUATE, FOLLOW, STEP
@@ -534,7 +534,7 @@ class _DynamicsInC(_InC):
     """A robot's dynamics."""
 
     def __init__(self, system: ReducedSystem, scalar: str):
-        super().__init__(system.mechanism.name, DYNAMICS_NAME, scalar)
+        super().__init__(system.mechanism.name, DYNAMICS, scalar)
         self.system = system
 
     @cached_property

@@ -16,8 +16,7 @@ from ...readers.errors import BadInput
 from ...readers.quantities import in_base_units
 from ...readers.templates import render
 from ..derivation.grip import can_grip
-from ..files import banner, fingerprint
-from ..printing.dynamics_c import NAME
+from ..identity import DYNAMICS, banner, fingerprint
 from ..printing.scalar import DOUBLE
 from ..project.project import starting_value
 from ..versions import TOOLS
@@ -167,13 +166,13 @@ def fmu(
     values = {
         "identifier": identifier,
         "kind": kind,
-        "about": f"{mechanism.about}: {law.output.about if law else NAME}",
+        "about": f"{mechanism.about}: {law.output.about if law else DYNAMICS}",
         "banner": banner(fingerprint(system, law)),
         "tools": TOOLS,
         "token": token,
         "robot": robot,
         "law": own,
-        "dynamics": f"{robot}_{NAME}" if has_plant else "",
+        "dynamics": f"{robot}_{DYNAMICS}" if has_plant else "",
         "groups": groups,
         "reals": reals,
         "choices": choices,

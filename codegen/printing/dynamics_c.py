@@ -7,6 +7,7 @@ from ...model.names import in_c
 from ..derivation.stages import Result
 from ..dynamics import EVALUATE, NEGLIGIBLE_PIVOT, DynamicsProgram
 from ..graph import Group, Leaf, Node, headers
+from ..identity import DYNAMICS
 from ..program import Entry, Matrix
 from .layout import body, comment, fill
 from .meaning import users
@@ -15,8 +16,6 @@ from .robot_c import struct, written_once
 from .scalar import Scalar
 from .statements import Statements
 
-NAME = "dynamics"
-
 
 class DynamicsC(ProgramC[DynamicsProgram]):
     """The C of a robot's dynamics in one scalar."""
@@ -24,7 +23,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
     local = "made_{}"
 
     def __init__(self, program: DynamicsProgram, scalar: Scalar, banner: Sequence[str]):
-        super().__init__(program, program.system, NAME, scalar, banner)
+        super().__init__(program, program.system, DYNAMICS, scalar, banner)
         self.title = f"reduced dynamics of {self.robot}"
 
     # -- header ----------------------------------------------------------------------------------------------

@@ -44,6 +44,17 @@ def keep_in(store: Store) -> None:
     _stores[:] = [store]
 
 
+def read(key: str) -> str | None:
+    """Return what another run wrote for a key; None if none did."""
+    return next((text for store in _stores if (text := store.read(key))), None)
+
+
+def write(key: str, text: str) -> None:
+    """Write a text for a key, for other runs."""
+    for store in _stores:
+        store.write(key, text)
+
+
 def _simplified(entry: ca.SX) -> tuple[ca.SX, Known | None, ca.SX]:
     """Return the entry without quotients below, what is known of it, None of a leaf, and its magnitude.
 
@@ -67,13 +78,11 @@ def _simplified(entry: ca.SX) -> tuple[ca.SX, Known | None, ca.SX]:
 
 def _found(entry: ca.SX, operations: str, symbols: list[ca.SX]) -> Known:
     """Return what another run found of an entry, or find it."""
-    for store in _stores:
-        if text := store.read(operations):
-            return known_of(text, symbols)
+    if text := read(operations):
+        return known_of(text, symbols)
     # Imports SymPy, which takes long: not before there is something to simplify
     from .entries import examined
 
     known = examined(entry, symbols)
-    for store in _stores:
-        store.write(operations, known.text())
+    write(operations, known.text())
     return known

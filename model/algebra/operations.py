@@ -117,6 +117,8 @@ def is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
 
 def _moving(expression: ca.SX, variables: ca.SX) -> list[tuple[int, tuple[bool, ...]]]:
     """The operations that depend on `variables`, each with which of its arguments do."""
+    if not (variables.numel() and ca.depends_on(expression, variables)):
+        return []
     hashes = {symbol.element_hash() for symbol in ca.symvar(ca.SX(variables))}
     symbols, operations = free_symbols(expression), []
 

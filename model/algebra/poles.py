@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
-from .exact import canonical
+from .exact import canonical, read, write
 from .expression import free_symbols
 
 # Straight lines in the space of all symbols on which zeros are bracketed and bisected
@@ -144,9 +144,15 @@ def without_pole(
     moving: ca.SX,
 ) -> ca.SX:
     """Return `formula`, an expression for `name` of a robot. Raises ModelError where `added_pole` finds a
-    denominator."""
+    denominator. That there is none is found once, and kept for other runs."""
+    symbols = ca.vertcat(*free_symbols(ca.veccat(formula, *parts, moving)))
+    compared = ca.Function("compared", [symbols], [formula, *parts, moving]).serialize()
+    key = f"no pole of {name} by {combined.__qualname__}: {compared}"
+    if read(key):
+        return formula
     pole = added_pole(formula, parts, combined, moving)
     if pole is None:
+        write(key, "none")
         return formula
     text = str(pole)
     if len(text) > LONGEST or "@" in text:  # CasADi numbers what appears twice

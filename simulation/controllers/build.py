@@ -14,7 +14,7 @@ from ...codegen.runtime import runtime_files
 from ...codegen.targets import STANDARD
 from ...readers.errors import BadInput, naming
 from ...readers.files import work_folder
-from ...readers.kept import folder_of_results, keep, kept
+from ...readers.kept import folder_of_results, keep, kept, remembered
 
 FLAGS = (*STANDARD, "-fPIC", "-shared", "-Wall", "-Wextra")
 QUICK, OPTIMIZED = ("-O0",), ("-O2",)  # appended; the bits are the same, QUICK compiles four times as fast
@@ -124,7 +124,8 @@ def with_runtime(files: Mapping[str, str]) -> dict[str, str]:
     """Return C files (name -> text) with the files of the runtime that they include, directly or not, and
     their sources; with the status in any case.
     """
-    runtime, found = runtime_files(), dict(files)
+    runtime = remembered(("runtime",), runtime_files, rooms=("runtime_c", "codegen"))
+    found = dict(files)
     texts = ['#include "noslip_status.h"', *files.values()]
     for text in texts:
         for header in re.findall(r'#include "(\S+)"', text):

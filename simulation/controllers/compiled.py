@@ -6,44 +6,64 @@ from collections.abc import Iterable, Mapping
 from functools import cache, cached_property, lru_cache
 from itertools import islice
 from threading import Lock
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING
 
-import cffi
 import numpy as np
 
-from ...codegen.files import dynamics_program, dynamics_text, law_program, law_text, shared_files, text_files
-from ...codegen.graph import Group
-from ...codegen.printing.dynamics_c import DynamicsC
-from ...codegen.printing.lanes_c import LanesC
-from ...codegen.printing.law_c import LawC, runtime_types
-from ...codegen.printing.robot_c import robot_declarations
-from ...codegen.printing.scalar import SCALARS
-from ...codegen.program import Entry
+from ...codegen.identity import DYNAMICS, banner, details, fingerprint
+from ...codegen.printing.scalar import SCALARS, Scalar
 from ...model.law import ControlLaw
 from ...model.reduction import ReducedSystem
 from ...readers.errors import check_status
+from ...readers.kept import remembered
 from .controller import ON_LIMIT, RUNNING, Evaluation, Limits, check_point
-from .runtime import InC, load, runtime
+from .runtime import InC, knowing, load, runtime
 
-Text = TypeVar("Text", LawC, DynamicsC)
+if TYPE_CHECKING:
+    from ...codegen.printing.dynamics_c import DynamicsC
+    from ...codegen.printing.law_c import LawC
+    from ...codegen.program import Entry
 
 
-class _Compiled(InC, Generic[Text]):
+class _Compiled(InC):
     """Compiled C of a robot in one scalar: `ffi` has its types, `lib` its functions, `files` its text."""
 
-    def _load(self, system: ReducedSystem, text: Text, written: Mapping[str, str] | None) -> None:
-        self.text: Text = text
-        self.ffi = cffi.FFI()
-        status = "const char *noslip_status_name(int status);"
-        declared = [
-            status,
-            runtime_types(text.scalar),
-            robot_declarations(system, text.scalar),
-            text.declarations(),
-        ]
-        self.ffi.cdef("\n".join(declared))  # at once: each call reads what is known again
-        self.files = written or {**shared_files(system, text.scalar), **text_files(text)}
+    def __init__(
+        self,
+        system: ReducedSystem,
+        name: str,
+        scalar: Scalar,
+        identity: tuple[str, ...],
+        written: Mapping[str, str] | None,
+    ):
+        """`name` follows the robot's in C, `identity` says all on which the C depends; `written` as for
+        `Library`."""
+        self.system, self.scalar, self.robot = system, scalar, system.mechanism.name
+        self.prefix = f"{self.robot}_{name}"
+        declared, files = remembered(("C", scalar.real, *identity), self._in_c)
+        self.ffi = knowing(declared + self._more())
+        self.files = written or files
         self.lib = load(self.ffi, self.files)
+
+    @cached_property
+    def text(self) -> "LawC | DynamicsC":
+        """What writes the C; it is derived when it is asked for."""
+        raise NotImplementedError
+
+    def _in_c(self) -> tuple[str, dict[str, str]]:
+        """Return the declarations, for cffi, and the files, with those that they use."""
+        from ...codegen.files import shared_files
+        from ...codegen.printing.law_c import runtime_types
+        from ...codegen.printing.robot_c import robot_declarations
+
+        status = "const char *noslip_status_name(int status);"
+        shared = [status, runtime_types(self.scalar), robot_declarations(self.system, self.scalar)]
+        declared = "\n".join([*shared, self.text.declarations()])
+        return declared, {**shared_files(self.system, self.scalar), **self.text.files()}
+
+    def _more(self) -> str:
+        """Return further declarations."""
+        return ""
 
     @cached_property
     def _lengths(self) -> dict[str, int]:
@@ -52,11 +72,11 @@ class _Compiled(InC, Generic[Text]):
 
     def name(self, name: str) -> str:
         """Return the C name of something of this law or dynamics."""
-        return self.text.scalar.name(f"{self.text.prefix}_{name}" if name else self.text.prefix)
+        return self.scalar.name(f"{self.prefix}_{name}" if name else self.prefix)
 
     def robot_name(self, name: str) -> str:
         """Return the C name of something that the robot's laws share."""
-        return self.text.scalar.name(f"{self.text.robot}_{name}")
+        return self.scalar.name(f"{self.robot}_{name}")
 
     def instance(self):
         """Return a law, or dynamics, that is not yet initialized."""
@@ -74,19 +94,28 @@ class _Compiled(InC, Generic[Text]):
 
     def array(self, values: Iterable[float]):
         """Return a new C array of scalars."""
-        return self.ffi.new(f"{self.text.scalar.real}[]", [float(value) for value in values])
+        return self.ffi.new(f"{self.scalar.real}[]", [float(value) for value in values])
 
     def numbers(self, place) -> np.ndarray:
         """Return a struct or array of scalars as a NumPy array in the same memory."""
-        return np.frombuffer(self.ffi.buffer(place), f"f{self.ffi.sizeof(self.text.scalar.real)}")
+        return np.frombuffer(self.ffi.buffer(place), f"f{self.ffi.sizeof(self.scalar.real)}")
 
 
-class Library(_Compiled[LawC]):
+class Library(_Compiled):
     """The compiled C of one law in one scalar."""
 
     def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str] | None = None):
         """`written`: files that are there already, by name, these among them; they make one library."""
-        self._load(law.system, law_text(law_program(law), SCALARS[scalar]), written)
+        self._law = law
+        identity = *banner(fingerprint(law.system, law)), details(law)
+        super().__init__(law.system, law.name, SCALARS[scalar], identity, written)
+
+    @cached_property
+    def text(self) -> "LawC":
+        """See _Compiled."""
+        from ...codegen.files import law_program, law_text  # slow to import
+
+        return law_text(law_program(self._law), self.scalar)
 
     @staticmethod
     def believed(instance) -> float:
@@ -95,7 +124,7 @@ class Library(_Compiled[LawC]):
 
     def set_friction(self, instance, mu: float) -> None:
         """Let a law believe `mu` at most, as noslip_slip_grip does."""
-        c, scalar, name = runtime("noslip_grip.h"), self.text.scalar.real, self.text.scalar.name
+        c, scalar, name = runtime("noslip_grip.h"), self.scalar.real, self.scalar.name
         places = (
             c.ffi.cast(
                 f"{name(f'noslip_{part}')} *",
@@ -107,20 +136,29 @@ class Library(_Compiled[LawC]):
 
 
 class BatchLibrary(Library):
-    """The compiled C of one law and of its batch law in one scalar."""
+    """The compiled C of one law and of its batch law in one scalar, from files that are there already."""
 
-    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str]):
-        """`written` as for `Library`, the files of the batch law among them."""
-        super().__init__(law, scalar, written)
-        self.ffi.cdef(LanesC(self.text.program, SCALARS[scalar], []).declarations())
+    def _more(self) -> str:
+        from ...codegen.files import law_program
+        from ...codegen.printing.lanes_c import LanesC
+
+        return LanesC(law_program(self._law), self.scalar, []).declarations()
 
 
-class DynamicsLibrary(_Compiled[DynamicsC]):
+class DynamicsLibrary(_Compiled):
     """The compiled C of a robot's dynamics in one scalar."""
 
     def __init__(self, system: ReducedSystem, scalar: str, written: Mapping[str, str] | None = None):
         """`written` as for `Library`."""
-        self._load(system, dynamics_text(dynamics_program(system), SCALARS[scalar]), written)
+        identity = *banner(fingerprint(system)), DYNAMICS
+        super().__init__(system, DYNAMICS, SCALARS[scalar], identity, written)
+
+    @cached_property
+    def text(self) -> "DynamicsC":
+        """See _Compiled."""
+        from ...codegen.files import dynamics_program, dynamics_text  # slow to import
+
+        return dynamics_text(dynamics_program(self.system), self.scalar)
 
 
 @lru_cache(maxsize=64)
@@ -163,7 +201,7 @@ class CompiledController:
         self._extension = [self._library.numbers(getattr(self._self, field)) for field in fields]
         self._dt = (0.0,) if law.extension else ()
         self._evaluation = ffi.new(f"{name('evaluation')} *")
-        self._tau = ffi.new(f"{self._library.text.scalar.real}[{len(law.inputs)}]")
+        self._tau = ffi.new(f"{self._library.scalar.real}[{len(law.inputs)}]")
         self._quantities = tuple(law.quantities)
         groups = [
             (self._library.robot_name("params"), params),
@@ -225,7 +263,7 @@ class CompiledController:
         library, count = self._library, state.shape[1]
         tau, status = np.zeros((len(self._tau), count), state.dtype), np.zeros(count, np.int32)
         arrays = (np.ascontiguousarray(state), np.ascontiguousarray(reference), tau)
-        given = [library.ffi.from_buffer(f"{library.text.scalar.real}[]", array) for array in arrays]
+        given = [library.ffi.from_buffer(f"{library.scalar.real}[]", array) for array in arrays]
         library.function("steps")(self._self, count, *given, library.ffi.from_buffer("int[]", status))
         return [self._status(number) for number in status.tolist()], tau
 
@@ -265,15 +303,17 @@ class CompiledController:
         return self._extension[1].astype(float) if self._extension else np.zeros(0)
 
     def entry(
-        self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()
+        self, entry: "Entry", state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()
     ) -> Evaluation:
         """Return the quantity that an entry point computes. `more`: the reference,
         virtual input or inputs that it takes."""
+        from ...codegen.graph import Group  # slow to import
+
         if self.refused:
             return Evaluation(self.refused, {})
         library = self._library
         ((quantity, matrix),) = library.text.program.entries[entry].quantities.items()
-        given = [library.struct(library.text.scalar.name("noslip_foot"), foot)] if entry.at_foot else []
+        given = [library.struct(library.scalar.name("noslip_foot"), foot)] if entry.at_foot else []
         given.append(library.struct(library.robot_name("state"), state))
         if entry.takes is Group.REFERENCE:
             given.append(library.struct(library.name("reference"), more))
@@ -328,7 +368,7 @@ class CompiledDynamics:
         )
         self.refused = None if status == "ok" else status
 
-    def entry(self, entry: Entry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
+    def entry(self, entry: "Entry", state: Iterable[float], tau: Iterable[float]) -> Evaluation:
         """Return the flattened result of an entry point at a state [q; nu] with the inputs tau (N or N m),
         which not all of them use.
         """
@@ -356,4 +396,4 @@ class CompiledDynamics:
         return Evaluation(status, found if status == "ok" else {})
 
     def _empty(self) -> np.ndarray:
-        return np.zeros(self._library.text.system.dof)
+        return np.zeros(self._library.system.dof)

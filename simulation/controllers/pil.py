@@ -342,7 +342,7 @@ class TargetLibrary(Library):
 
     def __init__(self, law: ControlLaw, backend: str):
         here = library(law, "float")
-        self.text, self.ffi, self.lib, self.files = here.text, here.ffi, here.lib, here.files
+        vars(self).update(vars(here))
         self._law, self._backend, self._here = law, backend, here
 
     def instance(self) -> Handle:
@@ -381,7 +381,7 @@ class TargetDynamics(DynamicsLibrary):
 
     def __init__(self, law: ControlLaw, backend: str):
         here = dynamics_library(law.system, "float")
-        self.text, self.ffi, self.lib, self.files = here.text, here.ffi, here.lib, here.files
+        vars(self).update(vars(here))
         self._law, self._backend, self._here = law, backend, here
 
     def instance(self) -> Handle:

@@ -11,13 +11,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import cffi
-from pycparser import CParser
-from pycparser.c_generator import CGenerator
 
 from ...codegen.printing.scalar import SCALARS
 from ...codegen.runtime import RUNTIME
 from ...readers.errors import BadInput, check_status, naming
-from .build import compiler, shared_library
+from ...readers.kept import remembered
+from .build import compiler, identity, shared_library
 
 # The headers define everything static inline; here it is needed as functions of a library.
 SOURCE = """#include <float.h>
@@ -67,8 +66,7 @@ class Runtime(InC):
     `lib` its functions and constants."""
 
     def __init__(self, header: str):
-        self.ffi = cffi.FFI()
-        self.ffi.cdef(declarations(header))
+        self.ffi = knowing(declarations(header))
         self.lib = load(self.ffi, {"library.c": SOURCE.format(header=header)})
 
     def new(self, kind: str, scalar: str, *initial):
@@ -108,14 +106,42 @@ def load(ffi: cffi.FFI, files: Mapping[str, str], optimized: bool = False):
         return ffi.dlopen(str(path))
 
 
+def knowing(declared: str) -> cffi.FFI:
+    """Return an FFI that knows declarations; they are parsed once, and cached between runs."""
+
+    def parsed() -> str:
+        from cffi.recompiler import make_py_source  # slow to import
+
+        ffi = cffi.FFI()
+        ffi.cdef(declared)
+        ffi.set_source("declared", None)
+        with TemporaryDirectory() as folder:
+            path = Path(folder, "declared.py")
+            make_py_source(ffi, "declared", str(path))
+            return path.read_text(encoding="utf-8")
+
+    names: dict[str, Any] = {}
+    exec(remembered(("parsed", cffi.__version__, declared), parsed, rooms=()), names)
+    return names["ffi"]
+
+
 def declarations(header: str, *folders: Path) -> str:
     """Return types, constants and prototypes of a header of runtime_c, or of `folders`, and of those it
-    includes, for cffi.
+    includes, for cffi; cached between runs.
 
     Only these sources are read: the compiler's own headers are replaced by the names of their types.
     noslip_real.h is left out: it has nothing to call and cannot be parsed. Raises BadInput if the compiler
     cannot preprocess a header.
     """
+    texts = [(path.name, path.read_bytes()) for folder in folders for path in sorted(folder.glob("*.[hi]*"))]
+    key = "declarations", header, *identity(compiler()), texts
+    return remembered(key, lambda: _declarations(header, folders), rooms=("runtime_c",))
+
+
+def _declarations(header: str, folders: Iterable[Path]) -> str:
+    from pycparser import CParser  # slow to import, as what follows
+    from pycparser.c_generator import CGenerator
+
     with TemporaryDirectory() as empty:
         for name in ABSENT:
             Path(empty, name).touch()

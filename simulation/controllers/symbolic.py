@@ -12,7 +12,6 @@ from ...model.algebra.portable import portable
 from ...model.law import ControlLaw, symbols
 from ...model.linearization import SINGULAR
 from .controller import Evaluation, Limits, Numbers, check_point
-from .grip import GripReference
 
 ANGLE_MAX = 2.0**20  # rad; the C in double rejects larger angles
 FLAT = 1e-5  # entries of a gradient below this part of the largest count as zero, as in the C runtime
@@ -39,7 +38,11 @@ class CasadiController:
         self._slows = limits is not None and limits.mode == "slow"
         self._limits = np.array([limit or np.inf for limit in limits.torque] if limits else np.inf)
         friction = limits.friction if limits and limits.mode == "grip" else None
-        self._grip = GripReference(law, self._fixed[0], friction, self._limits) if friction else None
+        self._grip = None
+        if friction:
+            from .grip import GripReference  # slow to import
+
+            self._grip = GripReference(law, self._fixed[0], friction, self._limits)
 
     @cached_property
     def _evaluation(self) -> Direct:

@@ -993,8 +993,10 @@ def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:
     """Return the SPEC of a table of the file `name`; its files are looked up beside it first. Raises
     BadInput."""
     spec: Spec = section(Spec)(_with_course(table, name), "")
+    robot = beside(spec.robot, name)
     scene = spec.scene and dataclasses.replace(spec.scene, file=near(spec.scene.file, name))
-    return dataclasses.replace(spec, robot=beside(spec.robot, name), scene=scene)
+    unchanged = (robot, scene) == (spec.robot, spec.scene)
+    return spec if unchanged else dataclasses.replace(spec, robot=robot, scene=scene)
 
 
 def _with_course(table: Mapping[str, Any], name: Path | str) -> Mapping[str, Any]:

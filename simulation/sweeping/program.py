@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 
-import cffi
 import numpy as np
 
 from ...codegen.derivation.grip import can_grip
@@ -17,7 +16,7 @@ from ...codegen.printing.vectors_c import VectorText, dynamics_vectors, law_vect
 from ...model.law import ControlLaw
 from .. import noise
 from ..controllers.odometry import has_arm
-from ..controllers.runtime import declarations, load
+from ..controllers.runtime import declarations, knowing, load
 from ..controllers.tracking import HEADER as PATH
 from ..guidance import led
 from ..sensing import angle_coordinates, pose_coordinates
@@ -64,9 +63,7 @@ class Simulator:
         texts = {name: (own / name).read_text(encoding="utf-8") for name in SOURCES} | noise.source()
         texts |= vectors.files() if vectors else {}
         self.steps = vectors is not None and vectors.steps
-        self.ffi = cffi.FFI()
-        self.ffi.cdef(declarations(PATH))
-        self.ffi.cdef(_declared(texts["batch.h"], law_h))
+        self.ffi = knowing(declarations(PATH) + _declared(texts["batch.h"], law_h))
         plant = {
             **dynamics_text(dynamics, DOUBLE).files(),
             **dynamics_text(dynamics, SCALARS[scalar]).files(),

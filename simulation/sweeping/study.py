@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ... import __version__
-from ...codegen.files import fingerprint
+from ...codegen.identity import fingerprint
 from ...codegen.loop.stages import broken
 from ...readers.errors import BadInput, check_named
 from ...readers.robots import find_robot, law_of

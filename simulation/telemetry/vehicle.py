@@ -9,7 +9,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import cffi
 import numpy as np
 
 from ...codegen.files import has_follower, robot_files
@@ -19,7 +18,7 @@ from ...model.law import ControlLaw
 from ...readers.errors import BadInput
 from ...readers.files import write_folder
 from ...readers.robots import find_laws, find_robot, law_of, system_of
-from ..controllers.runtime import InC, declarations, load
+from ..controllers.runtime import InC, declarations, knowing, load
 from .dump import Event, Kind, Start, record_type
 
 ROWS = struct.Struct("<I")
@@ -47,10 +46,9 @@ class FollowerInC(InC):
             for name, text in robot_files(system, [self.law], (scalar,)).items()
             if name[-2:] in (".h", ".c")
         }
-        self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
             write_folder(Path(folder, "c"), files)
-            self.ffi.cdef(
+            self.ffi = knowing(
                 declarations(SCALARS[scalar].name(f"{self._own}_telemetry") + ".h", Path(folder, "c"))
             )
         self.lib = load(self.ffi, files)

@@ -385,6 +385,7 @@ class Compiled(Library):
 
     def __init__(self, text, ffi: cffi.FFI, lib: object, path: str):
         self.text, self.ffi, self.lib, self.path = text, ffi, lib, path
+        self.scalar, self.robot, self.prefix = text.scalar, text.robot, text.prefix
         self.files = {}
 
 

@@ -28,7 +28,7 @@ from noslip.codegen import program as program_module
 from noslip.codegen.costs import cycles
 from noslip.codegen.derivation.stages import inner_velocities
 from noslip.codegen.derivation.taylor import Taylor
-from noslip.codegen.files import fingerprint, law_program, law_text, robot_files, text_files
+from noslip.codegen.files import law_program, law_text, robot_files, text_files
 from noslip.codegen.graph import (
     Applied,
     Constant,
@@ -41,6 +41,7 @@ from noslip.codegen.graph import (
     is_constant,
     reachable,
 )
+from noslip.codegen.identity import fingerprint
 from noslip.codegen.optimize import PASSES, Optimizer
 from noslip.codegen.printing.meaning import meanings
 from noslip.codegen.printing.scalar import DOUBLE, FLOAT, SCALARS

@@ -4,6 +4,7 @@ locales, options, extras."""
 import os
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -152,7 +153,7 @@ def test_how_an_extra_is_installed(monkeypatch, tmp_path):
             return '{"url": "file:///home/a%20b/noslip-0.5.0-py3-none-any.whl"}'
 
     monkeypatch.setattr(errors, "__file__", str(tmp_path / "noslip/readers/errors.py"))
-    monkeypatch.setattr(errors.metadata, "distribution", lambda name: Distribution())
+    monkeypatch.setattr(metadata, "distribution", lambda name: Distribution())
     assert "-m pip install '/home/a b/noslip-0.5.0-py3-none-any.whl[physics]'`" in installing("physics")
     monkeypatch.setattr(errors, "find_spec", lambda name: None)
     assert installing("physics").startswith(f"`uv pip install --python {sys.executable} '/home/a b/")

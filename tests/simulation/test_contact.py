@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from casadi import cos, sin
-from noslip.codegen.files import fingerprint
+from noslip.codegen.identity import fingerprint
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.contacts import GRAVITY, axles, combination, ground, narrow, shift_by_forces, unknown_loads
 from noslip.model.robots import ROBOTS

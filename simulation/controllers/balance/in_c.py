@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from functools import cached_property
 
-import cffi
 import numpy as np
 
 from ....codegen.printing.layout import WIDTH, aside, fill, guard_name
 from ....codegen.printing.scalar import SCALARS, Scalar
 from ....readers.errors import check_status
-from ..runtime import InC, declarations, load
+from ..runtime import InC, declarations, knowing, load
 from .feedback import Balanced
 
 HEADER = "noslip_balance.h"
@@ -127,8 +126,7 @@ class BalanceInC(InC):
 
     def __init__(self, balanced: Balanced, scalar: str = "double"):
         own = SCALARS[scalar]
-        self.ffi = cffi.FFI()
-        self.ffi.cdef(declarations(HEADER) + declared(balanced, own))
+        self.ffi = knowing(declarations(HEADER) + declared(balanced, own))
         self.lib = load(self.ffi, callable_files(balanced, [own]))
         make, self._give = (
             getattr(self.lib, own.name(f"{balanced.name}_lqr_{word}")) for word in ("make", "give")

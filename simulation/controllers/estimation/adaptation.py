@@ -10,7 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 from ....codegen.adaptation.adaptation import NAME, adaptation_files
-from ....codegen.files import banner, dynamics_program, dynamics_text, fingerprint, shared_files, text_files
+from ....codegen.files import dynamics_program, dynamics_text, shared_files, text_files
+from ....codegen.identity import banner, fingerprint
 from ....codegen.printing.scalar import SCALARS
 from ....model.errors import ModelError
 from ....model.reduction import ReducedSystem

@@ -9,7 +9,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import cffi
 import numpy as np
 
 from ....codegen.ekf.ekf import NAME as FILTER_NAME
@@ -19,7 +18,7 @@ from ....model.errors import ModelError
 from ....model.reduction import ReducedSystem
 from ....readers.errors import check_status, naming
 from ..controller import Numbers
-from ..runtime import SOURCE, InC, declarations, load
+from ..runtime import SOURCE, InC, declarations, knowing, load
 
 KINDS = ("pose", "position", "heading", "range")  # as in the C
 
@@ -63,11 +62,10 @@ class RobotPart(InC):
         """`part`: ekf or adaptation; `files`: headers and sources of the robot that it needs,
         name -> text."""
         self.scalar, self.robot = scalar, system.mechanism.name
-        self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
             for name, content in files.items():
                 Path(folder, name).write_text(content, encoding="utf-8")
-            self.ffi.cdef(declarations(f"{scalar.name(f'{self.robot}_{part}')}.h", Path(folder)))
+            self.ffi = knowing(declarations(f"{scalar.name(f'{self.robot}_{part}')}.h", Path(folder)))
         self.lib = load(self.ffi, {**files, "library.c": SOURCE.format(header=f"noslip_{part}.h")})
 
     def new(self, kind: str, *initial) -> Any:
