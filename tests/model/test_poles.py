@@ -11,7 +11,7 @@ from noslip.cli.main import main
 from noslip.codegen.graph import Node
 from noslip.codegen.program import compile_law
 from noslip.model import Mechanism, ModelError, control_law, reduce, reduction
-from noslip.model.algebra import linear
+from noslip.model.algebra import exact, linear, poles
 from noslip.model.algebra.exact import canonical
 from noslip.model.algebra.linear import eliminate
 from noslip.model.algebra.poles import added_pole, denominators, quotient, without_pole
@@ -21,6 +21,7 @@ from noslip.model.recursion import Reduced
 from noslip.model.reduction import ReducedSystem, warnings
 from noslip.model.robots import ROBOTS
 from noslip.tests.codegen_tools import evaluate, in_c, random_leaves, relative_error
+from noslip.tests.model.test_known import Texts
 
 PLACES = 40
 
@@ -136,6 +137,24 @@ def test_a_pole_that_is_added_is_found():
     # Positive, both
     assert added_pole(with_divisor(other, x + y), (one, other), quotient, ca.SX(0, 1)) is None
     assert {str(each) for each in denominators(1 / (2 * x * ca.sqrt(y)))} == {"x", "y"}
+
+
+def test_what_another_run_found_free_of_poles(monkeypatch):
+    """Is not searched again; another formula, other moving symbols and a pole are."""
+    monkeypatch.setattr(exact, "_stores", [Texts()])
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    one, other, both = ca.SX(1), x - y, ca.vertcat(x, y)
+    free, pole = with_divisor(other, 2 + sin(x)), with_divisor(other, x + y)
+    for _ in range(2):
+        assert without_pole("cart", "f", free, (one, other), quotient, both) is free
+        with pytest.raises(ModelError, match="without a division by"):
+            without_pole("cart", "f", pole, (one, other), quotient, both)
+    searched = []
+    monkeypatch.setattr(poles, "added_pole", lambda *given: searched.append(given))
+    assert without_pole("cart", "f", free, (one, other), quotient, both) is free and not searched
+    for change in ((free, (one, x - 2 * y), both), (free, (one, other), x), (2 * free, (one, other), both)):
+        without_pole("cart", "f", change[0], change[1], quotient, change[2])
+    assert len(searched) == 3
 
 
 def test_a_pole_that_only_zero_shows():

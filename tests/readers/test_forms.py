@@ -3,6 +3,7 @@
 import sqlite3
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 from noslip.readers import forms, kept
@@ -37,6 +38,11 @@ def test_a_damaged_text_or_file_is_not_used(folder):
     file.write_bytes(b"no database" * 999)
     assert Forms().read("x + y") is None
     Forms().write("x + y", "g0 + g1")
+
+
+def test_versions_of_libraries():
+    """As their packages say."""
+    assert [kept.version_of(name) for name in forms.LIBRARIES] == [version(name) for name in forms.LIBRARIES]
 
 
 def test_other_code_has_other_forms(folder, monkeypatch):

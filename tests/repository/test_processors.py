@@ -15,7 +15,7 @@ from noslip.model.algebra.linear_numbers import least_norm, least_squares
 from noslip.model.algebra.portable import portable
 from noslip.model.algebra.trigonometry import angle_of, arcsine, product, sine_cosine, size, unit
 from noslip.simulation.controllers.controller import BACKENDS
-from noslip.simulation.runge_kutta import E3, E5, A, B, C
+from noslip.simulation.runge_kutta import E3, E5, WITHIN_A, WITHIN_C, WITHIN_D, A, B, C
 from noslip.tests.processors import SPECS, choices, digest_with, lacking
 from scipy.integrate import DOP853
 
@@ -170,6 +170,8 @@ def digest_here(third: int, backend: str) -> str:
 def test_coefficients_of_the_integrator():
     """Against SciPy's, bit for bit."""
     n = DOP853.n_stages
-    for row, other in zip((*A, B, E5, E3), (*DOP853.A[1:n], DOP853.B, DOP853.E5, DOP853.E3), strict=True):
+    ours = (*A, B, E5, E3, *WITHIN_A, *WITHIN_D)
+    theirs = (*DOP853.A[1:n], DOP853.B, DOP853.E5, DOP853.E3, *DOP853.A_EXTRA, *DOP853.D)
+    for row, other in zip(ours, theirs, strict=True):
         assert [row.get(k, 0.0) for k in range(len(other))] == other.tolist()
-    assert list(C) == DOP853.C[1:n].tolist()
+    assert list(C) == DOP853.C[1:n].tolist() and list(WITHIN_C) == DOP853.C_EXTRA.tolist()
