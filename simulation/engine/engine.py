@@ -48,9 +48,12 @@ class FloorEngine(Stepped):
         names = [f"wheel_{k}_{j}" for k, wheel in enumerate(wheels) for j in range(len(wheel.places))]
         self._geoms = [self.model.geom(name).id for name in names]
         self._castors = [self.model.geom(f"castor_{k}").id for k in range(len(bodies.castors))]
+        self._wheel_of = {geom: k for k, geom in enumerate(self._geoms)}
+        self._castor_of = {geom: k for k, geom in enumerate(self._castors)}
         self._bodies = self.model.geom_bodyid[self._geoms]
         self._axles = np.array([self.model.joint(f"axle_{k}").id for k in self._of])
         self._radii = np.array([abs(wheels[k].radius) for k in self._of])
+        self._arms = self._radii[:, None] * np.array([0.0, 0.0, -1.0])  # m, from its centre to a level floor
         self._yield_alike(bodies)
         if bodies.leaning and (contact.height or contact.share < 1):
             raise BadInput(
@@ -155,7 +158,8 @@ class FloorEngine(Stepped):
         """See Stepped."""
         q, qdot = self.coordinates()
         friction = self._friction.reshape(-1, 2)
-        use = np.hypot(*friction.T) / self._limit
+        force = np.hypot(*friction.T)
+        use = force / (np.maximum(self._limit, force) + LEAST)
         headings = self._directions(q)[self._of]
         c, s = np.cos(headings), np.sin(headings)
         x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
@@ -180,7 +184,7 @@ class FloorEngine(Stepped):
         self._friction = self._rub(
             self._contact_rows(), self._load, mu, ON_BUMPS if self._uneven else CREEP, self._uneven
         )
-        self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
+        self._limit = mu * self._load
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """See Stepped."""
@@ -200,7 +204,7 @@ class FloorEngine(Stepped):
     def _aim(self, q: np.ndarray) -> None:
         """Let the friction of wheels with rollers act in the direction in which they roll,
         and not across it."""
-        directions = self._directions(q)[self._of]
+        directions = self._directions(q)[self._of] if self._rollers else ()
         for k in self._rollers:
             self._tangents[k] = [[np.cos(directions[k]), np.sin(directions[k]), 0.0], [0.0, 0.0, 0.0]]
 
@@ -210,14 +214,14 @@ class FloorEngine(Stepped):
         contacts = self.data.contact
         # The floor is the first geom, bumps are next.
         for other, address, frame in zip(
-            contacts.geom.max(axis=1), contacts.efc_address, contacts.frame, strict=True
+            contacts.geom.max(axis=1).tolist(), contacts.efc_address.tolist(), contacts.frame, strict=True
         ):
-            if other in self._geoms and address >= 0:
-                k, force = self._geoms.index(other), self.data.efc_force[address]
+            if other in self._wheel_of and address >= 0:
+                k, force = self._wheel_of[other], self.data.efc_force[address]
                 self._load[k] = force
                 self._push[k] += force * (frame[:3] if frame[2] > 0 else -frame[:3])
-            elif other in self._castors and address >= 0:
-                self._carried[self._castors.index(other)] += self.data.efc_force[address]
+            elif other in self._castor_of and address >= 0:
+                self._carried[self._castor_of[other]] += self.data.efc_force[address]
         if self._uneven:
             x, y, z = self._push.T
             self._load[:] = np.sqrt(x * x + y * y + z * z)
@@ -233,13 +237,12 @@ class FloorEngine(Stepped):
         """
         J = self._jacobian
         for k, geom in enumerate(self._geoms):
-            down = np.array([0.0, 0.0, -1.0])
+            arm = self._arms[k]
             if self._uneven:
                 axle = self.data.geom_xmat[geom].reshape(3, 3)[:, 1]
                 down = np.cross(self._tangents[k, 1], self._tangents[k, 0])
                 down -= (down @ axle) * axle
-                down /= np.sqrt(down @ down)
-            arm = self._radii[k] * down
+                arm = self._radii[k] * (down / np.sqrt(down @ down))
             self._mujoco.mj_jac(
                 self.model, self.data, self._slot, None, self.data.geom_xpos[geom] + arm, self._bodies[k]
             )

@@ -32,7 +32,7 @@ def coulomb(
     base = _with_diagonal(give, creep / np.maximum(load, CREEP))
     slides = np.zeros(len(load))
     for _ in range(TRIES):
-        inverse = np.linalg.inv(_with_diagonal(base, slides))
+        inverse = np.linalg.inv(_with_diagonal(base, slides) if slides.any() else base)
         force = -(inverse @ free).reshape(-1, 2)
         size = np.hypot(force[:, 0], force[:, 1])
         beyond = size / limit - 1

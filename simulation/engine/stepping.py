@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 FASTEST = 1e5  # m/s, rad/s
 OVERTURNED = 1.0  # rad: ramps and bumps that wheels can climb lean a robot by less
+UPRIGHT = np.cos(OVERTURNED)
 
 
 class Stepped:
@@ -132,7 +133,7 @@ class Stepped:
 
     def _overturned(self) -> bool:
         """Return whether a body that stands by itself leans by more than OVERTURNED."""
-        return bool((self.data.xmat[self._standing, 6:] @ self._up < np.cos(OVERTURNED)).any())
+        return bool((self.data.xmat[self._standing, 6:] @ self._up < UPRIGHT).any())
 
     @property
     def warnings(self) -> tuple[str, ...]:
