@@ -49,7 +49,9 @@ def make_fmu(
     sources = {Path(name).name: text for name, text in texts.items() if name.startswith("sources/")}
     compiled = [name for name in sources if name.endswith(".c")]
     product = f"{identifier}{suffix}"
-    binary = built([*compiler(), *FLAGS, *OPTIMIZED, "-fvisibility=hidden", *compiled], sources, product)
+    binary = built(
+        [*compiler(), *FLAGS, "-shared", *OPTIMIZED, "-fvisibility=hidden", *compiled], sources, product
+    )
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         contents = {name: text.encode() for name, text in texts.items()} | {

@@ -16,7 +16,7 @@ from ...readers.errors import BadInput, naming
 from ...readers.files import work_folder
 from ...readers.kept import folder_of_results, keep, kept, remembered
 
-FLAGS = (*STANDARD, "-fPIC", "-shared", "-Wall", "-Wextra")
+FLAGS = (*STANDARD, "-fPIC", "-Wall", "-Wextra", "-Werror=implicit-function-declaration")
 QUICK, OPTIMIZED = ("-O0",), ("-O2",)  # appended; the bits are the same, QUICK compiles four times as fast
 
 
@@ -45,9 +45,23 @@ def shared_library(files: Mapping[str, str], optimized: bool = False) -> Path:
     no place to write, or the compiler rejects the C.
     """
     everything = with_runtime(files)
-    sources = [name for name in everything if name.endswith(".c")]
-    command = [*compiler(), *FLAGS, *(OPTIMIZED if optimized else QUICK), *sources]
-    return built(command, everything, "law.so", "check CC and its flags")
+    command = [*compiler(), *FLAGS, *(OPTIMIZED if optimized else QUICK)]
+    key = "library", *identity(command), sorted(everything.items())
+    if found := kept(key, ".so"):
+        return found
+    linked = [*compiler(), "-shared", *map(str, _objects(command, everything))]
+    return keep(key, ".so", _product(linked, {}, "law.so", "check CC and its flags"))
+
+
+def _objects(command: Sequence[str], files: Mapping[str, str]) -> list[Path]:
+    """Return the object of each .c file among `files`, compiled by a command with the files that it includes;
+    possibly cached: many laws have the same ones. Raises as `built`.
+    """
+    return [
+        built([*command, "-c", name], _with_headers(files, name), f"{name}.o", "check CC and its flags")
+        for name in files
+        if name.endswith(".c")
+    ]
 
 
 def built(command: Sequence[str], files: Mapping[str, str], product: str, advice: str = "") -> Path:
@@ -57,14 +71,18 @@ def built(command: Sequence[str], files: Mapping[str, str], product: str, advice
     DoesNotCompile, with the advice, if the compiler rejects the C; BadInput if it does not run or there is no
     place to write.
     """
-    whole = [*command, "-o", product]
-    key, suffix = (*identity(whole), sorted(files.items())), Path(product).suffix
-    if found := kept(key, suffix):
-        return found
+    key = (*identity([*command, "-o", product]), sorted(files.items()))
+    suffix = Path(product).suffix
+    return kept(key, suffix) or keep(key, suffix, _product(command, files, product, advice))
+
+
+def _product(command: Sequence[str], files: Mapping[str, str], product: str, advice: str) -> bytes:
     with work_folder(folder_of_results()) as folder:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
-        result = subprocess.run(whole, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
+        result = subprocess.run(
+            [*command, "-o", product], cwd=folder, capture_output=True, encoding="utf-8", errors="replace"
+        )
         if result.returncode or not (folder / product).exists():
             said = next(
                 (line for line in result.stderr.splitlines() if "error" in line),
@@ -72,7 +90,7 @@ def built(command: Sequence[str], files: Mapping[str, str], product: str, advice
             )
             more = f"; {advice}" if advice else ""
             raise DoesNotCompile(f"the generated C does not compile with `{command[0]}`: {said}{more}")
-        return keep(key, suffix, (folder / product).read_bytes())
+        return (folder / product).read_bytes()
 
 
 def check_links(files: Mapping[str, str]) -> None:
@@ -86,12 +104,8 @@ def check_links(files: Mapping[str, str]) -> None:
     )
     if not any(re.search(r"^int main\(", text, re.M) for text in flat.values()):
         flat["main.c"] = "int main(void)\n{\n    return 0;\n}\n"
-    command = [*compiler(), *STANDARD, "-Werror=implicit-function-declaration", *QUICK]
-    objects = [
-        built([*command, "-c", name], _with_headers(flat, name), f"{name}.o")
-        for name in flat
-        if name.endswith(".c")
-    ]
+    command = [*compiler(), *FLAGS, *QUICK]
+    objects = _objects(command, flat)
     key = "links", identity(command), sorted(path.name for path in objects)
     if kept(key, ".links"):
         return
