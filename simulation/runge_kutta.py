@@ -277,15 +277,16 @@ class AcceptedStep:
 
 
 def _within(
-    rate: Rate, t: float, x: np.ndarray, after: np.ndarray, slopes: list[np.ndarray], h: float
+    rate: Rate, t: float, x: np.ndarray, after: np.ndarray, slopes: np.ndarray, last: np.ndarray, h: float
 ) -> list[np.ndarray]:
     """Return the coefficients of the polynomial within a step of h seconds from x at t, with its slopes and
-    the one after it."""
-    way, first, last = after - x, h * slopes[0], h * slopes[-1]
-    for share, weights in zip(WITHIN_C, WITHIN_STAGES, strict=True):
-        slopes.append(rate(t + share * h, x + h * _weighted(weights, np.array(slopes))))
-    highest = [h * _weighted(weights, np.array(slopes)) for weights in WITHIN]
-    return [x, way, first - way, 2 * way - (first + last), *highest]
+    the `last` one, after it."""
+    known, way = len(slopes) + 1, after - x
+    slopes = np.concatenate([slopes, [last] * (1 + len(WITHIN_C))])
+    for k, (share, weights) in enumerate(zip(WITHIN_C, WITHIN_STAGES, strict=True), known):
+        slopes[k] = rate(t + share * h, x + h * _weighted(weights, slopes))
+    highest = [h * _weighted(weights, slopes) for weights in WITHIN]
+    return [x, way, h * slopes[0] - way, 2 * way - (h * slopes[0] + h * last), *highest]
 
 
 class Integrator:
@@ -308,7 +309,6 @@ class Integrator:
         """
         t, x = self.t, self.x
         slope = self._slope = self._rate(t, x) if self._slope is None else self._slope
-
         grow, least = GROW, 10 * math.ulp(t)
         self.h = max(self.h, least)
         while True:
@@ -316,7 +316,7 @@ class Integrator:
             after, error, slopes = step(self._rate, t, x, slope, end - t, self._tolerance)
             if error < 1:
                 last = self._rate(end, after)
-                within = _within(self._rate, t, x, after, [*slopes, last], end - t)
+                within = _within(self._rate, t, x, after, slopes, last, end - t)
                 return AcceptedStep(t, end, after, last, (end - t) * min(grow, resize(error)), within)
             self.h, grow = (end - t) * resize(error), 1.0
             if self.h < least:

@@ -49,16 +49,17 @@ def shared_library(files: Mapping[str, str], optimized: bool = False) -> Path:
     key = "library", *identity(command), sorted(everything.items())
     if found := kept(key, ".so"):
         return found
-    linked = [*compiler(), "-shared", *map(str, _objects(command, everything))]
-    return keep(key, ".so", _product(linked, {}, "law.so", "check CC and its flags"))
+    advice = "check CC and its flags"
+    linked = [*compiler(), "-shared", *map(str, _objects(command, everything, advice))]
+    return keep(key, ".so", _product(linked, {}, "law.so", advice))
 
 
-def _objects(command: Sequence[str], files: Mapping[str, str]) -> list[Path]:
+def _objects(command: Sequence[str], files: Mapping[str, str], advice: str = "") -> list[Path]:
     """Return the object of each .c file among `files`, compiled by a command with the files that it includes;
     possibly cached: many laws have the same ones. Raises as `built`.
     """
     return [
-        built([*command, "-c", name], _with_headers(files, name), f"{name}.o", "check CC and its flags")
+        built([*command, "-c", name], _with_headers(files, name), f"{name}.o", advice)
         for name in files
         if name.endswith(".c")
     ]
@@ -138,8 +139,7 @@ def with_runtime(files: Mapping[str, str]) -> dict[str, str]:
     """Return C files (name -> text) with the files of the runtime that they include, directly or not, and
     their sources; with the status in any case.
     """
-    runtime = remembered(("runtime",), runtime_files, rooms=("runtime_c", "codegen"))
-    found = dict(files)
+    runtime, found = _runtime(), dict(files)
     texts = ['#include "noslip_status.h"', *files.values()]
     for text in texts:
         for header in re.findall(r'#include "(\S+)"', text):
@@ -152,6 +152,13 @@ def with_runtime(files: Mapping[str, str]) -> dict[str, str]:
             found |= new
             texts += new.values()
     return found
+
+
+@cache
+def _runtime() -> dict[str, str]:
+    """Return `runtime_files`, which take long to write out: read once per process, and cached between
+    runs."""
+    return remembered(("runtime",), runtime_files, rooms=("runtime_c", "codegen"))
 
 
 def identity(command: Sequence[str]) -> tuple:

@@ -40,9 +40,12 @@ class _Compiled(InC):
         `Library`."""
         self.system, self.scalar, self.robot = system, scalar, system.mechanism.name
         self.prefix = f"{self.robot}_{name}"
-        declared, files = remembered(("C", scalar.real, *identity), self._in_c)
+        if written:
+            declared, self.files = self._declared(), written
+        else:
+            key = "C", scalar.real, *identity
+            declared, self.files = remembered(key, lambda: (self._declared(), self._written()))
         self.ffi = knowing(declared + self._more())
-        self.files = written or files
         self.lib = load(self.ffi, self.files)
 
     @cached_property
@@ -50,16 +53,20 @@ class _Compiled(InC):
         """What writes the C; it is derived when it is asked for."""
         raise NotImplementedError
 
-    def _in_c(self) -> tuple[str, dict[str, str]]:
-        """Return the declarations, for cffi, and the files, with those that they use."""
-        from ...codegen.files import shared_files
+    def _declared(self) -> str:
+        """Return the declarations, for cffi."""
         from ...codegen.printing.law_c import runtime_types
         from ...codegen.printing.robot_c import robot_declarations
 
         status = "const char *noslip_status_name(int status);"
         shared = [status, runtime_types(self.scalar), robot_declarations(self.system, self.scalar)]
-        declared = "\n".join([*shared, self.text.declarations()])
-        return declared, {**shared_files(self.system, self.scalar), **self.text.files()}
+        return "\n".join([*shared, self.text.declarations()])
+
+    def _written(self) -> dict[str, str]:
+        """Return the files, with those that they use."""
+        from ...codegen.files import shared_files, text_files
+
+        return {**shared_files(self.system, self.scalar), **text_files(self.text)}
 
     def _more(self) -> str:
         """Return further declarations."""

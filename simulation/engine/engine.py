@@ -204,7 +204,9 @@ class FloorEngine(Stepped):
     def _aim(self, q: np.ndarray) -> None:
         """Let the friction of wheels with rollers act in the direction in which they roll,
         and not across it."""
-        directions = self._directions(q)[self._of] if self._rollers else ()
+        if not self._rollers:
+            return
+        directions = self._directions(q)[self._of]
         for k in self._rollers:
             self._tangents[k] = [[np.cos(directions[k]), np.sin(directions[k]), 0.0], [0.0, 0.0, 0.0]]
 
