@@ -20,8 +20,10 @@
  *
  *     noslip_profile_speed_f(&profile, &path.guide, forward_speed, &reference.speed, &reference.speed_rate);
  *
- * On a closed path the profile is that of the laps after the first one; begin the first one with noslip_approach.h.
- * noslip_profile_speed computes at most two sines, two arctangents and five square roots, whatever the number of segments.
+ * The speed rises from rest with the vehicle at the beginning of the path, or limits.behind before it. Give how far the vehicle
+ * starts behind, plus how far beside the path: it would creep there, and turn across the path. On a closed path the profile is that
+ * of the laps after the first one; begin the first one with noslip_approach.h. noslip_profile_speed computes at most two sines, two
+ * arctangents and five square roots.
  *
  * Each function exists for double and, with the suffix _f, for float.
  */

@@ -405,6 +405,7 @@ class Approaching:
 
     def _begin(self, t: float, x: np.ndarray) -> None:
         base, (found,) = self.guidance.reference(t, x), self._outputs(x, self._parameters, self.leg.config)
+        self.offsets = list[float]()  # where the outputs are led from
         for made, generator in self._led:
             offset = rate = speed = 0.0
             if made.position:
@@ -413,6 +414,7 @@ class Approaching:
             if made.speed:
                 speed = found[made.speed[0]]
             generator.start(offset, rate, speed)
+            self.offsets.append(offset)
         self._t = t
         self._step(t, x)
 
@@ -442,22 +444,26 @@ class Route:
         tracker: Tracker,
         make_leg: LegMaker,
         start: np.ndarray,
-        profile: SpeedProfile | None = None,
+        profile_from: Callable[[float], SpeedProfile] | None = None,
         band: float = 0.0,
     ):
         """`parameters` are those of the controller, `band` that of a damped law. Starts with the first
-        segment. With a `profile` its speed is desired. Raises BadInput if the position on the segment is
+        segment. The desired speed is that of the profile that `profile_from` returns, if given, for the
+        progress of P_l (m) from which it rises: less than that at the start by the distance from the path,
+        else the vehicle would turn more than it drives. Raises BadInput if the position on the segment is
         undefined.
         """
-        self._law, self._tracker, self._make_leg, self.profile = law, tracker, make_leg, profile
+        self._law, self._tracker, self._make_leg = law, tracker, make_leg
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
         speed = [q.name for q in law.reference].index("speed")
         # With its rate, where the law uses it
         self._speed = slice(speed, speed + (1 if law.kinematic else 2))
         self._zeros = np.zeros(len(law.reference))
         self.piece, self.arrived, self._band = 0, False, band
-        if (reason := LOST.get(tracker.look(*self._seen(start)).status)) is not None:
+        first = tracker.look(*self._seen(start))
+        if (reason := LOST.get(first.status)) is not None:
             raise BadInput(f"[initial]: {reason}")
+        self.profile = profile_from(first.progress - abs(first.distance)) if profile_from else None
         self.update(0.0, start)
 
     def leg_at(self, x: np.ndarray) -> Leg:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -86,6 +86,7 @@ DEVIATIONS = 6  # of the noise of a rate that count as its largest error
 # Parts of friction that a kinematic law uses along its way and across it: together all of it
 ALONG, LATERAL = 0.6, 0.8
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
+ACROSS = 0.7  # of the speed: at most as fast is a vehicle led across its path, so that it turns by 45 deg
 
 
 class Learning:
@@ -308,12 +309,12 @@ def make_loop(spec: Spec) -> Loop:
         tracker = _tracker(law, spec, path, believed, limits_along)
         L = tracker.options.L[path.segments[0].backward]
         start = _start(initial_of(spec, tracker.options), plant, L, spec.output.W)
-        profile = (
-            make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law)
+        profile_from = (
+            partial(make_profile, spec.simulation.backend, path.segments, tracker.options, limits_along, law)
             if limits_along
             else None
         )
-        guidance = route = Route(law, believed, tracker, make_leg, start, profile, spec.output.band)
+        guidance = route = Route(law, believed, tracker, make_leg, start, profile_from, spec.output.band)
         warnings = () if limits_along else _too_fast(spec, plant, path.segments, tracker.options, limits)
         if route.faces(start) < 0:
             warnings = (
@@ -344,6 +345,7 @@ def make_loop(spec: Spec) -> Loop:
         guidance = Approaching(
             guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start
         )
+        warnings = (*warnings, *_turning_across(guidance, spec, spec.reference.approach))
     grips = spec.limits if spec.kinematic else None
     vehicle = _vehicle_limits(grips, spec.contact, law, believed) if grips and spec.contact else None
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
@@ -511,6 +513,24 @@ def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction
 def _observers(spec: Spec, law: ControlLaw, gains: list[float]) -> DisturbanceObservers:
     ko = observer_entries(law, spec.gains)
     return DisturbanceObservers(law, gains, ko, spec.limits.disturbance if spec.limits else (0.0,))
+
+
+def _turning_across(guidance: Approaching, spec: Spec, approach: ApproachSection) -> tuple[str, ...]:
+    """Return a warning if an approach leads the vehicle across its path faster than it drives: it turns
+    until it is normal to the path, where type IV is singular.
+
+    From the distance e at rest the distance changes by up to sqrt(a |e|), with the acceleration a half the
+    way there, and with -a the other half.
+    """
+    speed, distance = abs(spec.desired_speed or 0.0), abs(guidance.offsets[0])
+    if spec.output.type != "IV" or not 0 < speed < math.sqrt(approach.acceleration * distance):
+        return ()
+    most = (ACROSS * speed) ** 2 / distance
+    return (
+        f"[reference] approach: from {distance:.3g} m beside the path, {approach.acceleration:g} m/s^2 leads "
+        f"the vehicle across it faster than its speed of {speed:g} m/s: it may turn normal to the path, "
+        f"where type IV is singular; give acceleration = {most:.2g}, or a higher speed",
+    )
 
 
 def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[Approach]:

@@ -145,7 +145,7 @@ SOURCES: Mapping[str, Source] = {
         _chosen("test_approach", "bounded at_rest overshoot c_is fastest refused within -specs")
     ),
     "runtime_c/noslip_profile.inc": Source(
-        _chosen("test_profile", "fastest refuses repeats derivative cusp slow_line")
+        _chosen("test_profile", "fastest refuses repeats derivative cusp slow_line rises")
     ),
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")

@@ -86,11 +86,21 @@ MERGED_IN_GRIP = {
     "noslip_friction_ok": 0,
     "noslip_grip_init": 0,
 }
-MOST_IN_PATH = {
-    "noslip_path_init": 2000,
-    "noslip_first_fault": 1000,
-    "noslip_path_look": 1000,
-    "noslip_path_update": 5000,
+# In the others, states with different segments must stay apart
+MERGED_IN_PATH = (
+    "sincos project end slow_down activate follow follow_extension restore switch set_remaining guide_copy "
+    "path_finish"
+).split()
+MOST_IN_PATH = dict.fromkeys((f"noslip_{part}" for part in MERGED_IN_PATH), 0) | {
+    "noslip_path_init": 200,
+    "noslip_first_fault": 100,
+    "noslip_path_look": 200,
+    "noslip_path_update": 1000,
+    "noslip_path_advance": 2000,
+    "noslip_path_step": 2000,
+    "check_init": 200,
+    "check_update": 500,
+    "main": 2000,
 }
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
 MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
@@ -102,13 +112,6 @@ MOST_IN_FOLLOWER = {"labmate_follower_init": 2000, "init_drives": 20, "set_param
 )
 # The bytes are arbitrary
 MOST_IN_FRAMES = {"noslip_crc32": 0, "noslip_frame_begin": 0, "noslip_frame_word": 20}
-MOST_IN_PATH |= {
-    "noslip_path_advance": 2000,
-    "noslip_path_step": 20000,
-    "check_init": 2000,
-    "check_update": 3000,
-    "main": 10000,
-}
 
 
 @dataclass(frozen=True)

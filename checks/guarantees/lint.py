@@ -76,6 +76,7 @@ def _findings(task: Task) -> list[tuple[str, str, str]]:
     template = "--template={file}:{line}: {id}: {message}"
     command = [
         "cppcheck",
+        "-j2",
         "--addon=misra",
         "--enable=style",
         "--std=c99",

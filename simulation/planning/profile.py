@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from threading import Lock
@@ -50,7 +51,8 @@ def top_speed(segments: Sequence[Segment], lateral: Numbers | float, along: Numb
 
 class SpeedProfile:
     """The profile of a path that a tracker follows with the same options, computed by the C in double or
-    float, here or as `c` runs it; thread-safe.
+    float, here or as `c` runs it; thread-safe. The speed rises from rest with P_l at `progress` (m) of the
+    first segment, or where it is with the vehicle at the beginning of the path, if that is before.
 
     Raises BadInput for accelerations that are not finite and positive.
     """
@@ -62,18 +64,22 @@ class SpeedProfile:
         limits: Accelerations,
         scalar: str = "double",
         c: Runtime | None = None,
+        progress: float = math.inf,
     ):
         self._c, self._scalar, self._lock, self._count = c or runtime(HEADER), scalar, Lock(), len(segments)
         ffi, name = self._c.ffi, SCALARS[scalar].name
         self._segments = ffi.new(f"{name('noslip_segment')}[]", [vars(segment) for segment in segments])
         self._squares = self._c.array(scalar, np.zeros(len(segments)))
+        real = np.float32 if scalar == "float" else np.float64
+        lookahead = abs(real(options.L[segments[0].backward]) + real(options.ahead))
+        behind = float(max(-real(progress) + (lookahead if options.stop == "axle" else 0), 0))
         values = vars(options) | {
             "reversing": REVERSING.index(options.reversing),
             "stop": STOP.index(options.stop),
         }
         given = (
             self._c.new("noslip_path_options", scalar, values),
-            self._c.new("noslip_profile_limits", scalar, asdict(limits)),
+            self._c.new("noslip_profile_limits", scalar, asdict(limits) | {"behind": behind}),
         )
         self._self = self._c.new("noslip_profile", scalar)
         self._given, self._guide = (segments, *given), self._c.new("noslip_guide", scalar)
@@ -106,8 +112,13 @@ class SpeedProfile:
 
 
 def make_profile(
-    backend: str, segments: Sequence[Segment], options: TrackerOptions, limits: Accelerations, law: ControlLaw
+    backend: str,
+    segments: Sequence[Segment],
+    options: TrackerOptions,
+    limits: Accelerations,
+    law: ControlLaw,
+    progress: float,
 ) -> SpeedProfile:
     """Return the profile, computed by the C as run by a backend, see `runtime_of`; in double for "casadi"."""
     c, scalar = runtime_of("c" if backend == "casadi" else backend, HEADER, law)
-    return SpeedProfile(segments, options, limits, scalar, c)
+    return SpeedProfile(segments, options, limits, scalar, c, progress)

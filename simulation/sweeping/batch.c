@@ -504,6 +504,12 @@ static int begin(loop *self)
     options.stop = settings->stop;
     options.closed = settings->closed;
     status = BATCH_RUNTIME(noslip_path_init)(&self->path, settings->path, settings->segments, &options, NULL);
+    if (status < 0) {
+        return status;
+    }
+    know(self);
+    place_seen(self, place);
+    status = BATCH_RUNTIME(noslip_path_look)(&self->path, place[0], place[1], place[2], place[3], &self->guide);
 #if BATCH_PROFILE
     if (status >= 0) {
         BATCH_RUNTIME(noslip_profile_limits) limits;
@@ -511,16 +517,16 @@ static int begin(loop *self)
         limits.acceleration = (BATCH_REAL)sample->along;
         limits.deceleration = (BATCH_REAL)sample->deceleration;
         limits.angular = (BATCH_REAL)sample->angular;
+        limits.behind = (self->guide.foot.distance < 0 ? -self->guide.foot.distance : self->guide.foot.distance) - self->guide.progress;
+        if (options.stop == NOSLIP_STOP_AXLE) {
+            const BATCH_REAL lookahead = options.L[settings->path[0].backward != 0] + options.ahead;
+            limits.behind += lookahead < 0 ? -lookahead : lookahead;
+        }
+        limits.behind = limits.behind > 0 ? limits.behind : 0;
         status = BATCH_RUNTIME(noslip_profile_init)(&self->profile, settings->path, settings->segments, &options, &limits,
                                                     self->squares);
     }
 #endif
-    if (status < 0) {
-        return status;
-    }
-    know(self);
-    place_seen(self, place);
-    status = BATCH_RUNTIME(noslip_path_look)(&self->path, place[0], place[1], place[2], place[3], &self->guide);
     return status < 0 ? status : update(self);
 }
 

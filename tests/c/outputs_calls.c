@@ -70,7 +70,7 @@ int main(void)
     const noslip_path_options_f along = {.speed = 1, .deceleration = 0.5f, .L = {0.3f, -0.3f}};
     const labmate_options_f options = {.limit = {7, 7}, .on_limit = NOSLIP_SLOW};
     const labmate_options_f rolling = {.limit = {7, 7}, .on_limit = NOSLIP_GRIP, .friction = {.mu = 0.5f, .height = 0.1f}};
-    const noslip_profile_limits_f fastest = {1, 1, 0.5f, 0};
+    const noslip_profile_limits_f fastest = {1, 1, 0.5f, 0, 0};
     const noslip_slip_options_f noticing = {0.2f, {0.001f, 0.001f}, 0, 0.003f, 0.002f, 0.1f, 0.1f, 0.005f, 6, 0.5f, 0.1f, 0.8f,
                                             0.1f, 0.05f, 1};
     labmate_params_f params;

@@ -34,8 +34,8 @@ def fastest(
     segments: list[Segment], options: TrackerOptions, limits: Accelerations, begin: float, count: int
 ) -> np.ndarray:
     """Return the way of the middle of the axle and v^2 at the ends of `count` steps of each segment, from
-    rest at `begin` (m) on the first segment: the greatest for which each of the tangents of the ellipse
-    holds; at the end it can stop within the extension.
+    rest at `begin` (m) on the first segment, or before it on a line: the greatest for which each of the
+    tangents of the ellipse holds; at the end it can stop within the extension.
     """
     lookahead = options.L[segments[0].backward] + options.ahead
     rows, columns, entries, right, ways = [], [], [], [], []
@@ -67,6 +67,8 @@ def fastest(
             bounds[k * count] = (0.0, most)
     for i in range(round(begin / segments[0].length * count) + 1):
         bounds[i] = (0.0, 0.0)
+    if begin < 0:
+        bounds[0] = (0.0, -2 * limits.acceleration * begin)
     matrix = sparse.csr_matrix((entries, (rows, columns)), (len(right), n))
     found = linprog(-np.ones(n), A_ub=matrix, b_ub=np.array(right), bounds=bounds, method="highs")
     assert found.status == 0, found.message
@@ -86,6 +88,8 @@ PATHS = {  # name -> segments, options, where P_l is on the first when the vehic
         0.5,
     ),
 }
+PATHS["near"] = (*PATHS["axle"][:2], 0.2)
+PATHS["behind"] = (*PATHS["bend"][:2], -0.7)
 
 
 LIMITS, STEPS = Accelerations(lateral=1.5, acceleration=0.8, deceleration=1.1, angular=4.0), 60
@@ -104,12 +108,13 @@ def test_it_is_the_fastest(name, scalar):
     """The time along the path to 0.01 %, and the speed anywhere to 0.1 %,
     as of a linear program with 60 steps a segment."""
     segments, options, begin = PATHS[name]
-    profile = SpeedProfile(segments, options, LIMITS, scalar)
+    profile = SpeedProfile(segments, options, LIMITS, scalar, progress=begin)
     along, squares = linear_program(name)
     places = [(k, segment.length * i / STEPS) for k, segment in enumerate(segments) for i in range(STEPS)]
     places.append((len(segments) - 1, segments[-1].length))
     known, speeds = np.sqrt(squares), np.array([profile.along(*place) for place in places])
-    assert abs(min(speeds) - 0.01) < 1e-8, "it creeps where it would stand"
+    if begin >= 0:
+        assert abs(min(speeds) - 0.01) < 1e-8, "it creeps where it would stand"
     speeds[known == 0] = 0.0
     times = [
         np.sum(2 * np.diff(along[known > 0]) / (v[1:] + v[:-1]))
@@ -268,6 +273,21 @@ def test_refused_specs(changes, said):
 START = "[initial]\npoint = [0.0, 1.0]\n"
 
 
+@pytest.mark.parametrize("approach", ["", ", approach = { acceleration = 0.5 }"], ids=["at once", "led"])
+@pytest.mark.parametrize(
+    ("point", "heading"), [((-0.3, 0.3), 0.0), ((0.0, -0.6), 0.3), ((-0.4, -0.5), -0.2), ((0.2, 0.9), 0.0)]
+)
+def test_the_path_is_reached_from_rest_behind_and_beside_it(point, heading, approach):
+    """As with a speed of 1 m/s from the start; it begins at once, and creeps nowhere."""
+    start = f"[initial]\npoint = {list(point)}\nheading = {heading}\nspeed = 0.0\n"
+    for speed in ('"fastest"', "1.0, deceleration = 1.0"):
+        run = simulate(
+            spec_of(SPEC.replace('"fastest"', speed + approach).replace("11.0", "6.0") + start, "test")
+        )
+        assert not run.stopped and abs(run.y[-1, 0]) < 5e-3, (speed, run.y[-1])
+        assert run.y[run.t > 0.5, 1].min() > 0.05, speed
+
+
 def test_other_paths_have_no_profile():
     with pytest.raises(BadInput, match="requires a composite path"):
         spec_of(
@@ -333,9 +353,25 @@ def test_a_closed_path_repeats():
         SpeedProfile(stadium, replace(options, closed=closed), LIMITS, "double") for closed in (True, False)
     )
     assert profile.along(0, 0.0) == pytest.approx(profile.along(3, math.pi), rel=1e-12)
+    assert profile.along(0, -0.2) == profile.along(0, 0.0)
     assert profile.along(0, 1.0) == pytest.approx(profile.along(2, 1.0), rel=1e-12)
     axle = math.sqrt(1 - 0.3**2)
     assert profile.along(1, math.pi / 2) == pytest.approx(math.sqrt(LIMITS.lateral * axle), rel=1e-9)
     assert open_path.along(0, 0.0) == 0.01 and open_path.along(2, 1.0) == pytest.approx(
         profile.along(2, 1.0), rel=1e-12
     )
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+@pytest.mark.parametrize("progress", [-0.7, -1e-3, 0.0, 0.3, 0.5, 3.0])
+def test_the_speed_rises_from_where_the_vehicle_is(progress, scalar):
+    """v^2 = 2 a s from rest there, also behind the beginning of the path, but not later than from its
+    beginning, where P_l is 0.5 m ahead of the axle."""
+    options = TrackerOptions(speed=50.0, L=(0.2, -0.9), ahead=0.3, stop="axle")
+    profile = SpeedProfile(joined((4.0, 0.0)), options, LIMITS, scalar, progress=progress)
+    begin = min(progress, 0.5)
+    for on in begin + np.linspace(-0.1, 2.0, 22):
+        expected = math.sqrt(2 * LIMITS.acceleration * max(on - begin, 0.0))
+        assert profile.along(0, float(on)) == pytest.approx(max(expected, 0.01), rel=1e-5), on
+    slow = SpeedProfile(joined((4.0, 0.0)), replace(options, creep=0.05), LIMITS, scalar, progress=progress)
+    assert slow.along(0, begin) == pytest.approx(0.05, rel=1e-6)

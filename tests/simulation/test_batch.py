@@ -104,13 +104,11 @@ def gripping(backend="c", approach=None, **limits):
 def fastest(backend="c"):
     """The fastest along a composite path, with a gyro and an accelerometer that tell wrongly that wheels
     slip. Without encoder counts in float: a rounding in float decides which count it is, and a count is more
-    than what is compared.
+    than what is compared; and from behind and beside the path.
     """
     made = replace(route(), reference=Reference(speed=math.inf), contact=ContactSection(mu=0.5, height=0.1))
-    output, start = (
-        replace(made.output, L=0.0, reversing="refuse", path=replace(made.output.path, segments=WAY[:3])),
-        None,
-    )
+    output = replace(made.output, L=0.0, reversing="refuse", path=replace(made.output.path, segments=WAY[:3]))
+    start = None if backend == "c" else Initial(point=(-0.2, 0.3), heading=0.1, speed=0.0)
     sensors = Sensors(
         noise=NoiseSection(sd=(0.02,)), seed=3, counts=2000 if backend == "c" else 0,
         pose="reckoned" if backend == "c" else "true",

@@ -482,8 +482,8 @@ SINGULAR = {
     "gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0},
     "contact": {"mu": 0.5},
     "limits": {"mode": "grip"},
-    "reference": {"speed": "fastest", "approach": {"acceleration": 0.5}},
-    "initial": {"point": [0.3, 0.25], "heading": 0.37, "speed": 0.0},
+    "reference": {"speed": 0.3, "deceleration": 0.5, "approach": {"acceleration": 0.5}},
+    "initial": {"point": [0.3, 0.9], "heading": 0.3, "speed": 0.0},
     "simulation.duration": 2.0,
 }
 
@@ -504,3 +504,19 @@ def test_a_singular_run_says_where_and_what_helps(tmp_path):
     assert said.endswith('with near_singular = "damped" in [output] this run does not stop (tried)')
     damped = simulate(read_varied(file, {**SINGULAR, "output.near_singular": "damped"}))
     assert damped.stopped is None and abs(damped.y[-1, 0]) < abs(damped.y[0, 0])
+
+
+@pytest.mark.parametrize("heading", [-0.6, 0.0, 0.6])
+@pytest.mark.parametrize(("distance", "speed"), [(0.9, 0.3), (-1.5, 0.3), (0.5, 0.2)])
+def test_an_approach_that_is_too_fast_across_the_path_is_said(tmp_path, distance, speed, heading):
+    """With the acceleration that the warning names the path is reached, without a warning."""
+    file = tmp_path / "bend.toml"
+    file.write_text(BEND)
+    start = {"point": [0.3, distance], "heading": heading, "speed": 0.0}
+    approach = {"acceleration": 0.5}
+    changes = {**SINGULAR, "initial": start, "simulation.duration": 25.0}
+    changes["reference"] = {"speed": speed, "deceleration": 0.5, "approach": approach}
+    (said,) = make_loop(read_varied(file, changes)).warnings
+    approach["acceleration"] = float(re.search(r"give acceleration = (\S+),", said)[1])
+    led = simulate(read_varied(file, changes))
+    assert led.warnings == () and led.stopped is None and abs(led.y[-1, 0]) < 0.01, led.y[-1]
