@@ -379,6 +379,11 @@ class Approaching:
         """See Guidance; of the other guidance."""
         return self.guidance.arrived
 
+    @property
+    def offsets(self) -> list[float]:
+        """How far each output that is led is from what the other guidance desires, as led now."""
+        return [float(desired[0]) for desired in self._desired]
+
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference: that of the other guidance,
         and what the generators added at the last call of the controller."""
@@ -405,7 +410,6 @@ class Approaching:
 
     def _begin(self, t: float, x: np.ndarray) -> None:
         base, (found,) = self.guidance.reference(t, x), self._outputs(x, self._parameters, self.leg.config)
-        self.offsets = list[float]()  # where the outputs are led from
         for made, generator in self._led:
             offset = rate = speed = 0.0
             if made.position:
@@ -414,7 +418,6 @@ class Approaching:
             if made.speed:
                 speed = found[made.speed[0]]
             generator.start(offset, rate, speed)
-            self.offsets.append(offset)
         self._t = t
         self._step(t, x)
 

@@ -517,10 +517,9 @@ static int begin(loop *self)
         limits.acceleration = (BATCH_REAL)sample->along;
         limits.deceleration = (BATCH_REAL)sample->deceleration;
         limits.angular = (BATCH_REAL)sample->angular;
-        limits.behind = (self->guide.foot.distance < 0 ? -self->guide.foot.distance : self->guide.foot.distance) - self->guide.progress;
+        limits.behind = BATCH_RUNTIME(noslip_abs)(self->guide.foot.distance) - self->guide.progress;
         if (options.stop == NOSLIP_STOP_AXLE) {
-            const BATCH_REAL lookahead = options.L[settings->path[0].backward != 0] + options.ahead;
-            limits.behind += lookahead < 0 ? -lookahead : lookahead;
+            limits.behind += BATCH_RUNTIME(noslip_abs)(options.L[settings->path[0].backward != 0] + options.ahead);
         }
         limits.behind = limits.behind > 0 ? limits.behind : 0;
         status = BATCH_RUNTIME(noslip_profile_init)(&self->profile, settings->path, settings->segments, &options, &limits,
